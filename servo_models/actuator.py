@@ -1,0 +1,285 @@
+"""The declaration of an actuator: wires, the chain of blocks between them, named variants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from servo_models.block import RESERVED, SIGNAL, Block, Param
+from servo_models.errors import UserError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A named scalar between blocks.
+
+    Attributes:
+        unit: SI unit.
+        about: what flows in it.
+        scale: full scale in ``unit``; bounds and nominals derive from it.
+        rest: value in equilibrium before the run.
+        low, high: bounds, for an input.
+        display: unit a person wants to read it in.
+        flag: it is 0 or 1, a Boolean to the outside.
+    """
+
+    name: str
+    unit: str
+    about: str
+    scale: float = 1.0
+    rest: float | str = 0.0
+    low: float | None = None
+    high: float | None = None
+    display: str | None = None
+    flag: bool = False
+
+
+@dataclass(frozen=True)
+class State:
+    """A continuous state, integrated from the wire ``rate``.
+
+    ``start`` is a number or a wire that depends on parameters only.
+    """
+
+    wire: Wire
+    rate: str
+    start: float | str = 0.0
+    owner: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.wire.name
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An effect at its place: ``name = effect`` on wire ``on``.
+
+    Two effects placed under one name share that name's parameters.  ``reads`` maps further
+    arguments of the effect to wires where the names differ; ``defaults`` overrides the
+    bounds and default of single parameters.
+    """
+
+    name: str
+    effect: Block
+    on: tuple[str, ...]
+    reads: Mapping[str, str] = field(default_factory=dict)
+    params: Mapping[str, Param] = field(default_factory=dict)
+
+    def wire_of(self, argument: str) -> str:
+        if argument in self.effect.acts_on:
+            return self.on[self.effect.acts_on.index(argument)]
+        return self.reads.get(argument, argument)
+
+
+def place(
+    name: str,
+    effect: Block,
+    *on: str,
+    params: Mapping[str, Param] | None = None,
+    **reads: str,
+) -> Placement:
+    """Say on which wire an effect acts; see ``Placement``."""
+    if len(on) != len(effect.acts_on):
+        raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")
+    return Placement(name, effect, on, reads, params or {})
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the whole actuator, in SI: ``param`` with the wire's unit filled in."""
+
+    name: str
+    param: Param
+    owner: str
+
+    @property
+    def text(self) -> str:
+        """Its name in the flat text."""
+        return self.name.replace(".", "_")
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A chain of blocks between wires.
+
+    Attributes:
+        inputs: wires set from outside, held during a communication step.
+        wires: the other wires with a unit: outputs and those that effects act on.
+        chain: plant blocks and placements in the order of evaluation.
+        states: continuous states.
+        projection: block applied to new states after each smooth sub-step, or None.
+        outputs: names of the wires offered outside.
+        constants: parameters of the plant that no block's signature declares, such as
+            ``internal_step``.
+    """
+
+    inputs: tuple[Wire, ...]
+    wires: tuple[Wire, ...]
+    chain: tuple[Block | Placement, ...]
+    states: tuple[State, ...]
+    outputs: tuple[str, ...]
+    projection: Block | None = None
+    constants: Mapping[str, Param] = field(default_factory=dict)
+
+    @cached_property
+    def wire(self) -> dict[str, Wire]:
+        """Declared wires by name."""
+        every = (*self.inputs, *self.wires, *(state.wire for state in self.states))
+        return {wire.name: wire for wire in every}
+
+    @cached_property
+    def placements(self) -> dict[str, tuple[Placement, ...]]:
+        """Placements by effect name as placed; two functions of one effect stay together."""
+        found: dict[str, tuple[Placement, ...]] = {}
+        for link in self.chain:
+            if isinstance(link, Placement):
+                found[link.name] = (*found.get(link.name, ()), link)
+        return found
+
+    @cached_property
+    def parameters(self) -> dict[str, Parameter]:
+        """All parameters by name, plant first, in chain order."""
+        found = {
+            name: Parameter(name, param, owner="") for name, param in self.constants.items()
+        }
+        blocks: list[Block | Placement] = [*self.chain]
+        if self.projection:
+            blocks.append(self.projection)
+        for link in blocks:
+            if isinstance(link, Placement):
+                for key, param in link.effect.params.items():
+                    name = f"{link.name}.{key}"
+                    known = link.params.get(key) or self._on_wire(param, link.on[0])
+                    found.setdefault(name, Parameter(name, known, owner=link.name))
+            else:
+                for key, param in link.params.items():
+                    found.setdefault(key, Parameter(key, param, owner=""))
+        return dict(sorted(found.items(), key=lambda item: item[1].owner != ""))
+
+    def _on_wire(self, param: Param, wire_name: str) -> Param:
+        if SIGNAL not in param.unit:
+            return param
+        if wire_name not in self.wire:
+            raise ValueError(unknown("wire", wire_name, self.wire))
+        wire = self.wire[wire_name]
+        if param.unit == f"1/{SIGNAL}":
+            scale, unit, display = 1.0 / wire.scale, f"1/({wire.unit})", None
+        else:
+            scale, unit = wire.scale, param.unit.replace(SIGNAL, wire.unit)
+            display = wire.display and param.unit.replace(SIGNAL, wire.display)
+        return replace(
+            param,
+            unit=unit,
+            low=param.low * scale,
+            high=param.high * scale,
+            default=param.default * scale,
+            typical=param.typical * scale,
+            display=param.display or display,
+        )
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A named parameter set, with where it comes from.
+
+    ``uncertainty`` holds relative standard deviations (prior) of its parameters.
+    """
+
+    name: str
+    about: str
+    values: Mapping[str, float]
+    source: str
+    plant: Plant | None = None
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    warning: str = ""
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An identified product: a plant and its variants.
+
+    Attributes:
+        name: one string everywhere.
+        title, about, source: for people.
+        plant: what the variants without a plant of their own use.
+        variants: by name; the first one is the default.
+        stop_time, step_size: default experiment [s].
+        step: name of the main input, size of its standard step in SI.
+    """
+
+    name: str
+    title: str
+    about: str
+    source: str
+    plant: Plant
+    variants: tuple[Variant, ...]
+    stop_time: float
+    step_size: float
+    step: tuple[str, float]
+    picture: str = ""
+
+    @property
+    def default_variant(self) -> str:
+        return self.variants[0].name
+
+    def variant(self, name: str | None = None) -> Variant:
+        """Return a variant by name, the default one for None."""
+        known = {variant.name: variant for variant in self.variants}
+        name = self.default_variant if name is None else name
+        if name not in known:
+            raise UserError(unknown("variant", name, known, f"actuator '{self.name}'"))
+        return known[name]
+
+    def plant_of(self, variant: str | None = None) -> Plant:
+        """Return the plant that a variant runs on."""
+        return self.variant(variant).plant or self.plant
+
+    def values(
+        self, variant: str | None = None, overrides: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Return every parameter in SI: defaults, then the variant, then ``overrides``.
+
+        Raises:
+            UserError: unknown parameter, or a value outside its bounds.
+        """
+        parameters = self.plant_of(variant).parameters
+        chosen = {name: p.param.default for name, p in parameters.items()}
+        for name, value in {**self.variant(variant).values, **(overrides or {})}.items():
+            if name not in parameters:
+                raise UserError(unknown("parameter", name, parameters, f"actuator '{self.name}'"))
+            check_bounds(parameters[name], value)
+            chosen[name] = float(value)
+        return chosen
+
+
+def check_bounds(parameter: Parameter, value: float) -> None:
+    """Raise UserError unless ``value`` [SI] is finite and inside the parameter's bounds."""
+    param = parameter.param
+    if not param.low <= value <= param.high:
+        raise UserError(
+            f"parameter '{parameter.name}' = {value:g} is outside"
+            f" [{param.low:g}, {param.high:g}] {param.unit}: choose a value inside"
+        )
+
+
+def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") -> str:
+    """Sentence about a name nobody knows, with the nearest one that exists."""
+    place_ = f" in {where}" if where else ""
+    return f"unknown {kind} '{name}'{place_}; {did_you_mean(name, known)}"
+
+
+__all__ = [
+    "RESERVED",
+    "Actuator",
+    "Parameter",
+    "Placement",
+    "Plant",
+    "State",
+    "Variant",
+    "Wire",
+    "check_bounds",
+    "place",
+    "unknown",
+]

@@ -1,0 +1,179 @@
+"""What a block is: one plain Python function of floats whose signature is its data sheet.
+
+A block reads wires (plain arguments), parameters (``Param``) and memory (``Memory``,
+``Clock``, ``Queue``, ``Fault``) and returns the new value of its wires followed by the
+new value of each memory, in the order of the signature.  It is pure: the stepper
+decides when a memory is committed.  Reserved arguments:
+
+==================  ==================================================================
+``now``             time at the start of the sub-step [s]
+``due``             ``now`` plus the event tolerance: what is due until then happens now
+``elapsed``         time since the last commit [s]; 0 at a start, the stage's offset after
+``start_<state>``   value of a continuous state at the start of the sub-step
+==================  ==================================================================
+
+An *effect* is a block with one law: with every switch parameter at 0 it is exactly the
+identity, so that all effects are always compiled in and a candidate explanation of a
+gap is a parameter vector.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+SIGNAL = "signal"
+"""Unit of a parameter that takes the unit and the scale of the wire it acts on."""
+
+RESERVED = ("now", "due", "elapsed")
+
+
+@dataclass(frozen=True)
+class Param:
+    """A parameter in a block's signature.
+
+    With unit ``"signal"`` the parameter has the unit of the wire acted on, and ``low``,
+    ``high`` and ``typical`` are fractions of that wire's full scale; ``"signal/s"`` is
+    such a rate and ``"/signal"`` its inverse.
+
+    Attributes:
+        unit: SI unit, e.g. ``"N.m/rad"``; ``"1"`` for a pure number.
+        about: what it is, for the FMU's description and ``explain``.
+        default: value where no variant says otherwise; a switch defaults to 0.
+        low, high: inclusive bounds.
+        switch: the effect is the identity while all its switches are 0.
+        typical: a moderate value that makes a switch's effect visible.
+        display: unit a person wants to read it in, e.g. ``"deg"``.
+        fixed: cannot be changed once a run has begun.
+    """
+
+    unit: str
+    about: str
+    default: float = 0.0
+    low: float = 0.0
+    high: float = 1.0
+    switch: bool = False
+    typical: float = 0.0
+    display: str | None = None
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Memory:
+    """A float remembered from commit to commit; ``"rest"`` starts at the wire's rest value."""
+
+    start: float | str = 0.0
+
+
+@dataclass(frozen=True)
+class Clock(Memory):
+    """A memory that holds the time of the block's next event; a sub-step ends there."""
+
+
+@dataclass(frozen=True)
+class Fault(Memory):
+    """A memory that stops the run with ``message`` as soon as it is not 0."""
+
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Queue:
+    """A fixed number of floats that the block indexes; written in place at events only."""
+
+    size: int
+
+
+Meta = Param | Memory | Queue
+Function = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Block:
+    """A parsed block function.
+
+    Attributes:
+        function: the function itself, callable on plain floats.
+        name: its name.
+        wires: names of its wire arguments, reserved ones included, in order.
+        params: its parameters by name.
+        memory: its memories by name, in the order in which they are returned.
+        queues: its queues by name.
+        acts_on: for an effect the arguments whose wires it rewrites, else empty.
+        gives: for a plant block the wires that it defines.
+        source: paper, equation or book behind it.
+    """
+
+    function: Function
+    name: str
+    wires: tuple[str, ...]
+    params: dict[str, Param]
+    memory: dict[str, Memory]
+    queues: dict[str, Queue]
+    acts_on: tuple[str, ...] = ()
+    gives: tuple[str, ...] = ()
+    source: str = ""
+    about: str = field(default="", compare=False)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return self.function(*args, **kwargs)
+
+    @property
+    def switches(self) -> tuple[str, ...]:
+        """Names of the parameters that switch the effect on."""
+        return tuple(name for name, param in self.params.items() if param.switch)
+
+
+def _parse(function: Function, **options: Any) -> Block:
+    hints = typing.get_type_hints(function, include_extras=True)
+    wires: list[str] = []
+    metas: dict[str, Meta] = {}
+    for name in inspect.signature(function).parameters:
+        meta = next(
+            (m for m in getattr(hints.get(name), "__metadata__", ()) if isinstance(m, Meta)), None
+        )
+        if meta is None:
+            wires.append(name)
+        else:
+            metas[name] = meta
+    about = inspect.getdoc(function)
+    if not about:
+        raise ValueError(f"block '{function.__name__}' has no docstring: say what it does")
+    return Block(
+        function=function,
+        name=function.__name__,
+        wires=tuple(wires),
+        params={n: m for n, m in metas.items() if isinstance(m, Param)},
+        memory={n: m for n, m in metas.items() if isinstance(m, Memory)},
+        queues={n: m for n, m in metas.items() if isinstance(m, Queue)},
+        about=about,
+        **options,
+    )
+
+
+def block(*gives: str, source: str = "") -> Callable[[Function], Block]:
+    """Make a plant block; it defines the wires ``gives`` (default: one, named like itself)."""
+
+    def decorate(function: Function) -> Block:
+        return _parse(function, gives=gives or (function.__name__,), source=source)
+
+    return decorate
+
+
+def effect(*acts_on: str, source: str) -> Callable[[Function], Block]:
+    """Make an effect that rewrites the wires given for the arguments ``acts_on``.
+
+    Raises:
+        ValueError: an effect without a switch parameter has no neutral value.
+    """
+
+    def decorate(function: Function) -> Block:
+        made = _parse(function, acts_on=acts_on or (SIGNAL,), source=source)
+        if not made.switches:
+            raise ValueError(f"effect '{made.name}' has no switch parameter, so it is never neutral")
+        return made
+
+    return decorate

@@ -1,0 +1,16 @@
+"""Constant load torque."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("load", source="definition")
+def constant_load(
+    load: float,
+    torque: Annotated[
+        float, Param("signal", "load torque", low=-1.0, high=1.0, switch=True, typical=0.1)
+    ],
+) -> float:
+    """Adds a constant to the load torque."""
+    return load + torque

@@ -1,0 +1,24 @@
+"""Dead zone or threshold of a signal."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("signal", source="SG90 paper sec. 4.3 (insensitivity zone); valve paper sec. 1 (threshold)")
+def dead_zone(
+    signal: float,
+    half_width: Annotated[
+        float, Param("signal", "half width", high=0.2, switch=True, typical=0.03)
+    ],
+    kept: Annotated[
+        float, Param("1", "part of the half width regained outside: 0 dead zone, 1 threshold")
+    ],
+) -> float:
+    """A signal inside +/- half_width does nothing; beyond, the excess counts."""
+    lost = (1.0 - kept) * half_width
+    if signal > half_width:
+        return signal - lost
+    if signal < -half_width:
+        return signal + lost
+    return 0.0

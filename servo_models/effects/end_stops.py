@@ -1,0 +1,20 @@
+"""Inelastic end stops (plants/shaft.py)."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("travel", source="SG90 paper sec. 4.4; valve paper sec. 2")
+def end_stops(
+    travel: float,
+    half_range: Annotated[
+        float, Param("signal", "the shaft stops at +/- this angle, 0 for none", high=4.0, switch=True, typical=0.5, fixed=True)
+    ],
+) -> float:
+    """Limits the travel of the shaft on both sides."""
+    if half_range <= 0.0:
+        return travel
+    if travel <= 0.0 or half_range < travel:
+        return half_range
+    return travel

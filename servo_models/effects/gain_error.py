@@ -1,0 +1,16 @@
+"""Gain error of a signal."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("signal", source="definition")
+def gain_error(
+    signal: float,
+    error: Annotated[
+        float, Param("1", "relative gain error", low=-0.9, high=2.0, switch=True, typical=0.1)
+    ],
+) -> float:
+    """y = (1 + error) u."""
+    return signal + error * signal

@@ -1,0 +1,65 @@
+"""Gear compliance with a load inertia behind it: two more states, and their step limit."""
+
+import math
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
+
+Compliance = Annotated[
+    float, Param("rad/(N.m)", "twist per torque", switch=True, typical=0.02, fixed=True)
+]
+Inertia = Annotated[
+    float, Param("kg.m2", "inertia behind the compliance", default=1e-3, low=1e-9, fixed=True)
+]
+
+
+@effect("angle", "rate", "load_rate", source=SOURCE)
+def compliant_output(
+    angle: float,
+    rate: float,
+    load_rate: float,
+    load_angle: float,
+    load_speed: float,
+    angle_unit: float,
+    compliance: Compliance,
+) -> tuple[float, float, float]:
+    """The output is the load's side of the spring."""
+    if compliance > 0.0:
+        return load_angle, angle_unit * load_speed, angle_unit * load_speed
+    return angle, rate, load_rate
+
+
+@effect("load", "load_acceleration", source=SOURCE)
+def compliant_load(
+    load: float,
+    load_acceleration: float,
+    shaft_angle: float,
+    shaft_speed: float,
+    load_angle: float,
+    load_speed: float,
+    compliance: Compliance,
+    inertia: Inertia,
+    damping: Annotated[
+        float, Param("1", "damping ratio of the load on its spring", default=0.05, low=0.0, high=1.0)
+    ],
+) -> tuple[float, float]:
+    """The shaft feels the spring; the spring and the load torque move the inertia."""
+    if compliance <= 0.0:
+        return load, load_acceleration
+    drag = 2.0 * damping * math.sqrt(inertia / compliance)
+    spring = (shaft_angle - load_angle) / compliance + drag * (shaft_speed - load_speed)
+    return spring, (spring - load) / inertia
+
+
+@effect("internal_step", source="accuracy of the classical Runge-Kutta method: 0.3 rad a step")
+def resonance_step(
+    internal_step: float, shaft_inertia: float, compliance: Compliance, inertia: Inertia
+) -> float:
+    """The internal step follows the resonance of shaft and load."""
+    if compliance <= 0.0:
+        return internal_step
+    both = 1.0 / (1.0 / inertia + 1.0 / shaft_inertia)
+    limit = 0.3 * math.sqrt(compliance * both)
+    return limit if limit < internal_step else internal_step

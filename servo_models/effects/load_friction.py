@@ -1,0 +1,17 @@
+"""Friction that grows with the load, as in loaded gears."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("friction", source="Duclusaud et al., Extended friction models, 2025")
+def load_friction(
+    friction: float,
+    load: float,
+    coefficient: Annotated[
+        float, Param("1", "friction per load torque", high=0.8, switch=True, typical=0.2)
+    ],
+) -> float:
+    """Adds coefficient |load torque| to the friction level."""
+    return friction + coefficient * abs(load)

@@ -1,0 +1,16 @@
+"""Additional inertia on the shaft."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("shaft_inertia", source="definition")
+def load_inertia(
+    shaft_inertia: float,
+    inertia: Annotated[
+        float, Param("signal", "added inertia", high=20.0, switch=True, typical=0.3)
+    ],
+) -> float:
+    """Adds to the inertia that the torque accelerates."""
+    return shaft_inertia + inertia

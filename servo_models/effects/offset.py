@@ -1,0 +1,16 @@
+"""Constant offset of a signal."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("signal", source="definition")
+def offset(
+    signal: float,
+    value: Annotated[
+        float, Param("signal", "offset", low=-0.5, high=0.5, switch=True, typical=0.02)
+    ],
+) -> float:
+    """y = u + value."""
+    return signal + value

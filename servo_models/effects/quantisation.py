@@ -1,0 +1,22 @@
+"""Quantisation: a converter with a finite step."""
+
+import math
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("signal", source="SG90 paper sec. 4.1 (1024 levels of 5 V)")
+def quantisation(
+    signal: float,
+    step: Annotated[
+        float, Param("signal", "size of one code", high=0.2, switch=True, typical=0.005)
+    ],
+    rounding: Annotated[
+        float, Param("1", "0.5 rounds to the nearest code, 0 truncates", default=0.5)
+    ],
+) -> float:
+    """y = step floor(u / step + rounding)."""
+    if step <= 0.0:
+        return signal
+    return step * math.floor(signal / step + rounding)

@@ -1,0 +1,26 @@
+"""Rate limit of a signal."""
+
+from typing import Annotated
+
+from servo_models.block import Memory, Param, effect
+
+
+@effect("signal", source="Klyde, McRuer, Myers, Pilot-induced oscillation analysis, 1996")
+def rate_limit(
+    signal: float,
+    elapsed: float,
+    rate: Annotated[
+        float,
+        Param("signal/s", "largest rate, 0 for none", high=1e4, switch=True, typical=20.0),
+    ],
+    last: Annotated[float, Memory("rest")],
+) -> tuple[float, float]:
+    """y follows u at no more than ``rate``."""
+    if rate <= 0.0:
+        return signal, last
+    reach = rate * elapsed
+    if signal > last + reach:
+        return last + reach, last + reach
+    if signal < last - reach:
+        return last - reach, last - reach
+    return signal, signal

@@ -1,0 +1,37 @@
+"""Sample and hold: the command is read on a clock of its own."""
+
+import math
+from typing import Annotated
+
+from servo_models.block import Clock, Memory, Param, effect
+
+MULTIPLIER = 16807.0
+MODULUS = 2147483647.0
+
+
+@effect("signal", source="SG90 paper sec. 4.1 (20 ms frame); Park, Miller, CACM 31 (1988) 1192")
+def sample_hold(
+    signal: float,
+    due: float,
+    period: Annotated[
+        float, Param("s", "frame", high=0.1, switch=True, typical=0.02, display="ms", fixed=True)
+    ],
+    jitter: Annotated[
+        float, Param("1", "largest lateness of a sample, as a fraction of the frame", high=0.9)
+    ],
+    held: Annotated[float, Memory("rest")],
+    next_sample: Annotated[float, Clock()],
+    random: Annotated[float, Memory(20260.0)],
+) -> tuple[float, float, float, float]:
+    """y = u at the latest tick; ticks at k period, each late by up to jitter period.
+
+    The lateness comes from a small generator whose state is part of the model's state, so
+    a run can be repeated and resumed.
+    """
+    if period <= 0.0 or due < next_sample:
+        return held if period > 0.0 else signal, held, next_sample, random
+    random = MULTIPLIER * random
+    random = random - MODULUS * math.floor(random / MODULUS)
+    late = jitter * (random / MODULUS)
+    next_sample = (math.floor(due / period) + 1.0 + late) * period
+    return signal, signal, next_sample, random

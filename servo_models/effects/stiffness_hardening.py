@@ -1,0 +1,18 @@
+"""Nonlinear stiffness: the spring stiffens (or softens) with the angle."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("signal", source="valve paper eq. 2, general T_s(theta)")
+def stiffness_hardening(
+    signal: float,
+    spring_angle: float,
+    coefficient: Annotated[
+        float,
+        Param("1/rad2", "relative stiffening with the angle squared", low=-200.0, high=1000.0, switch=True, typical=100.0),
+    ],
+) -> float:
+    """T_s = K_s theta (1 + coefficient theta^2)."""
+    return signal + signal * coefficient * spring_angle * spring_angle

@@ -1,0 +1,22 @@
+"""Supply sag: the source has a resistance."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("signal", source="Ohm's law")
+def supply_sag(
+    signal: float,
+    supply_current: float,
+    supply_conductance: float,
+    resistance: Annotated[
+        float, Param("Ohm", "source resistance", high=1e3, switch=True, typical=0.5)
+    ],
+) -> float:
+    """y = u - resistance i, with i the current [A] that the load takes.
+
+    ``supply_current`` is what a stiff source would deliver; where it reacts at once to
+    the supply, ``supply_conductance`` [S] tells by how much, else it is 0.
+    """
+    return signal - resistance * supply_current / (1.0 + resistance * supply_conductance)

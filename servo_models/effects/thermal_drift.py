@@ -1,0 +1,28 @@
+"""Thermal drift: the gain falls as the winding warms up."""
+
+from typing import Annotated
+
+from servo_models.block import Memory, Param, effect
+
+
+@effect("signal", source="first-order thermal model, heating with the square of the drive")
+def thermal_drift(
+    signal: float,
+    elapsed: float,
+    loss: Annotated[
+        float,
+        Param("1", "relative gain lost when warm at full drive", low=-0.5, high=0.5, switch=True, typical=0.1),
+    ],
+    time_constant: Annotated[
+        float, Param("s", "thermal time constant", default=60.0, low=1.0, high=3600.0)
+    ],
+    full_scale: Annotated[
+        float, Param("signal", "full drive", default=1.0, low=0.1, high=10.0)
+    ],
+    warmth: Annotated[float, Memory()],
+) -> tuple[float, float]:
+    """y = (1 - loss w) u;  time_constant w' = (u / full_scale)^2 - w, trapezoidal."""
+    drive = signal / full_scale
+    half = 0.5 * elapsed / time_constant
+    warmth = (warmth * (1.0 - half) + 2.0 * half * drive * drive) / (1.0 + half)
+    return signal - loss * warmth * signal, warmth

@@ -1,0 +1,52 @@
+"""Transport delay of a held signal, exact to the instant."""
+
+from typing import Annotated
+
+from servo_models.block import Clock, Fault, Memory, Param, Queue, effect
+
+EDGES = 512
+
+
+@effect("signal", source="valve paper eq. 12 (1.1 ms); Astrom, Hagglund, Advanced PID Control, 2006")
+def transport_delay(
+    signal: float,
+    now: float,
+    due: float,
+    time: Annotated[
+        float, Param("s", "delay", high=0.2, switch=True, typical=0.005, display="ms", fixed=True)
+    ],
+    edges: Annotated[float, Queue(2 * EDGES)],
+    newest: Annotated[float, Memory("rest")],
+    current: Annotated[float, Memory("rest")],
+    written: Annotated[float, Memory()],
+    read: Annotated[float, Memory()],
+    next_edge: Annotated[float, Clock()],
+    full: Annotated[
+        float,
+        Fault(
+            message="the delay line is full: more than 512 input changes within the delay;"
+            " use a longer communication step or a shorter delay"
+        ),
+    ],
+) -> tuple[float, float, float, float, float, float, float]:
+    """y(t) = u(t - time).
+
+    Every change of the signal is kept with its time, and the step is cut where it comes
+    out, so the delay need not be a multiple of any step.
+    """
+    if time <= 0.0:
+        return signal, newest, current, written, read, next_edge, full
+    if signal != newest:
+        if written - read >= EDGES:
+            full = 1.0
+        slot = 2 * (int(written) % EDGES)
+        edges[slot] = now + time
+        edges[slot + 1] = signal
+        newest = signal
+        written = written + 1.0
+    while read < written and edges[2 * (int(read) % EDGES)] <= due:
+        current = edges[2 * (int(read) % EDGES) + 1]
+        read = read + 1.0
+    if read < written:
+        next_edge = edges[2 * (int(read) % EDGES)]
+    return current, newest, current, written, read, next_edge, full

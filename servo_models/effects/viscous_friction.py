@@ -1,0 +1,18 @@
+"""Additional viscous friction."""
+
+from typing import Annotated
+
+from servo_models.block import Param, effect
+
+
+@effect("load", source="definition")
+def viscous_friction(
+    load: float,
+    shaft_speed: float,
+    full_speed: float,
+    torque: Annotated[
+        float, Param("signal", "drag torque at full speed", high=2.0, switch=True, typical=0.1)
+    ],
+) -> float:
+    """Adds torque v / v_full to the load."""
+    return load + torque * (shaft_speed / full_speed)

@@ -1,0 +1,156 @@
+"""Write a block's body into a flat text: arguments become wires, returns become assignments.
+
+The subset a block may use is small on purpose, so that one text runs in numba and in
+CPython and can be printed as C: assignments, ``if``, ``while`` without ``return``,
+arithmetic, comparisons, ``abs``, ``int``, ``float`` and ``math``.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+
+from servo_models.block import Block
+
+_BUILTINS = {"abs", "int", "float", "math"}
+
+
+def inline(
+    block: Block, names: Mapping[str, str], targets: Sequence[str], prefix: str
+) -> list[str]:
+    """Return the lines of ``block`` with its arguments renamed.
+
+    Args:
+        block: what to write.
+        names: text name of every argument.  A queue ``q`` maps to the index of its first
+            element in the state vector, written ``x[index + i]``.
+        targets: text names that receive the returned values, in order.
+        prefix: put before the names of local variables.
+
+    Raises:
+        ValueError: the block uses something outside the subset; names block and line.
+    """
+    tree = ast.parse(textwrap.dedent(inspect.getsource(block.function)))
+    function = tree.body[0]
+    assert isinstance(function, ast.FunctionDef)
+    body = function.body[1:]  # the docstring comes first, block.py insists on it
+    rename = _Rename(block, dict(names), prefix, body)
+    lines = [f"{prefix}_{name} = {names[name]}" for name in rename.copied]
+    for statement in _tail_form(body, targets, block):
+        lines += ast.unparse(ast.fix_missing_locations(rename.visit(statement))).splitlines()
+    return lines
+
+
+def _tail_form(
+    body: Sequence[ast.stmt], targets: Sequence[str], block: Block
+) -> list[ast.stmt]:
+    """Turn returns in tail position into assignments and the rest after them into else."""
+    done: list[ast.stmt] = []
+    for i, statement in enumerate(body):
+        if isinstance(statement, ast.Return):
+            return [*done, _assign(statement, targets, block)]
+        if isinstance(statement, ast.If) and _returns(statement):
+            rest = list(body[i + 1 :])
+            then = statement.body if _ends(statement.body) else [*statement.body, *rest]
+            other = statement.orelse if _ends(statement.orelse) else [*statement.orelse, *rest]
+            branch = ast.If(
+                test=statement.test,
+                body=_tail_form(then, targets, block),
+                orelse=_tail_form(other, targets, block),
+            )
+            return [*done, branch]
+        done.append(statement)
+    if any(_returns(statement) for statement in done):
+        raise ValueError(f"block '{block.name}' returns from inside a loop: return at its end")
+    return done
+
+
+def _returns(statement: ast.stmt) -> bool:
+    return any(isinstance(node, ast.Return) for node in ast.walk(statement))
+
+
+def _ends(body: Sequence[ast.stmt]) -> bool:
+    if not body:
+        return False
+    last = body[-1]
+    if isinstance(last, ast.If):
+        return _ends(last.body) and _ends(last.orelse)
+    return isinstance(last, ast.Return)
+
+
+class _Result(ast.Name):
+    """A target name that is already a text name."""
+
+
+def _assign(statement: ast.Return, targets: Sequence[str], block: Block) -> ast.stmt:
+    value = statement.value
+    given = len(value.elts) if isinstance(value, ast.Tuple) else 1
+    if value is None or given != len(targets):
+        raise ValueError(
+            f"block '{block.name}' returns {given} values where its signature asks for"
+            f" {len(targets)} ({', '.join(targets)})"
+        )
+    stores: list[ast.expr] = [_Result(id=name, ctx=ast.Store()) for name in targets]
+    target = stores[0] if given == 1 else ast.Tuple(elts=stores, ctx=ast.Store())
+    return ast.Assign(targets=[target], value=value)
+
+
+class _Rename(ast.NodeTransformer):
+    def __init__(
+        self, block: Block, names: dict[str, str], prefix: str, body: Sequence[ast.stmt]
+    ) -> None:
+        self.block = block
+        self.globals = block.function.__globals__
+        stored = dict.fromkeys(
+            node.id
+            for statement in body
+            for node in ast.walk(statement)
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+        )
+        self.copied = [name for name in stored if name in names]
+        self.names = names | {name: f"{prefix}_{name}" for name in stored}
+
+    def visit_Assign(self, node: ast.Assign) -> ast.stmt:
+        self.generic_visit(node)
+        target, value = node.targets[0], node.value
+        if isinstance(target, ast.Name) and isinstance(value, ast.Name) and target.id == value.id:
+            return ast.Pass()
+        return node
+
+    def visit__Result(self, node: _Result) -> ast.expr:
+        return ast.Name(id=node.id, ctx=ast.Store())
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        if node.id in self.names:
+            return ast.Name(id=self.names[node.id], ctx=node.ctx)
+        if node.id in _BUILTINS:
+            return node
+        constant = self.globals.get(node.id)
+        if isinstance(constant, (int, float)) and math.isfinite(constant):
+            return ast.Constant(value=constant)
+        raise ValueError(
+            f"block '{self.block.name}' uses '{node.id}' (line {node.lineno} of its source);"
+            " a block may use its arguments, module constants, abs, int, float and math"
+        )
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        assert isinstance(node.value, ast.Name)
+        index = self.visit(node.slice)
+        first = ast.Constant(value=int(self.names[node.value.id]))
+        return ast.Subscript(
+            value=ast.Name(id="x", ctx=ast.Load()),
+            slice=ast.BinOp(left=first, op=ast.Add(), right=index),
+            ctx=node.ctx,
+        )
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        if isinstance(node.op, ast.Pow):
+            raise ValueError(
+                f"block '{self.block.name}' uses **, whose last bit differs between numba and"
+                " CPython: write the product"
+            )
+        self.generic_visit(node)
+        return node

@@ -1,0 +1,79 @@
+"""A rigid shaft with exact standstill and inelastic end stops, shared by all actuators.
+
+Friction effects only raise one level, ``friction`` [N m], which may depend on speed: its
+value at zero speed is the breakaway torque.  The law of motion with it is written here
+once.  Within a sub-step the direction of sliding is the one at its start, so the
+Runge-Kutta stages see a smooth right hand side; the projection then puts a reversal right.
+Source: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994), sec. 3.
+"""
+
+from __future__ import annotations
+
+from servo_models.block import block
+
+
+@block("acceleration")
+def shaft_acceleration(
+    torque: float,
+    friction: float,
+    shaft_inertia: float,
+    travel: float,
+    start_shaft_angle: float,
+    start_shaft_speed: float,
+) -> float:
+    """Acceleration [rad/s^2] of the shaft under ``torque`` [N m], friction and stops.
+
+    At rest nothing moves until the torque exceeds ``friction``; on a stop (half range
+    ``travel`` [rad], 0 for none) nothing moves until the torque points back.
+    """
+    if start_shaft_speed > 0.0:
+        return (torque - friction) / shaft_inertia
+    if start_shaft_speed < 0.0:
+        return (torque + friction) / shaft_inertia
+    if travel > 0.0:
+        if start_shaft_angle >= travel and torque > 0.0:
+            return 0.0
+        if start_shaft_angle <= -travel and torque < 0.0:
+            return 0.0
+    if abs(torque) <= friction:
+        return 0.0
+    if torque > 0.0:
+        return (torque - friction) / shaft_inertia
+    return (torque + friction) / shaft_inertia
+
+
+@block("shaft_angle", "shaft_speed")
+def shaft_contact(
+    shaft_angle: float,
+    shaft_speed: float,
+    start_shaft_speed: float,
+    torque: float,
+    friction: float,
+    shaft_inertia: float,
+    travel: float,
+    dt: float,
+) -> tuple[float, float]:
+    """State after a sub-step of ``dt`` [s]: standstill at a reversal, rest at a stop.
+
+    A step that reversed used the friction of the old direction to its end.  From the
+    instant of zero speed on friction points the other way: the shaft either sticks, or
+    has lost twice the friction impulse since then.
+    """
+    if friction > 0.0 and start_shaft_speed * shaft_speed < 0.0:
+        since = dt * shaft_speed / (shaft_speed - start_shaft_speed)
+        lost = 2.0 * friction / shaft_inertia * since
+        if abs(torque) <= friction or abs(shaft_speed) <= lost:
+            shaft_speed = 0.0
+        elif shaft_speed > 0.0:
+            shaft_speed = shaft_speed - lost
+        else:
+            shaft_speed = shaft_speed + lost
+    if travel > 0.0 and shaft_angle >= travel:
+        shaft_angle = travel
+        if shaft_speed > 0.0:
+            shaft_speed = 0.0
+    if travel > 0.0 and shaft_angle <= -travel:
+        shaft_angle = -travel
+        if shaft_speed < 0.0:
+            shaft_speed = 0.0
+    return shaft_angle, shaft_speed

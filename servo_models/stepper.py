@@ -1,0 +1,329 @@
+"""The stepper: print a flattened plant as one self-contained text, for numba or for plain Python.
+
+This file uses the standard library only and is itself part of every FMU, so that an FMU
+can drop its neutral effects when initialisation ends and print itself again.
+
+**Contract of a step.**  A communication step of size H starting at t is cut into
+n = ceil(H / internal_step) equal sub-steps, and further at the instants at which a clock
+is due (frame tick, delayed edge), because a jump inside a Runge-Kutta step costs four
+digits.  In a sub-step
+
+1. *held* lines run if the sub-step begins with news (new inputs or a due clock): whatever
+   depends on inputs and clocks only is constant until the next cut;
+2. *stage* lines are evaluated at five points: 0 at the start (skipped without news, since
+   point 4 of the sub-step before was the same point), 1 to 3 for the classical
+   Runge-Kutta method, 4 at the end, after the projection (standstill, end stops);
+3. memories are committed at points 0 and 4 only.
+
+Events within ``1e-6 internal_step`` of a communication point belong to the step that
+starts there, so rounding in a master's clock cannot delay a sample by a frame.
+Sources: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.1 (method)
+and II.6 (discontinuities).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+STAGES = 5
+
+
+class Chunk(NamedTuple):
+    """The lines of one block.
+
+    ``owner`` is the effect they belong to, "" for the plant; ``reads`` and ``writes`` are
+    names in the text, by which the printer finds what a stage needs.
+    """
+
+    owner: str
+    lines: list[str]
+    reads: list[str]
+    writes: list[str]
+
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A flattened plant: lines of text, and where each number lives.
+
+    ``x`` is the full state vector: continuous states, memories, queues, in that order,
+    whatever effects are neutral.
+    """
+
+    name: str
+    params: list[str]
+    inputs: list[str]
+    outputs: list[str]
+    states: list[tuple[str, str, str]]
+    """State, owner, wire of its derivative."""
+    memory: list[tuple[str, str]]
+    """Memory, owner."""
+    start: list[tuple[str, str]]
+    """Text of the start value of each state and memory, and its owner."""
+    size: int
+    """Length of ``x``."""
+    switches: dict[str, list[str]]
+    """Owner to its switch parameters: it is neutral while all are 0."""
+    setup: list[Chunk]
+    held: list[Chunk]
+    stage: list[Chunk]
+    held_commits: list[Chunk]
+    stage_commits: list[Chunk]
+    clocks: list[tuple[str, str]]
+    faults: list[tuple[str, str, str]]
+    """Memory, owner, message."""
+    projection: list[str]
+    carried: list[str]
+    """Stage wires that the projection reads from the stage before it."""
+
+
+def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
+    """Return the names of the effects whose switches are all 0 in ``values``."""
+    value = dict(zip(flat.params, values))
+    return {
+        owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)
+    }
+
+
+def run_text(flat: Flat) -> str:
+    """Print ``run(p, x, times, inputs, out) -> (code, row)``, all effects compiled in.
+
+    ``p`` are the parameters, ``x`` the state (updated), ``times`` the communication
+    points, ``inputs[row]`` is held from ``times[row]`` on, ``out[row]`` receives the
+    outputs at ``times[row]``.  Code 0 is success; 1 + i says that x[i] is not finite;
+    -1 - k that fault k was raised, at ``row``.
+    """
+    text = _Printer(flat, dropped=set(), guarded=True)
+    body = [
+        *text.unpack(),
+        *text.load(),
+        "for row in range(len(times)):",
+        *_indent(
+            [
+                "before = row - 1 if row > 0 else 0",
+                "t = times[before]",
+                "size = times[row] - t",
+                *(f"{name}_in = inputs[before, {i}]" for i, name in enumerate(flat.inputs)),
+                *text.communication_step(unrolled=False),
+                *(f"out[row, {i}] = {name}" for i, name in enumerate(flat.outputs)),
+                *text.checks("row"),
+            ]
+        ),
+        *text.store(),
+        "return 0, len(times)",
+    ]
+    head = ["import math", "", "", "def run(p, x, times, inputs, out):"]
+    return "\n".join([*head, *_indent(body), ""])
+
+
+def step_text(flat: Flat, dropped: Iterable[str]) -> str:
+    """Print ``make(p) -> (start, step)`` in plain Python, without the ``dropped`` effects.
+
+    ``start()`` returns the state at rest; ``step(x, u, t, size)`` advances ``x`` in place
+    and returns ``(code, outputs)``, with the codes of ``run_text``.  A size of 0 only
+    evaluates the outputs.
+    """
+    text = _Printer(flat, dropped=set(dropped), guarded=False)
+    step = [
+        *text.load(),
+        _row([f"{name}_in" for name in flat.inputs]) + " = u",
+        *text.communication_step(unrolled=True),
+        *text.store(),
+        *text.checks("None"),
+        f"return 0, [{', '.join(flat.outputs)}]",
+    ]
+    start = f"return [{', '.join(text.start_values())}] + [0.0] * {text.queue_length()}"
+    body = [
+        *text.unpack(),
+        "def start():",
+        *_indent([start]),
+        "def step(x, u, t, size):",
+        *_indent(step),
+        "return start, step",
+    ]
+    return "\n".join(["import math", "", "", "def make(p):", *_indent(body), ""])
+
+
+def _indent(lines: Iterable[str]) -> list[str]:
+    return ["    " + line for line in lines]
+
+
+def _row(names: Sequence[str]) -> str:
+    return ", ".join(names) + ("," if len(names) == 1 else "")
+
+
+class _Printer:
+    """Prints the sections of one text; with ``guarded`` every effect stands behind an if."""
+
+    def __init__(self, flat: Flat, dropped: set[str], guarded: bool) -> None:
+        self.flat = flat
+        self.dropped = dropped
+        self.guarded = guarded
+        self.states = [s for s in flat.states if s[1] not in dropped]
+        self.clocks = [c for c in flat.clocks if c[1] not in dropped]
+
+    def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
+        for chunk in section:
+            if chunk.owner in self.dropped:
+                continue
+            if chunk.owner and self.guarded:
+                yield f"if on_{chunk.owner}:"
+                yield from _indent(chunk.lines)
+            else:
+                yield from chunk.lines
+
+    def needed_for_slopes(self) -> list[bool]:
+        """Which stage chunks the derivatives and the projection depend on.
+
+        The others only make outputs and memories, at points 0 and 4.
+        """
+        needed = {rate for _, _, rate in self.states} | set(self.flat.carried)
+        kept: list[bool] = []
+        for chunk in reversed(self.flat.stage):
+            keep = chunk.owner not in self.dropped and not needed.isdisjoint(chunk.writes)
+            if keep:
+                needed = needed.difference(chunk.writes).union(chunk.reads)
+            kept.append(keep)
+        return kept[::-1]
+
+    def unpack(self) -> list[str]:
+        """Parameters, which effects are on, and what depends on parameters only."""
+        flat = self.flat
+        lines = [f"{name} = p[{i}]" for i, name in enumerate(flat.params)]
+        if self.guarded:
+            lines += [
+                f"on_{owner} = " + " or ".join(f"{name} != 0.0" for name in names)
+                for owner, names in flat.switches.items()
+            ]
+        return [*lines, *self.lines(flat.setup), "tolerance = 1e-6 * internal_step"]
+
+    def slots(self) -> Iterator[tuple[int, str]]:
+        every = [(s[0], s[1]) for s in self.flat.states] + list(self.flat.memory)
+        for i, (name, owner) in enumerate(every):
+            if owner not in self.dropped:
+                yield i, name
+
+    def load(self) -> list[str]:
+        lines = [f"{name} = x[{i}]" for i, name in self.slots()]
+        if self.guarded:  # numba wants every variable defined on every path
+            names = [name for name, _, _ in self.states]
+            lines += [f"d_{n} = sum_{n} = start_{n} = 0.0" for n in names]
+            lines += [f"{name} = 0.0" for name in self.flat.carried]
+            lines += ["half = sixth = elapsed = 0.0"]
+        return lines
+
+    def store(self) -> list[str]:
+        return [f"x[{i}] = {name}" for i, name in self.slots()]
+
+    def start_values(self) -> list[str]:
+        """A dropped effect's memory waits at 0 and is never looked at."""
+        return [text if owner not in self.dropped else "0.0" for text, owner in self.flat.start]
+
+    def queue_length(self) -> int:
+        return self.flat.size - len(self.flat.start)
+
+    def communication_step(self, unrolled: bool) -> list[str]:
+        return [
+            "end = t + size",
+            "steps = math.ceil(size / internal_step - 1e-6)",
+            "if steps < 1:",
+            "    steps = 1",
+            "now = t",
+            "i = 0",
+            "first = 0",
+            "while True:",
+            *_indent(self.sub_step(unrolled)),
+        ]
+
+    def sub_step(self, unrolled: bool) -> list[str]:
+        held = [f"{name} = {name}_in" for name in self.flat.inputs]
+        held += [*self.lines(self.flat.held), *self.lines(self.flat.held_commits)]
+        lines = ["due = now + tolerance", "if first == 0:", *_indent(held)]
+        if unrolled:
+            lines += ["if first == 0:", *_indent(self.stage(0)), "if size <= 0.0:", "    break"]
+            lines += self.cut()
+            for k in range(1, STAGES):
+                lines += self.stage(k)
+        else:
+            lines += ["last = 1 if size <= 0.0 else 5", *self.cut()]
+            lines += ["for k in range(first, last):", *_indent(self.stage(None))]
+            lines += ["if size <= 0.0:", "    break"]
+        lines += ["now = cut", "if cut == target:", "    i += 1"]
+        lines += ["    if i >= steps:", "        break", "first = 1"]
+        for name, owner in self.clocks:
+            test = f"{name} <= now + tolerance"
+            lines += [self.only_if(owner, test), "    first = 0"]
+        return lines
+
+    def only_if(self, owner: str, test: str) -> str:
+        return f"if on_{owner} and {test}:" if owner and self.guarded else f"if {test}:"
+
+    def cut(self) -> list[str]:
+        """End of this sub-step: the equal grid, or the first clock before it."""
+        lines = ["target = end if i + 1 >= steps else t + size * (i + 1) / steps", "cut = target"]
+        if self.clocks:
+            lines += ["latest = target - tolerance"]
+        for name, owner in self.clocks:
+            test = f"now < {name} < latest and {name} < cut"
+            lines += [self.only_if(owner, test), f"    cut = {name}"]
+        return [*lines, "dt = cut - now"]
+
+    def stage(self, k: int | None) -> list[str]:
+        """Lines of evaluation ``k`` of a sub-step, or of all of them with ``k`` a variable."""
+        chunks = list(zip(self.flat.stage, self.needed_for_slopes()))
+        slope = [f"d_{name} = {rate}" for name, _, rate in self.states]
+        commits = list(self.lines(self.flat.stage_commits))
+        if k in (0, STAGES - 1):
+            return [*self.move(k), *self.lines(self.flat.stage), *slope, *commits]
+        if k is not None:
+            wires = self.lines(chunk for chunk, needed in chunks if needed)
+            return [*self.move(k), *wires, *slope]
+        text: list[str] = []
+        for j in range(STAGES):
+            test = f"if k == {j}:" if j == 0 else f"elif k == {j}:" if j < 4 else "else:"
+            text += [test, *_indent(self.move(j))]
+        for needed, group in itertools.groupby(chunks, key=lambda pair: pair[1]):
+            lines = list(self.lines(chunk for chunk, _ in group))
+            text += lines if needed else self.at_ends(lines)
+        return [*text, *slope, *self.at_ends(commits)]
+
+    def at_ends(self, lines: list[str]) -> list[str]:
+        return ["if k == 0 or k == 4:", *_indent(lines)] if lines else []
+
+    def move(self, k: int) -> list[str]:
+        """Bring the states to evaluation point ``k``."""
+        names = [name for name, _, _ in self.states]
+        if k == 0:
+            return ["elapsed = 0.0", *(f"start_{n} = {n}" for n in names)]
+        if k == 1:
+            lines = ["half = 0.5 * dt", "elapsed = half"]
+            return lines + [
+                line
+                for n in names
+                for line in (f"sum_{n} = d_{n}", f"{n} = start_{n} + half * d_{n}")
+            ]
+        if k in (2, 3):
+            lines = [] if k == 2 else ["elapsed = dt"]
+            by = "half" if k == 2 else "dt"
+            return lines + [
+                line
+                for n in names
+                for line in (f"sum_{n} += 2.0 * d_{n}", f"{n} = start_{n} + {by} * d_{n}")
+            ]
+        lines = ["sixth = dt / 6.0"]
+        lines += [f"{n} = start_{n} + sixth * (sum_{n} + d_{n})" for n in names]
+        return [*lines, *self.flat.projection, *(f"start_{n} = {n}" for n in names)]
+
+    def checks(self, row: str) -> list[str]:
+        """Leave with a code when a fault was raised or a state is not finite."""
+        lines: list[str] = []
+        for k, (name, owner, _) in enumerate(self.flat.faults):
+            if owner not in self.dropped:
+                lines += [self.only_if(owner, f"{name} != 0.0"), f"    return {-1 - k}, {row}"]
+        for i, (name, owner, _) in enumerate(self.flat.states):
+            if owner not in self.dropped:
+                lines += [f"if not {name} - {name} == 0.0:", f"    return {1 + i}, {row}"]
+        return lines
