@@ -47,6 +47,12 @@ from servo_models.effects.transport_delay import transport_delay
 from servo_models.effects.viscous_friction import viscous_friction
 from servo_models.plants import torque_motor as motor
 from servo_models.plants.shaft import shaft_acceleration, shaft_contact
+from servo_models.plants.shaft_defaults import (
+    external_load,
+    free_shaft,
+    no_second_mass,
+    shaft_output,
+)
 
 STOP = math.radians(3.0)
 
@@ -80,13 +86,13 @@ PLANT = Plant(
     ),
     constants={
         "internal_step": Param(
-            "s", "longest internal step", default=5e-5, low=1e-6, high=2e-4, display="us", fixed=True
+            "s", "longest internal step", default=1e-4, low=1e-6, high=5e-4, display="us", fixed=True
         )
     },
     chain=(
         motor.rotor,
-        motor.free_shaft,
-        motor.no_second_mass,
+        free_shaft,
+        no_second_mass,
         motor.conventions,
         place("load_inertia", load_inertia, "shaft_inertia"),
         place(
@@ -109,9 +115,10 @@ PLANT = Plant(
         place("thermal_drift", thermal_drift, "voltage"),
         motor.supply_load,
         place("supply_sag", supply_sag, "voltage", params={"resistance": _source}),
-        motor.shaft_output,
+        motor.shaft_motion,
+        shaft_output,
         place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
-        motor.external_load,
+        external_load,
         place("constant_load", constant_load, "load"),
         place("gravity_load", gravity_load, "load"),
         place("viscous_friction", viscous_friction, "load"),

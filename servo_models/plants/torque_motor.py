@@ -82,28 +82,10 @@ def rotor(
     return rotor_inertia
 
 
-@block("friction", "travel")
-def free_shaft() -> tuple[float, float]:
-    """No dry friction and no stops, unless an effect says so."""
-    return 0.0, 0.0
-
-
-@block("load_rate", "load_acceleration")
-def no_second_mass() -> tuple[float, float]:
-    """Nothing moves behind the shaft, unless an effect says so."""
-    return 0.0, 0.0
-
-
 @block("full_speed", "angle_unit")
 def conventions() -> tuple[float, float]:
     """Speed that friction parameters call full speed [rad/s]; the angle is in radians."""
     return 100.0, 1.0
-
-
-@block("load")
-def external_load(load_torque: float) -> float:
-    """Load torque (flow force) against positive motion."""
-    return load_torque
 
 
 @block("supply_current", "supply_conductance")
@@ -124,10 +106,10 @@ def spring_position(shaft_angle: float) -> float:
     return shaft_angle
 
 
-@block("angle", "rate")
-def shaft_output(shaft_angle: float, shaft_speed: float) -> tuple[float, float]:
-    """The output is the shaft."""
-    return shaft_angle, shaft_speed
+@block("shaft_rate")
+def shaft_motion(shaft_speed: float) -> float:
+    """Rate of the shaft [rad/s]."""
+    return shaft_speed
 
 
 @block("at_stop", source=f"{PAPER} sec. 2: the bobbins limit the position")

@@ -1,0 +1,1 @@
+"""Actuators: one file, one identified product with its values, uncertainty and provenance."""

@@ -1,0 +1,279 @@
+"""Tower Pro SG90 servo (Kochuk, Nikitin, Hrinchenko, Bahaiev).
+
+Source of all values unless said otherwise: S. Kochuk et al., "Methodology of synthesis
+nonlinear mathematical model of a servo" (the *SG90 paper*).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from servo_models.actuator import Actuator, Placement, Plant, State, Variant, Wire, place
+from servo_models.block import Block, Param
+from servo_models.effects.backlash import backlash
+from servo_models.effects.cogging import cogging
+from servo_models.effects.constant_load import constant_load
+from servo_models.effects.coulomb_friction import coulomb_friction
+from servo_models.effects.dead_band import dead_band
+from servo_models.effects.dead_zone import dead_zone
+from servo_models.effects.direction_asymmetry import direction_asymmetry
+from servo_models.effects.end_stops import end_stops
+from servo_models.effects.gain_error import gain_error
+from servo_models.effects.gear_compliance import (
+    compliant_load,
+    compliant_output,
+    resonance_step,
+)
+from servo_models.effects.gravity_load import gravity_load
+from servo_models.effects.hysteresis import hysteresis
+from servo_models.effects.lag import lag
+from servo_models.effects.load_friction import load_friction
+from servo_models.effects.load_inertia import load_inertia
+from servo_models.effects.nonlinearity import nonlinearity
+from servo_models.effects.offset import offset
+from servo_models.effects.quantisation import quantisation
+from servo_models.effects.rate_limit import rate_limit
+from servo_models.effects.sample_hold import sample_hold
+from servo_models.effects.saturation import saturation
+from servo_models.effects.stribeck_friction import stribeck_friction
+from servo_models.effects.supply_limit import supply_limit
+from servo_models.effects.supply_sag import supply_sag
+from servo_models.effects.thermal_drift import thermal_drift
+from servo_models.effects.transport_delay import transport_delay
+from servo_models.effects.viscous_friction import viscous_friction
+from servo_models.plants import hobby_servo as servo
+from servo_models.plants.shaft import shaft_acceleration, shaft_contact
+from servo_models.plants.shaft_defaults import (
+    external_load,
+    free_shaft,
+    no_second_mass,
+    shaft_output,
+)
+
+HALF_RANGE = math.radians(90.0)
+
+INPUTS = (
+    Wire(
+        "pulse_width",
+        "s",
+        "command pulse",
+        scale=1e-3,
+        rest=servo.REST_PULSE,
+        low=0.0,
+        high=5e-3,
+        display="us",
+    ),
+    Wire("load_torque", "N.m", "load against positive motion", scale=0.18, low=-10.0, high=10.0),
+    Wire("supply_voltage", "V", "supply", scale=5.0, rest=5.0, low=0.0, high=30.0),
+)
+WIRES = (
+    Wire("angle", "rad", "angle of the output, 0 at 1.5 ms", scale=HALF_RANGE, display="deg"),
+    Wire("rate", "rad/s", "rate of the output", scale=0.5, display="deg/s"),
+    Wire("command_voltage", "V", "voltage of the command", scale=0.6, rest=0.375),
+    Wire("feedback_voltage", "V", "voltage of the potentiometer", scale=6.0, rest=3.75),
+    Wire("motor_voltage", "V", "voltage on the motor", scale=5.0),
+    Wire("motor_speed", "rad/s", "speed of the motor", scale=670.0),
+    Wire("saturated", "1", "amplifier at its supply or motor at its top speed", flag=True),
+    Wire("supply", "V", "supply under load", scale=5.0, rest=5.0),
+    Wire("friction", "N.m", "dry friction level", scale=0.18),
+    Wire("load", "N.m", "load torque with all its parts", scale=0.18),
+    Wire("load_rate", "rad/s", "rate behind the compliance", scale=0.5),
+    Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", scale=1e3),
+    Wire("shaft_inertia", "kg.m2", "accelerated inertia", scale=5e-3),
+    Wire("travel", "rad", "half range of the output", scale=HALF_RANGE, display="deg"),
+)
+STEP = {
+    "internal_step": Param(
+        "s", "longest internal step", default=1e-3, low=1e-5, high=5e-3, display="us", fixed=True
+    )
+}
+_rate = replace(rate_limit.params["rate"], typical=2.0)
+_sag = replace(supply_sag.params["resistance"], typical=1.0, high=50.0)
+_rest = {"resistance": _sag}
+
+COMMAND: tuple[Block | Placement, ...] = (
+    servo.equivalent_shaft,
+    servo.rest_angle,
+    servo.top_speed,
+    free_shaft,
+    no_second_mass,
+    place("load_inertia", load_inertia, "shaft_inertia"),
+    place("gear_compliance", resonance_step, "internal_step"),
+    place("end_stops", end_stops, "travel"),
+    place("transport_delay", transport_delay, "pulse_width"),
+    place("sample_hold", sample_hold, "pulse_width"),
+    place("dead_band", dead_band, "pulse_width"),
+    servo.command_voltage,
+    place("command_quantisation", quantisation, "command_voltage"),
+    place("gain_error", gain_error, "command_voltage"),
+    place("command_offset", offset, "command_voltage"),
+    place("rate_limit", rate_limit, "command_voltage", params={"rate": _rate}),
+)
+LOOP: tuple[Block | Placement, ...] = (
+    servo.shaft_rate,
+    shaft_output,
+    place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
+    place("backlash", backlash, "angle", "rate"),
+    servo.feedback_voltage,
+    place("sensor_lag", lag, "feedback_voltage"),
+    place("sensor_nonlinearity", nonlinearity, "feedback_voltage"),
+    place("sensor_offset", offset, "feedback_voltage"),
+    place("sensor_quantisation", quantisation, "feedback_voltage"),
+    servo.error,
+    servo.amplifier,
+    place("direction_asymmetry", direction_asymmetry, "motor_voltage"),
+    place("thermal_drift", thermal_drift, "motor_voltage"),
+    place("hysteresis", hysteresis, "motor_voltage"),
+    place("drive_dead_zone", dead_zone, "motor_voltage"),
+    place("drive_saturation", saturation, "motor_voltage"),
+    servo.motor_shaft,
+    servo.supply_load,
+    place("supply_sag", supply_sag, "supply", params=_rest),
+    place("supply_limit", supply_limit, "motor_voltage"),
+    external_load,
+    place("constant_load", constant_load, "load"),
+    place("gravity_load", gravity_load, "load"),
+    place("viscous_friction", viscous_friction, "load"),
+    place("cogging", cogging, "load"),
+    place("gear_compliance", compliant_load, "load", "load_acceleration"),
+    servo.load_voltage,
+    servo.motor_curve,
+    servo.saturation_flag,
+)
+SHAFT: tuple[Block | Placement, ...] = (
+    place("coulomb_friction", coulomb_friction, "friction"),
+    place("stribeck_friction", stribeck_friction, "friction"),
+    place("load_friction", load_friction, "friction"),
+    servo.motor_lag,
+    shaft_acceleration,
+)
+SECOND_MASS = (
+    State(
+        Wire("load_angle", "rad", "angle behind the compliance", scale=HALF_RANGE, display="deg"),
+        "load_rate",
+        owner="gear_compliance",
+    ),
+    State(
+        Wire("load_speed", "rad/s", "shaft speed behind the compliance", scale=28.0),
+        "load_acceleration",
+        owner="gear_compliance",
+    ),
+)
+ANGLE = Wire("shaft_angle", "rad", "angle of the gearbox output", scale=HALF_RANGE, display="deg")
+SPEED = Wire("shaft_speed", "rad/s", "speed of the motor over the gear ratio", scale=28.0)
+OUTPUTS = ("angle", "rate", "feedback_voltage", "motor_voltage", "motor_speed", "saturated")
+
+PLANT = Plant(
+    inputs=INPUTS,
+    wires=WIRES,
+    constants=STEP,
+    chain=(*COMMAND, *LOOP, *SHAFT),
+    states=(State(ANGLE, "shaft_rate"), State(SPEED, "acceleration"), *SECOND_MASS),
+    projection=shaft_contact,
+    outputs=OUTPUTS,
+)
+
+_SHAFT_ONLY = ("load_inertia", "end_stops")
+OSCILLATORY_PLANT = Plant(
+    inputs=INPUTS,
+    wires=WIRES,
+    constants=STEP,
+    chain=(
+        *(b for b in COMMAND if not (isinstance(b, Placement) and b.name in _SHAFT_ONLY)),
+        *LOOP,
+        servo.oscillatory_speed,
+        servo.jerk,
+    ),
+    states=(
+        State(ANGLE, "shaft_rate"),
+        State(SPEED, "acceleration"),
+        State(Wire("shaft_acceleration", "rad/s2", "state of model 1", scale=40.0), "jerk"),
+        *SECOND_MASS,
+    ),
+    outputs=OUTPUTS,
+)
+
+TIME_CONSTANT = 1.0 / 1.307
+DYNAMIC_GAIN = 633.3 / 1.307
+GAIN_LOADED = 7.47
+GAIN_UNLOADED = 5.79
+STATIC_GAIN = 425.64
+LINEAR = {
+    "motor_time_constant": TIME_CONSTANT,
+    "motor_gain": DYNAMIC_GAIN,
+    "amplifier_gain": GAIN_LOADED,
+    "potentiometer_gain": 0.025 * 180.0 / math.pi,
+    "feedback_coefficient": 0.1,
+}
+PRINTED = {
+    **LINEAR,
+    "motor_gain": STATIC_GAIN,
+    "edge_positive": 0.5,
+    "edge_negative": 0.6,
+    "zero_positive": 0.6 - 106.76 / STATIC_GAIN,
+    "zero_negative": 1.5 - 544.0 / STATIC_GAIN,
+    "top_positive": 670.0,
+    "top_negative": 544.0,
+    "supply_limit.share": 1.0,
+    "sample_hold.period": 0.02,
+    "command_quantisation.step": 5.0 / 1024.0,
+    "command_quantisation.rounding": 0.0,
+    "end_stops.half_range": HALF_RANGE,
+}
+SLOW = (
+    "the printed model is about 20 times slower than a real SG90, which turns 60 degrees in"
+    " 0.1 s; use it to reproduce the paper"
+)
+
+
+def _sets() -> tuple[Variant, ...]:
+    """Linear and printed sets for every printed K_f and both amplifier gains."""
+    made: list[Variant] = []
+    kinds = (
+        ("printed", "nonlinear servo as printed", PRINTED),
+        ("linear", "linear servo, gives eq. 7 exactly at K_f = 0.1", LINEAR),
+    )
+    for kind, about, values in kinds:
+        for unloaded in (False, True):
+            for k_f in (0.1, 0.18, 0.05):
+                gain = GAIN_UNLOADED if unloaded else GAIN_LOADED
+                name = kind + ("_unloaded" if unloaded else "")
+                name += "" if k_f == 0.1 else f"_kf{k_f:g}".replace("0.", "0")
+                amplifier = "unloaded" if unloaded else "loaded"
+                made.append(
+                    Variant(
+                        name,
+                        f"{about}; K_f = {k_f:g}, {amplifier} amplifier gain {gain:g}",
+                        {**values, "amplifier_gain": gain, "feedback_coefficient": k_f},
+                        "SG90 paper secs. 4 to 6, eq. 7",
+                        warning=SLOW,
+                    )
+                )
+    return tuple(made)
+
+
+OSCILLATORY = Variant(
+    "oscillatory_motor",
+    "model 1 of the motor, rejected by the paper since it does not settle",
+    {**LINEAR, "motor_gain": 686.9 / 2.255},
+    "SG90 paper eq. 5",
+    plant=OSCILLATORY_PLANT,
+    warning="rejected by the paper: the motor is undamped",
+)
+
+ACTUATOR = Actuator(
+    name="sg90",
+    title="Tower Pro SG90 hobby servo",
+    about=(
+        "Element by element: command decoder, comparator, amplifier, DC motor, gearbox 24,"
+        " potentiometer."
+    ),
+    source="Kochuk, Nikitin, Hrinchenko, Bahaiev, Methodology of synthesis nonlinear"
+    " mathematical model of a servo",
+    plant=PLANT,
+    variants=(*_sets(), OSCILLATORY),
+    stop_time=20.0,
+    step_size=0.02,
+    step=("pulse_width", 2.0e-3),
+)

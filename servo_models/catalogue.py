@@ -1,0 +1,48 @@
+"""Find actuators and effects by looking into their folders: adding one is adding a file."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from types import ModuleType
+
+import servo_models.actuators
+import servo_models.effects
+from servo_models.actuator import Actuator, unknown
+from servo_models.block import Block
+from servo_models.errors import UserError
+
+
+def _modules(package: ModuleType) -> dict[str, ModuleType]:
+    names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+    return {name: importlib.import_module(f"{package.__name__}.{name}") for name in names}
+
+
+@functools.cache
+def actuators() -> dict[str, Actuator]:
+    """Every actuator by name."""
+    found = [module.ACTUATOR for module in _modules(servo_models.actuators).values()]
+    return {actuator.name: actuator for actuator in found}
+
+
+@functools.cache
+def effects() -> dict[str, tuple[Block, ...]]:
+    """Every effect by its file's name; an effect may have several functions."""
+    return {
+        name: tuple(
+            value for value in vars(module).values() if isinstance(value, Block) and value.acts_on
+        )
+        for name, module in _modules(servo_models.effects).items()
+    }
+
+
+def actuator(name: str) -> Actuator:
+    """Return an actuator by name.
+
+    Raises:
+        UserError: nobody knows that name.
+    """
+    if name not in actuators():
+        raise UserError(unknown("actuator", name, actuators()))
+    return actuators()[name]

@@ -1,0 +1,203 @@
+"""Simulate an actuator in this process, on any grid of communication points.
+
+The same text runs here through numba and in the FMU as plain Python, on the same grid, so
+both agree to the last bit.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from servo_models.actuator import Actuator, Plant, check_bounds, unknown
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.compiled import compiled_run, plain_make
+from servo_models.errors import UserError
+from servo_models.flatten import flatten
+from servo_models.stepper import Flat, neutral_effects, run_text, step_text
+from servo_models.units import parse
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A simulated response.
+
+    Attributes:
+        times: communication points [s], shape (n,).
+        inputs, outputs: SI values by name, each of shape (n,); an input is held from its
+            row on, an output is the value at its row.
+    """
+
+    times: Array
+    inputs: dict[str, Array]
+    outputs: dict[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        if name in self.outputs:
+            return self.outputs[name]
+        if name in self.inputs:
+            return self.inputs[name]
+        raise UserError(unknown("signal", name, {**self.outputs, **self.inputs}))
+
+
+@functools.cache
+def _flat(plant_id: int, name: str) -> Flat:
+    return flatten(_PLANTS[plant_id], name)
+
+
+_PLANTS: dict[int, Plant] = {}
+
+
+def flat_of(plant: Plant, name: str) -> Flat:
+    """Return the flattened plant; flattening is done once per plant and process."""
+    _PLANTS[id(plant)] = plant
+    return _flat(id(plant), name)
+
+
+@dataclass(frozen=True)
+class Model:
+    """An actuator with all parameters chosen: what a simulation and an FMU are made of.
+
+    Attributes:
+        actuator, variant: where it comes from.
+        values: every parameter in SI by name, in the order of the parameter vector.
+    """
+
+    actuator: Actuator
+    variant: str
+    values: dict[str, float]
+    flat: Flat = field(repr=False)
+
+    @property
+    def plant(self) -> Plant:
+        return self.actuator.plant_of(self.variant)
+
+    @property
+    def vector(self) -> Array:
+        """Parameter vector in the order of ``values``, SI."""
+        return np.array(list(self.values.values()))
+
+    def stepper(self) -> tuple[Callable[[], list[float]], Callable[..., Any]]:
+        """Plain-Python ``start()`` and ``step(x, u, t, size)``; see ``stepper.step_text``."""
+        values = list(self.values.values())
+        text = step_text(self.flat, neutral_effects(self.flat, values))
+        start, step = plain_make(text)(values)
+        return start, step
+
+    def start(self) -> Array:
+        """State at rest, shape (flat.size,)."""
+        return np.array(self.stepper()[0]())
+
+    def run(self, times: Array, inputs: Array, state: Array | None = None) -> Array:
+        """Return the outputs, shape (n, outputs), for inputs of shape (n, inputs), SI.
+
+        ``state`` is advanced in place; without it the run begins at rest.
+
+        Raises:
+            UserError: times that run backward, inputs that are not finite, or a run that
+                leaves the finite numbers.
+        """
+        _check_grid(times, inputs, [wire.name for wire in self.plant.inputs])
+        out = np.empty((len(times), len(self.plant.outputs)))
+        x = self.start() if state is None else state
+        code, row = compiled_run(run_text(self.flat))(self.vector, x, times, inputs, out)
+        if code:
+            raise UserError(f"{self.trouble(code)}, at t = {times[row]:g} s")
+        return out
+
+    def trouble(self, code: int) -> str:
+        """Return in words what a code of the stepper means."""
+        if code > 0:
+            name = self.flat.states[code - 1][0]
+            return f"state '{name}' is not finite; a parameter or the internal step is too large"
+        return f"{self.flat.faults[-1 - code][1]}: {self.flat.faults[-1 - code][2]}"
+
+
+def model(
+    actuator: str | Actuator,
+    variant: str | None = None,
+    parameters: Mapping[str, float | str] | None = None,
+) -> Model:
+    """Choose an actuator, a variant of it and overrides of single parameters.
+
+    Args:
+        actuator: name, or a declaration of your own.
+        variant: name of a parameter set; None for the default one.
+        parameters: overrides by name, numbers in SI or strings such as ``"3 deg"``.
+
+    Raises:
+        UserError: an unknown name, a wrong unit, a value outside its bounds.
+    """
+    found = find_actuator(actuator) if isinstance(actuator, str) else actuator
+    chosen = found.variant(variant).name
+    plant = found.plant_of(chosen)
+    overrides: dict[str, float] = {}
+    for name, value in (parameters or {}).items():
+        if name not in plant.parameters:
+            raise UserError(
+                unknown("parameter", name, plant.parameters, f"actuator '{found.name}'")
+            )
+        parameter = plant.parameters[name]
+        try:
+            overrides[name] = parse(value, parameter.param.unit)
+        except UserError as error:
+            raise UserError(f"parameter '{name}': {error}") from error
+        check_bounds(parameter, overrides[name])
+    return Model(found, chosen, found.values(chosen, overrides), flat_of(plant, found.name))
+
+
+def simulate(
+    chosen: Model, times: ArrayLike, inputs: Mapping[str, ArrayLike] | None = None
+) -> Result:
+    """Simulate from rest.
+
+    Args:
+        chosen: from ``model``.
+        times: communication points [s], increasing, shape (n,); equal neighbours are a
+            clean step of the inputs.
+        inputs: SI values by name, scalars or shape (n,); an input not named stays at rest.
+
+    Raises:
+        UserError: see ``Model.run``; also an unknown input, or one of another length.
+    """
+    grid = np.ascontiguousarray(times, dtype=float)
+    known = {wire.name: wire for wire in chosen.plant.inputs}
+    given = dict(inputs or {})
+    for name in given:
+        if name not in known:
+            raise UserError(unknown("input", name, known, f"actuator '{chosen.actuator.name}'"))
+    columns: dict[str, Array] = {}
+    for name, wire in known.items():
+        values = np.asarray(given.get(name, wire.rest), dtype=float)
+        if values.shape not in ((), grid.shape):
+            raise UserError(f"input '{name}' has shape {values.shape}, the times {grid.shape}")
+        columns[name] = np.broadcast_to(values, grid.shape)
+    out = chosen.run(grid, np.column_stack(list(columns.values())))
+    names = chosen.plant.outputs
+    return Result(grid, columns, {name: out[:, i] for i, name in enumerate(names)})
+
+
+def _check_grid(times: Array, inputs: Array, names: list[str]) -> None:
+    if len(times) == 0:
+        raise UserError("no communication points: give at least one time")
+    if not np.all(np.isfinite(times)):
+        row = int(np.argmin(np.isfinite(times)))
+        raise UserError(f"time in row {row} is not finite: remove that row")
+    backward = np.flatnonzero(np.diff(times) < 0.0)
+    if len(backward):
+        row = int(backward[0]) + 1
+        raise UserError(
+            f"time runs backward in row {row} ({times[row - 1]:g} s, then {times[row]:g} s):"
+            " sort the rows by time"
+        )
+    bad = np.argwhere(~np.isfinite(inputs))
+    if len(bad):
+        row, column = (int(i) for i in bad[0])
+        raise UserError(f"input '{names[column]}' in row {row} is not finite: fill or drop it")

@@ -1,0 +1,88 @@
+"""Units at the border: SI inside, ``"3 deg"`` or ``"25 us"`` outside.
+
+Unit names are written as in FMI, with ``.`` for a product: ``N.m.s/rad``, ``kg.m2``.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+from servo_models.errors import UserError
+
+if TYPE_CHECKING:
+    import pint
+
+BASE = {
+    "kilogram": "kg",
+    "meter": "m",
+    "second": "s",
+    "ampere": "A",
+    "kelvin": "K",
+    "radian": "rad",
+}
+"""Base units of pint and their attribute names in FMI."""
+
+
+@functools.cache
+def registry() -> pint.UnitRegistry[Any]:
+    """The unit registry; loaded late, since it takes a third of a second."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _pint_name(unit: str) -> str:
+    """``N.m.s/rad2`` in pint's spelling."""
+    if unit == "1":
+        return "dimensionless"
+    return re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit).replace(".", "*").replace("Ohm", "ohm")
+
+
+@functools.cache
+def factor(unit: str, to: str) -> float:
+    """Return the factor by which a value in ``unit`` is multiplied to be in ``to``.
+
+    Raises:
+        UserError: an unknown unit, or one of another quantity (an angle is a quantity of
+            its own here, so deg does not pass for a pure number).
+    """
+    try:
+        have, base = registry().get_base_units(_pint_name(unit))
+        want, other = registry().get_base_units(_pint_name(to))
+    except Exception as error:
+        raise UserError(f"unknown unit '{unit}'; give one that converts to {to}") from error
+    if base != other:
+        raise UserError(f"unit '{unit}' does not convert to '{to}'; give a unit like {to}")
+    return float(have) / float(want)
+
+
+@functools.cache
+def exponents(unit: str) -> tuple[float, dict[str, int]]:
+    """Return a unit as a factor and exponents of FMI's base units."""
+    scale, base = registry().get_base_units(_pint_name(unit))
+    found = registry().Quantity(1, base).unit_items()
+    return float(scale), {BASE[str(name)]: int(power) for name, power in found}
+
+
+def parse(text: str | float, unit: str) -> float:
+    """Return ``text``, a number in ``unit`` or a string such as ``"3 deg"``, in ``unit``.
+
+    Raises:
+        UserError: no number, not finite, or a unit that does not convert.
+    """
+    if isinstance(text, (int, float)):
+        value, given = float(text), ""
+    else:
+        match = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
+        if not match:
+            raise UserError(f"'{text}' is not a number with a unit, such as \"3 deg\" or 0.05")
+        try:
+            value, given = float(match[1]), match[2]
+        except ValueError:
+            raise UserError(f"'{match[1]}' is not a number") from None
+    if not math.isfinite(value):
+        raise UserError(f"'{text}' is not a finite number")
+    return value * factor(given, unit) if given else value
