@@ -38,7 +38,24 @@ def _pint_name(unit: str) -> str:
     """``N.m.s/rad2`` in pint's spelling."""
     if unit == "1":
         return "dimensionless"
-    return re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit).replace(".", "*").replace("Ohm", "ohm")
+    return re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit).replace(".", "*").replace("Ohm", "ohm").replace("%", "percent")
+
+
+@functools.cache
+def exponents(unit: str) -> tuple[float, dict[str, int]]:
+    """Return a unit as a factor and exponents of FMI's base units (kg, m, s, A, K, rad).
+
+    Raises:
+        UserError: an unknown unit.
+    """
+    try:
+        base = (1.0 * registry().parse_expression(_pint_name(unit))).to_base_units()
+    except Exception as error:  # pint raises many kinds, some from its parser
+        raise UserError(f"unknown unit '{unit}'") from error
+    powers = {str(name): power for name, power in base.unit_items()}
+    if not powers.keys() <= BASE.keys():
+        raise UserError(f"unit '{unit}' is none of mechanics and electricity")
+    return float(base.magnitude), {BASE[name]: int(power) for name, power in powers.items()}
 
 
 @functools.cache
@@ -49,22 +66,11 @@ def factor(unit: str, to: str) -> float:
         UserError: an unknown unit, or one of another quantity (an angle is a quantity of
             its own here, so deg does not pass for a pure number).
     """
-    try:
-        have, base = registry().get_base_units(_pint_name(unit))
-        want, other = registry().get_base_units(_pint_name(to))
-    except Exception as error:
-        raise UserError(f"unknown unit '{unit}'; give one that converts to {to}") from error
+    have, base = exponents(unit)
+    want, other = exponents(to)
     if base != other:
         raise UserError(f"unit '{unit}' does not convert to '{to}'; give a unit like {to}")
-    return float(have) / float(want)
-
-
-@functools.cache
-def exponents(unit: str) -> tuple[float, dict[str, int]]:
-    """Return a unit as a factor and exponents of FMI's base units."""
-    scale, base = registry().get_base_units(_pint_name(unit))
-    found = registry().Quantity(1, base).unit_items()
-    return float(scale), {BASE[str(name)]: int(power) for name, power in found}
+    return have / want
 
 
 def parse(text: str | float, unit: str) -> float:
