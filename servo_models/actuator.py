@@ -141,9 +141,7 @@ class Plant:
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """All parameters by name, plant first, in chain order."""
-        found = {
-            name: Parameter(name, param, owner="") for name, param in self.constants.items()
-        }
+        found = {name: Parameter(name, param, owner="") for name, param in self.constants.items()}
         blocks: list[Block | Placement] = [*self.chain]
         if self.projection:
             blocks.append(self.projection)
@@ -151,8 +149,8 @@ class Plant:
             if isinstance(link, Placement):
                 for key, param in link.effect.params.items():
                     name = f"{link.name}.{key}"
-                    known = link.params.get(key) or self._on_wire(param, link.on[0])
-                    found.setdefault(name, Parameter(name, known, owner=link.name))
+                    param = self._on_wire(link.params.get(key, param), link.on[0])
+                    found.setdefault(name, Parameter(name, param, owner=link.name))
             else:
                 for key, param in link.params.items():
                     found.setdefault(key, Parameter(key, param, owner=""))
@@ -165,7 +163,9 @@ class Plant:
             raise ValueError(unknown("wire", wire_name, self.wire))
         wire = self.wire[wire_name]
         if param.unit == f"1/{SIGNAL}":
-            scale, unit, display = 1.0 / wire.scale, f"1/({wire.unit})", None
+            compound = "." in wire.unit or "/" in wire.unit
+            unit = f"1/({wire.unit})" if compound else f"1/{wire.unit}"
+            scale, display = 1.0 / wire.scale, None
         else:
             scale, unit = wire.scale, param.unit.replace(SIGNAL, wire.unit)
             display = wire.display and param.unit.replace(SIGNAL, wire.display)

@@ -173,7 +173,9 @@ def effect(*acts_on: str, source: str) -> Callable[[Function], Block]:
     def decorate(function: Function) -> Block:
         made = _parse(function, acts_on=acts_on or (SIGNAL,), source=source)
         if not made.switches:
-            raise ValueError(f"effect '{made.name}' has no switch parameter, so it is never neutral")
+            raise ValueError(
+                f"effect '{made.name}' has no switch parameter, so it is never neutral"
+            )
         return made
 
     return decorate

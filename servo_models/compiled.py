@@ -22,10 +22,10 @@ from servo_models.files import write_whole
 _HEAD = '''"""Compiled by servo-models from one declaration; delete freely."""
 from numba import njit
 '''
-_TAIL = '''
+_TAIL = """
 
 run = njit(cache=True, error_model="numpy")(run)
-'''
+"""
 
 
 @functools.cache

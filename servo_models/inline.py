@@ -44,9 +44,7 @@ def inline(
     return lines
 
 
-def _tail_form(
-    body: Sequence[ast.stmt], targets: Sequence[str], block: Block
-) -> list[ast.stmt]:
+def _tail_form(body: Sequence[ast.stmt], targets: Sequence[str], block: Block) -> list[ast.stmt]:
     """Turn returns in tail position into assignments and the rest after them into else."""
     done: list[ast.stmt] = []
     for i, statement in enumerate(body):

@@ -44,7 +44,6 @@ class Chunk(NamedTuple):
     writes: list[str]
 
 
-
 @dataclass(frozen=True)
 class Flat:
     """A flattened plant: lines of text, and where each number lives.
@@ -83,9 +82,7 @@ class Flat:
 def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
     """Return the names of the effects whose switches are all 0 in ``values``."""
     value = dict(zip(flat.params, values))
-    return {
-        owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)
-    }
+    return {owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)}
 
 
 def run_text(flat: Flat) -> str:

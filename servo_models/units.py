@@ -38,7 +38,12 @@ def _pint_name(unit: str) -> str:
     """``N.m.s/rad2`` in pint's spelling."""
     if unit == "1":
         return "dimensionless"
-    return re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit).replace(".", "*").replace("Ohm", "ohm").replace("%", "percent")
+    return (
+        re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit)
+        .replace(".", "*")
+        .replace("Ohm", "ohm")
+        .replace("%", "percent")
+    )
 
 
 @functools.cache

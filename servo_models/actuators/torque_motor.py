@@ -65,7 +65,14 @@ _source = replace(supply_sag.params["resistance"], typical=100.0)
 PLANT = Plant(
     inputs=(
         Wire("voltage", "V", "coil voltage", scale=50.0, low=-200.0, high=200.0),
-        Wire("load_torque", "N.m", "flow force against positive motion", scale=0.06, low=-10.0, high=10.0),
+        Wire(
+            "load_torque",
+            "N.m",
+            "flow force against positive motion",
+            scale=0.06,
+            low=-10.0,
+            high=10.0,
+        ),
     ),
     wires=(
         Wire("angle", "rad", "angle as read by the sensor", scale=STOP, display="deg"),
@@ -86,7 +93,13 @@ PLANT = Plant(
     ),
     constants={
         "internal_step": Param(
-            "s", "longest internal step", default=1e-4, low=1e-6, high=5e-4, display="us", fixed=True
+            "s",
+            "longest internal step",
+            default=1e-4,
+            low=1e-6,
+            high=5e-4,
+            display="us",
+            fixed=True,
         )
     },
     chain=(
@@ -149,7 +162,10 @@ PLANT = Plant(
     ),
     states=(
         State(Wire("current", "A", "coil current", scale=0.011, display="mA"), "current_rate"),
-        State(Wire("shaft_angle", "rad", "angle of the rotor", scale=STOP, display="deg"), "shaft_speed"),
+        State(
+            Wire("shaft_angle", "rad", "angle of the rotor", scale=STOP, display="deg"),
+            "shaft_speed",
+        ),
         State(Wire("shaft_speed", "rad/s", "speed of the rotor", scale=100.0), "acceleration"),
         State(
             Wire("load_angle", "rad", "angle behind the compliance", scale=STOP, display="deg"),
@@ -222,8 +238,7 @@ ACTUATOR = Actuator(
     name="torque_motor",
     title="Limited-angle torque motor of a pneumatic servo valve",
     about=(
-        "A Laws relay with magnetic spring: coil current, rotor angle and speed,"
-        " +/- 3 deg stops."
+        "A Laws relay with magnetic spring: coil current, rotor angle and speed, +/- 3 deg stops."
     ),
     source="Toorani, Farahmandzad, Aghamirsalim, Gray-Box Modeling of a Pneumatic Servo-Valve",
     plant=PLANT,
@@ -234,8 +249,19 @@ ACTUATOR = Actuator(
             {**TABLE_1, **grey_box(*EQ_12), "transport_delay.time": EQ_12_DELAY},
             "valve paper eq. 12, unrounded; R, J, K_s from Table 1",
         ),
-        Variant("measured", "constants measured one by one", TABLE_1, "valve paper Table 1", uncertainty=_uncertain),
-        Variant("estimated", "constants estimated from eq. 12, as printed", TABLE_2, "valve paper Table 2"),
+        Variant(
+            "measured",
+            "constants measured one by one",
+            TABLE_1,
+            "valve paper Table 1",
+            uncertainty=_uncertain,
+        ),
+        Variant(
+            "estimated",
+            "constants estimated from eq. 12, as printed",
+            TABLE_2,
+            "valve paper Table 2",
+        ),
     ),
     stop_time=0.2,
     step_size=1e-3,

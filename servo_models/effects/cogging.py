@@ -10,12 +10,8 @@ from servo_models.block import Param, effect
 def cogging(
     load: float,
     shaft_angle: float,
-    torque: Annotated[
-        float, Param("signal", "amplitude", high=0.5, switch=True, typical=0.02)
-    ],
-    count: Annotated[
-        float, Param("1", "periods per turn", default=12.0, low=1.0, high=720.0)
-    ],
+    torque: Annotated[float, Param("signal", "amplitude", high=0.5, switch=True, typical=0.02)],
+    count: Annotated[float, Param("1", "periods per turn", default=12.0, low=1.0, high=720.0)],
     phase: Annotated[float, Param("rad", "phase", low=-3.15, high=3.15, display="deg")],
 ) -> float:
     """Adds torque sin(count angle + phase)."""

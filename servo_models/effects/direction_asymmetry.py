@@ -10,7 +10,14 @@ def direction_asymmetry(
     signal: float,
     ratio: Annotated[
         float,
-        Param("1", "relative surplus of the positive side", low=-0.5, high=0.5, switch=True, typical=0.1),
+        Param(
+            "1",
+            "relative surplus of the positive side",
+            low=-0.5,
+            high=0.5,
+            switch=True,
+            typical=0.1,
+        ),
     ],
 ) -> float:
     """y = (1 + ratio) u for u > 0 and (1 - ratio) u for u < 0."""

@@ -9,7 +9,15 @@ from servo_models.block import Param, effect
 def end_stops(
     travel: float,
     half_range: Annotated[
-        float, Param("signal", "the shaft stops at +/- this angle, 0 for none", high=4.0, switch=True, typical=0.5, fixed=True)
+        float,
+        Param(
+            "signal",
+            "the shaft stops at +/- this angle, 0 for none",
+            high=4.0,
+            switch=True,
+            typical=0.5,
+            fixed=True,
+        ),
     ],
 ) -> float:
     """Limits the travel of the shaft on both sides."""

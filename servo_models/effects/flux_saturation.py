@@ -14,11 +14,24 @@ def flux_saturation(
     shaft_angle: float,
     inverse_current: Annotated[
         float,
-        Param("1/A", "inverse of the current at which the inductance has halved", high=500.0, switch=True, typical=50.0),
+        Param(
+            "1/A",
+            "inverse of the current at which the inductance has halved",
+            high=500.0,
+            switch=True,
+            typical=50.0,
+        ),
     ],
     curvature: Annotated[
         float,
-        Param("1/rad2", "relative change of the inductance with the angle squared", low=-100.0, high=100.0, switch=True, typical=30.0),
+        Param(
+            "1/rad2",
+            "relative change of the inductance with the angle squared",
+            low=-100.0,
+            high=100.0,
+            switch=True,
+            typical=30.0,
+        ),
     ],
 ) -> tuple[float, float]:
     """lambda = L I atan(i / I) (1 + curvature theta^2) + K_b theta, 1 / I = inverse_current.

@@ -42,7 +42,8 @@ def compliant_load(
     compliance: Compliance,
     inertia: Inertia,
     damping: Annotated[
-        float, Param("1", "damping ratio of the load on its spring", default=0.05, low=0.0, high=1.0)
+        float,
+        Param("1", "damping ratio of the load on its spring", default=0.05, low=0.0, high=1.0),
     ],
 ) -> tuple[float, float]:
     """The shaft feels the spring; the spring and the load torque move the inertia."""

@@ -6,7 +6,9 @@ from typing import Annotated
 from servo_models.block import Memory, Param, effect
 
 
-@effect("signal", source="Coleman, Hodgdon, Int. J. Eng. Sci. 24 (1986) 897, linear material functions")
+@effect(
+    "signal", source="Coleman, Hodgdon, Int. J. Eng. Sci. 24 (1986) 897, linear material functions"
+)
 def hysteresis(
     signal: float,
     half_width: Annotated[
@@ -14,7 +16,9 @@ def hysteresis(
     ],
     turn: Annotated[
         float,
-        Param("signal", "travel in which a reversal is made good", default=0.1, low=0.005, high=1.0),
+        Param(
+            "signal", "travel in which a reversal is made good", default=0.1, low=0.005, high=1.0
+        ),
     ],
     last: Annotated[float, Memory("rest")],
     branch: Annotated[float, Memory()],

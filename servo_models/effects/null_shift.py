@@ -10,7 +10,9 @@ def null_shift(
     spring_angle: float,
     angle: Annotated[
         float,
-        Param("signal", "angle of the magnetic null", low=-0.5, high=0.5, switch=True, typical=0.03),
+        Param(
+            "signal", "angle of the magnetic null", low=-0.5, high=0.5, switch=True, typical=0.03
+        ),
     ],
 ) -> float:
     """The restoring torque vanishes at ``angle`` instead of 0."""

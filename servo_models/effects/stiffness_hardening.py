@@ -11,7 +11,14 @@ def stiffness_hardening(
     spring_angle: float,
     coefficient: Annotated[
         float,
-        Param("1/rad2", "relative stiffening with the angle squared", low=-200.0, high=1000.0, switch=True, typical=100.0),
+        Param(
+            "1/rad2",
+            "relative stiffening with the angle squared",
+            low=-200.0,
+            high=1000.0,
+            switch=True,
+            typical=100.0,
+        ),
     ],
 ) -> float:
     """T_s = K_s theta (1 + coefficient theta^2)."""

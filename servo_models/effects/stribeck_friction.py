@@ -12,11 +12,14 @@ def stribeck_friction(
     shaft_speed: float,
     full_speed: float,
     excess: Annotated[
-        float, Param("signal", "breakaway torque above sliding", high=0.5, switch=True, typical=0.05)
+        float,
+        Param("signal", "breakaway torque above sliding", high=0.5, switch=True, typical=0.05),
     ],
     speed: Annotated[
         float,
-        Param("1", "Stribeck speed, as a fraction of full speed", default=0.05, low=0.005, high=1.0),
+        Param(
+            "1", "Stribeck speed, as a fraction of full speed", default=0.05, low=0.005, high=1.0
+        ),
     ],
 ) -> float:
     """Adds excess exp(-(v / v_s)^2), so all of it at standstill."""

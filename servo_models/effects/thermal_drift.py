@@ -11,14 +11,19 @@ def thermal_drift(
     elapsed: float,
     loss: Annotated[
         float,
-        Param("1", "relative gain lost when warm at full drive", low=-0.5, high=0.5, switch=True, typical=0.1),
+        Param(
+            "1",
+            "relative gain lost when warm at full drive",
+            low=-0.5,
+            high=0.5,
+            switch=True,
+            typical=0.1,
+        ),
     ],
     time_constant: Annotated[
         float, Param("s", "thermal time constant", default=60.0, low=1.0, high=3600.0)
     ],
-    full_scale: Annotated[
-        float, Param("signal", "full drive", default=1.0, low=0.1, high=10.0)
-    ],
+    full_scale: Annotated[float, Param("signal", "full drive", default=1.0, low=0.1, high=10.0)],
     warmth: Annotated[float, Memory()],
 ) -> tuple[float, float]:
     """y = (1 - loss w) u;  time_constant w' = (u / full_scale)^2 - w, trapezoidal."""

@@ -11,7 +11,13 @@ def torque_saturation(
     signal: float,
     inverse_torque: Annotated[
         float,
-        Param("1/signal", "inverse of the largest torque, 0 for none", high=5.0, switch=True, typical=0.5),
+        Param(
+            "1/signal",
+            "inverse of the largest torque, 0 for none",
+            high=5.0,
+            switch=True,
+            typical=0.5,
+        ),
     ],
 ) -> float:
     """y = T / sqrt(1 + (T / T_max)^2), straight for small and bounded for large currents."""

@@ -7,7 +7,9 @@ from servo_models.block import Clock, Fault, Memory, Param, Queue, effect
 EDGES = 512
 
 
-@effect("signal", source="valve paper eq. 12 (1.1 ms); Astrom, Hagglund, Advanced PID Control, 2006")
+@effect(
+    "signal", source="valve paper eq. 12 (1.1 ms); Astrom, Hagglund, Advanced PID Control, 2006"
+)
 def transport_delay(
     signal: float,
     now: float,

@@ -140,9 +140,7 @@ def motor_curve(
     edge_negative: Annotated[float, Param("V", "insensitivity edge, negative side", high=5.0)],
     zero_positive: Annotated[float, Param("V", "where the positive line meets 0", high=5.0)],
     zero_negative: Annotated[float, Param("V", "where the negative line meets 0", high=5.0)],
-    top_positive: Annotated[
-        float, Param("rad/s", "top speed, positive, 0 for none", high=5e3)
-    ],
+    top_positive: Annotated[float, Param("rad/s", "top speed, positive, 0 for none", high=5e3)],
     top_negative: Annotated[
         float, Param("rad/s", "top speed, negative side, 0 for none", high=5e3)
     ],
@@ -213,8 +211,12 @@ def jerk(
     motor_speed: float,
     shaft_acceleration: float,
     gear_ratio: float,
-    motor_stiffness: Annotated[float, Param("1/s2", "constant term of eq. 5", default=2.255, high=100.0)],
-    motor_damping: Annotated[float, Param("1/s", "damping term of eq. 5", default=3.434e-11, high=10.0)],
+    motor_stiffness: Annotated[
+        float, Param("1/s2", "constant term of eq. 5", default=2.255, high=100.0)
+    ],
+    motor_damping: Annotated[
+        float, Param("1/s", "damping term of eq. 5", default=3.434e-11, high=10.0)
+    ],
 ) -> float:
     """Jerk of the shaft [rad/s^3]: omega'' + d omega' + k omega = k F(u)."""
     pull = motor_stiffness * (free_speed - motor_speed) / gear_ratio
