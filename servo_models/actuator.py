@@ -149,8 +149,8 @@ class Plant:
             if isinstance(link, Placement):
                 for key, param in link.effect.params.items():
                     name = f"{link.name}.{key}"
-                    param = self._on_wire(link.params.get(key, param), link.on[0])
-                    found.setdefault(name, Parameter(name, param, owner=link.name))
+                    known = self._on_wire(link.params.get(key, param), link.on[0])
+                    found.setdefault(name, Parameter(name, known, owner=link.name))
             else:
                 for key, param in link.params.items():
                     found.setdefault(key, Parameter(key, param, owner=""))

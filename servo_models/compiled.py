@@ -37,7 +37,8 @@ def compiled_run(text: str) -> Callable[..., Any]:
     if not path.exists():
         write_whole(path, source.encode())
     spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     spec.loader.exec_module(module)

@@ -70,8 +70,10 @@ def shaft_contact(
             shaft_speed = shaft_speed + lost
     if travel > 0.0 and shaft_angle >= travel:
         shaft_angle = travel
-        shaft_speed = min(shaft_speed, 0.0)
+        if shaft_speed > 0.0:
+            shaft_speed = 0.0
     if travel > 0.0 and shaft_angle <= -travel:
         shaft_angle = -travel
-        shaft_speed = max(shaft_speed, 0.0)
+        if shaft_speed < 0.0:
+            shaft_speed = 0.0
     return shaft_angle, shaft_speed
