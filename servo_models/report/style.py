@@ -1,0 +1,171 @@
+"""The look of the report: one palette for page and figures, light and dark.
+
+A figure is drawn in the light colours; on the page each colour becomes the CSS variable
+of its name, so that the same drawing follows the reader's colour scheme.  The series
+colours are those of Okabe and Ito (2008), told apart by people with any colour vision;
+lines differ in dash or carry their name as well.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PALETTE = {
+    "ink": ("#1d2329", "#e4e8ec"),
+    "muted": ("#5a6570", "#a3adb8"),
+    "grid": ("#dde2e7", "#363e47"),
+    "shade": ("#f0f2f5", "#272e36"),
+    "paper": ("#fdfdfc", "#171b20"),
+    "blue": ("#0072b2", "#56b4e9"),
+    "orange": ("#c4540a", "#f0954f"),
+    "green": ("#00805f", "#3fc79d"),
+    "purple": ("#a2497f", "#df9cc4"),
+}
+"""Colours by name: (on a light page, on a dark page)."""
+
+SERIES = ("blue", "orange", "green", "purple")
+"""Names of the colours of curves, in order."""
+
+WIDTH = 4.8
+"""Width of a figure [inch]; text of 9 points stays legible when a phone shrinks it."""
+
+
+def colour(name: str) -> str:
+    """Return the drawing colour of that name."""
+    return PALETTE[name][0]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the report.
+
+    Attributes:
+        svg: inline SVG.
+        title: what it shows, its caption's first words and its name for a screen reader.
+        text: what the reader should see in it.
+    """
+
+    svg: str
+    title: str
+    text: str
+
+
+@contextmanager
+def drawing(name: str, rows: int = 1, height: float = 2.9) -> Iterator[tuple[Figure, list[Axes]]]:
+    """Give a styled figure with ``rows`` axes on one time or frequency axis.
+
+    Args:
+        name: keeps the ids of the SVG unique on the page.
+        rows: axes, one above the other.
+        height: of the figure [inch].
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({**_settings(), "svg.hashsalt": name}):
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        axes = figure.subplots(rows, 1, sharex=True, squeeze=False)
+        yield figure, list(axes[:, 0])
+
+
+def picture(figure: Figure, name: str, title: str, text: str) -> Picture:
+    """Return a figure as a picture for the page; call it inside ``drawing``."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return Picture(_inline(buffer.getvalue(), name, title), title, text)
+
+
+def label(
+    axes: Axes,
+    at: tuple[float, float],
+    text: str,
+    series: str,
+    shift: tuple[float, float] = (0.0, 0.0),
+    align: str = "left",
+) -> None:
+    """Write ``text`` at a point in a curve's colour; the page draws a halo around it.
+
+    Args:
+        at: point in data coordinates.
+        shift: from there to the right and up [points].
+        align: which end of the text is at the point.
+    """
+    axes.annotate(
+        text,
+        at,
+        shift,
+        textcoords="offset points",
+        color=colour(series),
+        ha=align,
+        va="center",
+        fontsize=8.5,
+    ).set_in_layout(False)
+
+
+def variables() -> str:
+    """Return the palette as CSS, dark where the reader's screen prefers it."""
+    light = " ".join(f"--{name}: {pair[0]};" for name, pair in PALETTE.items())
+    dark = " ".join(f"--{name}: {pair[1]};" for name, pair in PALETTE.items())
+    return (
+        f":root {{ {light} }}\n"
+        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}"
+    )
+
+
+def _settings() -> dict[str, object]:
+    return {
+        "axes.edgecolor": colour("muted"),
+        "axes.facecolor": "none",
+        "axes.grid": True,
+        "axes.labelcolor": colour("ink"),
+        "axes.labelsize": 9,
+        "axes.linewidth": 0.7,
+        "axes.spines.right": False,
+        "axes.spines.top": False,
+        "figure.facecolor": "none",
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans"],
+        "font.size": 9,
+        "grid.color": colour("grid"),
+        "grid.linewidth": 0.6,
+        "lines.linewidth": 1.6,
+        "lines.markersize": 5,
+        "lines.solid_capstyle": "round",
+        "savefig.facecolor": "none",
+        "svg.fonttype": "none",
+        "text.color": colour("ink"),
+        "xtick.color": colour("muted"),
+        "xtick.labelsize": 8,
+        "ytick.color": colour("muted"),
+        "ytick.labelsize": 8,
+    }
+
+
+def _inline(text: str, name: str, title: str) -> str:
+    """Turn matplotlib's SVG document into an element of the page."""
+    from markupsafe import escape
+
+    size, content = text[text.index("viewBox=") :].rsplit("</svg>", 1)[0].split(">", 1)
+    width, height = size.split('"')[1].split()[2:]
+    content = re.sub(r"<(metadata|style).*?</\1>|<!--.*?-->", "", content, flags=re.S)
+    content = re.sub(r"\s+", " ", content).replace("xlink:href", "href")
+    used = set(re.findall(r'(?:url\(|href=")#([\w.-]+)', content))
+    content = re.sub(
+        r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", content
+    )
+    content = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", content)
+    for variable, (light, _) in PALETTE.items():
+        content = content.replace(light, f"var(--{variable})")
+    return (
+        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">'
+        f"<title>{escape(title)}</title>{content}</svg>"
+    )
