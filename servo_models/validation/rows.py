@@ -1,0 +1,137 @@
+"""What a validation says: rows under claims."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+IMPLEMENTATION = "implementation"
+"""Claim: the FMU equals the simulation in this process."""
+MODEL = "model"
+"""Claim: the response equals an independent reference."""
+PAPER = "paper"
+"""Claim: the model gives the figures printed in its paper."""
+
+CLAIMS = (IMPLEMENTATION, MODEL, PAPER)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured figure.
+
+    Attributes:
+        claim: one of ``CLAIMS``.
+        actuator, variant: what was run.
+        case: how it was run.
+        quantity: what was measured.
+        value: the measured figure, None where there is none.
+        limit: largest value (claims implementation and model) or largest distance from
+            ``printed`` (claim paper) that passes; None where nothing is judged.
+        unit: of value, limit, printed and recomputed; "1" for a pure number.
+        passed: the judgement; None where nothing is judged.
+        note: reason or reference in words.
+        printed: figure in the paper, for the claim paper.
+        recomputed: that figure from the paper's own numbers, without this model.
+    """
+
+    claim: str
+    actuator: str
+    variant: str
+    case: str
+    quantity: str
+    value: float | None
+    limit: float | None
+    unit: str
+    passed: bool | None
+    note: str = ""
+    printed: float | None = None
+    recomputed: float | None = None
+
+    @property
+    def verdict(self) -> str:
+        """The judgement in words."""
+        if self.passed is None:
+            return "not reproducible" if self.claim == PAPER else "for information"
+        return "passed" if self.passed else "failed"
+
+
+def judged(
+    claim: str,
+    where: tuple[str, str, str],
+    quantity: str,
+    value: float | None,
+    limit: float | None = None,
+    unit: str = "1",
+    note: str = "",
+) -> Row:
+    """Make a row that passes while ``value`` is at most ``limit``; no limit, no judgement.
+
+    ``where`` is actuator, variant and case.  A value of None fails a limit.
+    """
+    passed = None if limit is None else value is not None and value <= limit
+    return Row(claim, *where, quantity, value, limit, unit, passed, note)
+
+
+@dataclass(frozen=True)
+class CostPoint:
+    """Accuracy and price of one internal step.
+
+    Attributes:
+        internal_step: [s].
+        error: largest error over full scale of each output, by output.
+        seconds: compiled simulation time per second simulated [s/s].
+    """
+
+    internal_step: float
+    error: dict[str, float]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class CostCurve:
+    """Error against internal step for one case; ``default_step`` [s] is the model's own."""
+
+    actuator: str
+    variant: str
+    case: str
+    default_step: float
+    points: tuple[CostPoint, ...]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The result of a validation.
+
+    Attributes:
+        rows: all figures, in the order in which they were measured.
+        cost: error against internal step.
+        conditions: versions of what it ran on, by name.
+    """
+
+    rows: tuple[Row, ...]
+    cost: tuple[CostCurve, ...] = ()
+    conditions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether no judged row failed; a figure named as not reproducible does not fail."""
+        return not self.failures
+
+    @property
+    def failures(self) -> tuple[Row, ...]:
+        """The rows that failed."""
+        return tuple(row for row in self.rows if row.passed is False)
+
+    def of(self, claim: str) -> tuple[Row, ...]:
+        """Return the rows of a claim."""
+        return tuple(row for row in self.rows if row.claim == claim)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain lists and dictionaries, ready for JSON."""
+        return {
+            "passed": self.passed,
+            "conditions": dict(self.conditions),
+            "rows": [{**dataclasses.asdict(row), "verdict": row.verdict} for row in self.rows],
+            "cost": [dataclasses.asdict(curve) for curve in self.cost],
+        }
