@@ -1,7 +1,7 @@
 """What a block is: one plain Python function of floats whose signature is its data sheet.
 
 A block reads wires (plain arguments), parameters (``Param``) and memory (``Memory``,
-``Clock``, ``Queue``, ``Fault``) and returns the new value of its wires followed by the
+``Clock``, ``Mode``, ``Queue``, ``Fault``) and returns the new value of its wires followed by the
 new value of each memory, in the order of the signature.  It is pure: the stepper
 decides when a memory is committed.  Reserved arguments:
 
@@ -71,6 +71,16 @@ class Memory:
 @dataclass(frozen=True)
 class Clock(Memory):
     """A memory that holds the time of the block's next event; a sub-step ends there."""
+
+
+@dataclass(frozen=True)
+class Mode(Memory):
+    """A memory that selects a branch of a right-hand side that jumps.
+
+    The block keeps to its mode while ``elapsed`` > 0, so the Runge-Kutta stages see no
+    jump, and returns the mode that it would choose now; the stepper halves a sub-step in
+    which the two differ until the jump is located.
+    """
 
 
 @dataclass(frozen=True)

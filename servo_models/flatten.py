@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from servo_models.actuator import Placement, Plant, unknown
-from servo_models.block import Block, Clock, Fault
+from servo_models.block import Block, Clock, Fault, Mode
 from servo_models.inline import inline
 from servo_models.stepper import Chunk, Flat
 
@@ -111,6 +111,7 @@ class _Flattener:
     memory: list[tuple[str, str]] = field(default_factory=list)
     start: list[tuple[str, str]] = field(default_factory=list)
     clocks: list[tuple[str, str]] = field(default_factory=list)
+    modes: list[tuple[str, str]] = field(default_factory=list)
     faults: list[tuple[str, str, str]] = field(default_factory=list)
     queue_at: dict[str, int] = field(default_factory=dict)
 
@@ -119,6 +120,9 @@ class _Flattener:
         self.now = _known(plant)
         self.start = [(self.start_text(s.start), s.owner) for s in plant.states]
         self.size = self.place_queues()
+        if any(isinstance(m, Mode) for link in self.links for m in link.block.memory.values()):
+            self.memory.append(("jumps_rest", ""))  # the stepper's own: see its contract, rule 3
+            self.start.append(("0.0", ""))
         for link in self.links:
             self.add(link)
         params = plant.parameters
@@ -142,6 +146,7 @@ class _Flattener:
             held_commits=self.commits[1],
             stage_commits=self.commits[2],
             clocks=self.clocks,
+            modes=self.modes,
             faults=self.faults,
             projection=self.project(),
             carried=self.carried(),
@@ -159,7 +164,9 @@ class _Flattener:
         return repr(float(start))
 
     def place_queues(self) -> int:
-        at = len(self.plant.states) + sum(len(link.block.memory) for link in self.links)
+        memories = [m for link in self.links for m in link.block.memory.values()]
+        stepper_own = any(isinstance(memory, Mode) for memory in memories)
+        at = len(self.plant.states) + stepper_own + len(memories)
         for link in self.links:
             for name, queue in link.block.queues.items():
                 self.queue_at[link.memory(name)] = at
@@ -202,6 +209,8 @@ class _Flattener:
             self.commits[level].append(Chunk(link.owner, commit, [], []))
             if isinstance(memory, Clock):
                 self.clocks.append((text, link.owner))
+            elif isinstance(memory, Mode):
+                self.modes.append((text, link.owner))
             elif isinstance(memory, Fault):
                 self.faults.append((text, link.owner, memory.message))
 

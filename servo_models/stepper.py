@@ -13,7 +13,10 @@ digits.  In a sub-step
 2. *stage* lines are evaluated at five points: 0 at the start (skipped without news, since
    point 4 of the sub-step before was the same point), 1 to 3 for the classical
    Runge-Kutta method, 4 at the end, after the projection (standstill, end stops);
-3. memories are committed at points 0 and 4 only.
+3. a sub-step in which a mode changes is thrown away and halved, down to 1/128 of the
+   internal step, so that a jump of the right-hand side costs no accuracy either; not
+   within 16 sub-steps of another jump, or sliding along one would never end;
+4. memories are committed at points 0 and 4 only.
 
 Events within ``1e-6 internal_step`` of a communication point belong to the step that
 starts there, so rounding in a master's clock cannot delay a sample by a frame.
@@ -29,6 +32,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 STAGES = 5
+JUMP_PAUSE = 16.0
+
+_LIMITS = ["tolerance = 1e-6 * internal_step", "finest = internal_step / 128.0"]
 
 
 class Chunk(NamedTuple):
@@ -72,6 +78,7 @@ class Flat:
     held_commits: list[Chunk]
     stage_commits: list[Chunk]
     clocks: list[tuple[str, str]]
+    modes: list[tuple[str, str]]
     faults: list[tuple[str, str, str]]
     """Memory, owner, message."""
     projection: list[str]
@@ -144,6 +151,15 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
     return "\n".join(["import math", "", "", "def make(p):", *_indent(body), ""])
 
 
+def trouble(flat: Flat, code: int) -> str:
+    """Return in words what a code of ``run`` or ``step`` means."""
+    if code > 0:
+        name = flat.states[code - 1][0]
+        return f"state '{name}' is not finite; a parameter or the internal step is too large"
+    _, owner, message = flat.faults[-1 - code]
+    return f"{owner}: {message}"
+
+
 def _indent(lines: Iterable[str]) -> list[str]:
     return ["    " + line for line in lines]
 
@@ -161,6 +177,7 @@ class _Printer:
         self.guarded = guarded
         self.states = [s for s in flat.states if s[1] not in dropped]
         self.clocks = [c for c in flat.clocks if c[1] not in dropped]
+        self.modes = [m for m in flat.modes if m[1] not in dropped]
 
     def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
         for chunk in section:
@@ -195,7 +212,7 @@ class _Printer:
                 f"on_{owner} = " + " or ".join(f"{name} != 0.0" for name in names)
                 for owner, names in flat.switches.items()
             ]
-        return [*lines, *self.lines(flat.setup), "tolerance = 1e-6 * internal_step"]
+        return [*lines, *self.lines(flat.setup), *_LIMITS]
 
     def slots(self) -> Iterator[tuple[int, str]]:
         every = [(s[0], s[1]) for s in self.flat.states] + list(self.flat.memory)
@@ -208,6 +225,8 @@ class _Printer:
         if self.guarded:  # numba wants every variable defined on every path
             names = [name for name, _, _ in self.states]
             lines += [f"d_{n} = sum_{n} = start_{n} = 0.0" for n in names]
+            if self.modes:
+                lines += [f"back_{n} = back_d_{n} = 0.0" for n in names]
             lines += [f"{name} = 0.0" for name in self.flat.carried]
             lines += ["half = sixth = elapsed = 0.0"]
         return lines
@@ -231,6 +250,7 @@ class _Printer:
             "now = t",
             "i = 0",
             "first = 0",
+            *(["reach = size"] if self.modes else []),
             "while True:",
             *_indent(self.sub_step(unrolled)),
         ]
@@ -248,12 +268,29 @@ class _Printer:
             lines += ["last = 1 if size <= 0.0 else 5", *self.cut()]
             lines += ["for k in range(first, last):", *_indent(self.stage(None))]
             lines += ["if size <= 0.0:", "    break"]
+        lines += [*self.retry(), *self.lines(self.flat.stage_commits)]
         lines += ["now = cut", "if cut == target:", "    i += 1"]
-        lines += ["    if i >= steps:", "        break", "first = 1"]
+        lines += ["    if i >= steps:", "        break"]
+        lines += ["first = 0 if crossed > 0.0 else 1" if self.modes else "first = 1"]
         for name, owner in self.clocks:
             test = f"{name} <= now + tolerance"
             lines += [self.only_if(owner, test), "    first = 0"]
         return lines
+
+    def retry(self) -> list[str]:
+        """Halve a sub-step that ran across a jump; ``reach`` is its length then."""
+        if not self.modes:
+            return []
+        lines = ["crossed = 0.0"]
+        for name, owner in self.modes:
+            lines += [self.only_if(owner, f"{name}_next != {name}"), "    crossed = 1.0"]
+        names = [name for name, _, _ in self.states]
+        back = [f"{n} = start_{n} = back_{n}" for n in names]
+        back += [f"d_{n} = back_d_{n}" for n in names]
+        back += ["reach = 0.5 * dt", "first = 1", "continue"]
+        lines += ["if crossed > 0.0 and jumps_rest <= 0.0 and dt > finest:", *_indent(back)]
+        pause = f"jumps_rest = {JUMP_PAUSE} if crossed > 0.0 else jumps_rest - 1.0"
+        return [*lines, "reach = size", pause]
 
     def only_if(self, owner: str, test: str) -> str:
         return f"if on_{owner} and {test}:" if owner and self.guarded else f"if {test}:"
@@ -263,6 +300,8 @@ class _Printer:
         lines = ["target = end if i + 1 >= steps else t + size * (i + 1) / steps", "cut = target"]
         if self.clocks:
             lines += ["latest = target - tolerance"]
+        if self.modes:
+            lines += ["if now + reach < cut:", "    cut = now + reach"]
         for name, owner in self.clocks:
             test = f"now < {name} < latest and {name} < cut"
             lines += [self.only_if(owner, test), f"    cut = {name}"]
@@ -273,8 +312,10 @@ class _Printer:
         chunks = list(zip(self.flat.stage, self.needed_for_slopes()))
         slope = [f"d_{name} = {rate}" for name, _, rate in self.states]
         commits = list(self.lines(self.flat.stage_commits))
-        if k in (0, STAGES - 1):
+        if k == 0:
             return [*self.move(k), *self.lines(self.flat.stage), *slope, *commits]
+        if k == STAGES - 1:
+            return [*self.move(k), *self.lines(self.flat.stage), *slope]
         if k is not None:
             wires = self.lines(chunk for chunk, needed in chunks if needed)
             return [*self.move(k), *wires, *slope]
@@ -285,7 +326,8 @@ class _Printer:
         for needed, group in itertools.groupby(chunks, key=lambda pair: pair[1]):
             lines = list(self.lines(chunk for chunk, _ in group))
             text += lines if needed else self.at_ends(lines)
-        return [*text, *slope, *self.at_ends(commits)]
+        at_start = ["if k == 0:", *_indent(commits)] if commits else []
+        return [*text, *slope, *at_start]
 
     def at_ends(self, lines: list[str]) -> list[str]:
         return ["if k == 0 or k == 4:", *_indent(lines)] if lines else []
@@ -297,6 +339,8 @@ class _Printer:
             return ["elapsed = 0.0", *(f"start_{n} = {n}" for n in names)]
         if k == 1:
             lines = ["half = 0.5 * dt", "elapsed = half"]
+            if self.modes:
+                lines += [f"back_d_{n} = d_{n}" for n in names]
             return lines + [
                 line
                 for n in names
@@ -311,6 +355,8 @@ class _Printer:
                 for line in (f"sum_{n} += 2.0 * d_{n}", f"{n} = start_{n} + {by} * d_{n}")
             ]
         lines = ["sixth = dt / 6.0"]
+        if self.modes:
+            lines += [f"back_{n} = start_{n}" for n in names]
         lines += [f"{n} = start_{n} + sixth * (sum_{n} + d_{n})" for n in names]
         return [*lines, *self.flat.projection, *(f"start_{n} = {n}" for n in names)]
 

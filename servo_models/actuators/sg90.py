@@ -85,10 +85,11 @@ WIRES = (
 )
 STEP = {
     "internal_step": Param(
-        "s", "longest internal step", default=1e-3, low=1e-5, high=5e-3, display="us", fixed=True
+        "s", "longest internal step", default=2e-3, low=1e-5, high=5e-3, display="us", fixed=True
     )
 }
 _rate = replace(rate_limit.params["rate"], typical=2.0)
+_drive = replace(saturation.params["limit"], typical=0.3)
 _sag = replace(supply_sag.params["resistance"], typical=1.0, high=50.0)
 _rest = {"resistance": _sag}
 
@@ -126,7 +127,7 @@ LOOP: tuple[Block | Placement, ...] = (
     place("thermal_drift", thermal_drift, "motor_voltage"),
     place("hysteresis", hysteresis, "motor_voltage"),
     place("drive_dead_zone", dead_zone, "motor_voltage"),
-    place("drive_saturation", saturation, "motor_voltage"),
+    place("drive_saturation", saturation, "motor_voltage", params={"limit": _drive}),
     servo.motor_shaft,
     servo.supply_load,
     place("supply_sag", supply_sag, "supply", params=_rest),

@@ -24,4 +24,6 @@ def stribeck_friction(
 ) -> float:
     """Adds excess exp(-(v / v_s)^2), so all of it at standstill."""
     ratio = shaft_speed / (speed * full_speed)
+    if abs(ratio) > 7.0:  # the exponential is below rounding: spare it at speed
+        return friction
     return friction + excess * math.exp(-ratio * ratio)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from servo_models.block import Param, block
+from servo_models.block import Mode, Param, block
 
 PAPER = "SG90 paper"
 REST_PULSE = 1.5e-3
@@ -135,6 +135,7 @@ def load_voltage(motor_voltage: float, load: float, stall_stiffness: float) -> f
 @block("free_speed", "at_top_speed", source=f"{PAPER} sec. 4.3 and Fig. 8")
 def motor_curve(
     loaded_voltage: float,
+    elapsed: float,
     motor_gain: float,
     edge_positive: Annotated[float, Param("V", "insensitivity edge, positive", high=5.0)],
     edge_negative: Annotated[float, Param("V", "insensitivity edge, negative side", high=5.0)],
@@ -144,22 +145,31 @@ def motor_curve(
     top_negative: Annotated[
         float, Param("rad/s", "top speed, negative side, 0 for none", high=5e3)
     ],
-) -> tuple[float, float]:
+    side: Annotated[float, Mode()],
+) -> tuple[float, float, float]:
     """Static characteristic F(u) [rad/s], and whether it is at its top.
 
-    Inside the edges nothing turns; at an edge the speed jumps onto the line.
+    Inside the edges nothing turns; at an edge the speed jumps onto the line, which is why
+    the side is a mode.
     """
+    now_on = 0.0
     if loaded_voltage > edge_positive:
+        now_on = 1.0
+    elif loaded_voltage < -edge_negative:
+        now_on = -1.0
+    if elapsed <= 0.0:
+        side = now_on
+    if side > 0.0:
         speed = motor_gain * (loaded_voltage - zero_positive)
         if 0.0 < top_positive <= speed:
-            return top_positive, 1.0
-        return speed, 0.0
-    if loaded_voltage < -edge_negative:
+            return top_positive, 1.0, now_on
+        return speed, 0.0, now_on
+    if side < 0.0:
         speed = motor_gain * (loaded_voltage + zero_negative)
         if 0.0 < top_negative <= -speed:
-            return -top_negative, 1.0
-        return speed, 0.0
-    return 0.0, 0.0
+            return -top_negative, 1.0, now_on
+        return speed, 0.0, now_on
+    return 0.0, 0.0, now_on
 
 
 @block("torque", source=f"{PAPER} eq. 6 (model 2)")
