@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from servo_models.report.parts import Section
 from servo_models.report.style import SERIES, Picture, colour, drawing, label, picture
 from servo_models.simulate import Result, model, simulate
+from servo_models.validation.rows import Validation
 
 TITLE = "SG90 servo: step responses"
 COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}
@@ -31,9 +33,14 @@ def _step(variant: str, stop: float = SHOWN) -> Result:
     return simulate(chosen, grid, {"pulse_width": STEP})
 
 
-def pictures() -> tuple[Picture, ...]:
-    """Return the pictures of this section."""
-    return _linear(), _printed(), _inside(), _rejected()
+def section(validation: Validation) -> Section | None:
+    """Return the section, None if this actuator was not examined."""
+    if all(row.actuator != "sg90" for row in validation.rows):
+        return None
+    pictures = (_linear(), _printed(), _inside(), _rejected())
+    return Section(
+        "sg90", TITLE, "The pulse goes from 1.5 ms to 2.0 ms at time 0.", pictures=pictures
+    )
 
 
 def _linear() -> Picture:
@@ -58,8 +65,8 @@ def _linear() -> Picture:
         label(axes, (SHOWN, 1.0 + PRINTED_OVERSHOOT), "4.84 %", "muted", (0, 7), "right")
         label(axes, (3.4, 0.71), "K_f = 0.1", "orange", (6, 0))
         label(axes, (4.0, 0.45), "K_f = 0.05", "green", (6, 0))
-        label(axes, (7.5, REACHED), "7.5 s: not reproducible", "green", (8, -12))
-        label(axes, (SHOWN, REACHED), "86.5 %", "muted", (0, 7), "right")
+        label(axes, (SHOWN, 0.6), "cross: 7.5 s, not reproducible", "green", (0, 0), "right")
+        label(axes, (0.0, REACHED), "86.5 %", "muted", (4, 7))
         axes.set(xlabel="time [s]", ylabel="angle / final angle", xlim=(0, SHOWN), ylim=(0, 1.2))
         return picture(
             figure,
@@ -98,7 +105,7 @@ def _inside() -> Picture:
     with drawing("sg90-inside", rows=2, height=3.4) as (figure, (drive, speed)):
         drive.step(run.times, run["motor_voltage"], color=colour("blue"), where="post")
         drive.axhspan(-0.6, 0.5, color=colour("shade"), lw=0)
-        label(drive, (8.0, 0.0), "motor does not turn: −0.6 to 0.5 V", "muted", (-4, 0), "right")
+        label(drive, (8.0, 0.0), "the motor does not turn here", "muted", (-4, 0), "right")
         drive.set(ylabel="drive [V]", ylim=(-0.6, 1.1))
         speed.plot(run.times, run["motor_speed"], color=colour("orange"))
         speed.set(xlabel="time [s]", ylabel="motor speed [rad/s]", xlim=(0, 8), ylim=(0, None))

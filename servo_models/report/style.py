@@ -13,7 +13,9 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +28,8 @@ PALETTE = {
     "shade": ("#f0f2f5", "#272e36"),
     "paper": ("#fdfdfc", "#171b20"),
     "blue": ("#0072b2", "#56b4e9"),
-    "orange": ("#c4540a", "#f0954f"),
-    "green": ("#00805f", "#3fc79d"),
+    "orange": ("#b54a05", "#f0954f"),
+    "green": ("#007a5a", "#3fc79d"),
     "purple": ("#a2497f", "#df9cc4"),
 }
 """Colours by name: (on a light page, on a dark page)."""
@@ -35,7 +37,7 @@ PALETTE = {
 SERIES = ("blue", "orange", "green", "purple")
 """Names of the colours of curves, in order."""
 
-WIDTH = 4.8
+WIDTH = 4.2
 """Width of a figure [inch]; text of 9 points stays legible when a phone shrinks it."""
 
 
@@ -49,18 +51,18 @@ class Picture:
     """A figure of the report.
 
     Attributes:
-        svg: inline SVG.
+        svg: inline SVG, markup of our own.
         title: what it shows, its caption's first words and its name for a screen reader.
         text: what the reader should see in it.
     """
 
-    svg: str
+    svg: Markup
     title: str
     text: str
 
 
 @contextmanager
-def drawing(name: str, rows: int = 1, height: float = 2.9) -> Iterator[tuple[Figure, list[Axes]]]:
+def drawing(name: str, rows: int = 1, height: float = 2.7) -> Iterator[tuple[Figure, list[Axes]]]:
     """Give a styled figure with ``rows`` axes on one time or frequency axis.
 
     Args:
@@ -121,7 +123,7 @@ def variables() -> str:
     )
 
 
-def _settings() -> dict[str, object]:
+def _settings() -> dict[Any, Any]:
     return {
         "axes.edgecolor": colour("muted"),
         "axes.facecolor": "none",
@@ -144,16 +146,14 @@ def _settings() -> dict[str, object]:
         "svg.fonttype": "none",
         "text.color": colour("ink"),
         "xtick.color": colour("muted"),
-        "xtick.labelsize": 8,
+        "xtick.labelsize": 8.5,
         "ytick.color": colour("muted"),
-        "ytick.labelsize": 8,
+        "ytick.labelsize": 8.5,
     }
 
 
-def _inline(text: str, name: str, title: str) -> str:
+def _inline(text: str, name: str, title: str) -> Markup:
     """Turn matplotlib's SVG document into an element of the page."""
-    from markupsafe import escape
-
     size, content = text[text.index("viewBox=") :].rsplit("</svg>", 1)[0].split(">", 1)
     width, height = size.split('"')[1].split()[2:]
     content = re.sub(r"<(metadata|style).*?</\1>|<!--.*?-->", "", content, flags=re.S)
@@ -165,7 +165,5 @@ def _inline(text: str, name: str, title: str) -> str:
     content = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", content)
     for variable, (light, _) in PALETTE.items():
         content = content.replace(light, f"var(--{variable})")
-    return (
-        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">'
-        f"<title>{escape(title)}</title>{content}</svg>"
-    )
+    frame = Markup('<svg viewBox="0 0 {} {}" role="img" aria-label="{}"><title>{}</title>{}</svg>')
+    return frame.format(width, height, title, title, Markup(content))

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
-from servo_models.report.style import SERIES, Picture, colour, drawing, label, picture
+from servo_models.reference.torque_motor import DELAY, EQ_12
+from servo_models.report.parts import Section, quantity
+from servo_models.report.style import Picture, colour, drawing, label, picture
 from servo_models.simulate import Result, model, simulate
+from servo_models.validation.rows import Validation
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 TITLE = "Torque motor: steps, frequency response, waveforms"
 NO_STOPS = {"end_stops.half_range": 0.0}
@@ -38,9 +43,14 @@ def _step(volt: float, stops: bool) -> Result:
     return simulate(chosen, grid, {"voltage": volt})
 
 
-def pictures() -> tuple[Picture, ...]:
-    """Return the pictures of this section."""
-    return _free_step(), _step_into_stop(), _bode(), _waveforms()
+def section(validation: Validation) -> Section | None:
+    """Return the section, None if this actuator was not examined."""
+    if all(row.actuator != "torque_motor" for row in validation.rows):
+        return None
+    pictures = (_free_step(), _step_into_stop(), _bode(), _waveforms())
+    return Section(
+        "torque_motor", TITLE, "Identified variant (eq. 12) throughout.", pictures=pictures
+    )
 
 
 def _free_step() -> Picture:
@@ -70,7 +80,7 @@ def _step_into_stop() -> Picture:
         axes.plot(run.times * 1e3, np.degrees(run["angle"]), color=colour("blue"))
         label(axes, (60.0, 3.75), "stops off", "orange", (0, 8), "right")
         label(axes, (60.0, STOP), "stops on", "blue", (0, -9), "right")
-        label(axes, (0.0, STOP), "beyond the stop", "muted", (6, 9))
+        label(axes, (0.0, 3.8), "beyond the stop", "muted", (6, 0))
         axes.set(xlabel="time [ms]", ylabel="angle [deg]", xlim=(0, 60), ylim=(0, 4.2))
         return picture(
             figure,
@@ -103,17 +113,18 @@ def _response(hertz: float, points: int = 400) -> complex:
     return complex(angle / (voltage * staircase))
 
 
-def _eq_12(hertz: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _eq_12(hertz: Real) -> Complex:
     s = 2j * np.pi * hertz
-    gain, *rest = EQ_12
-    return gain * np.exp(-EQ_12_DELAY * s) / np.polyval([1.0, *rest], s)
+    gain, poles = EQ_12
+    response: Complex = gain * np.exp(-DELAY * s) / np.polyval(poles, s)
+    return response
 
 
-def _decibel(response: NDArray[np.complex128]) -> NDArray[np.float64]:
-    return 20.0 * np.log10(abs(response) / _eq_12(np.zeros(1)).real)
+def _decibel(response: Complex) -> Real:
+    return 20.0 * np.log10(np.abs(response) / np.abs(_eq_12(np.zeros(1))))
 
 
-def _degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _degrees(response: Complex) -> Real:
     return np.degrees(np.unwrap(np.angle(response)))
 
 
@@ -129,8 +140,7 @@ def _bode() -> Picture:
         for hertz, (decibel, degrees) in EQ_12_POINTS.items():
             for axes, value, text in ((gain, decibel, "dB"), (phase, degrees, "deg")):
                 axes.plot(hertz, value, "+", color=colour("ink"), ms=9)
-                number = f"{value:g}".replace("-", "−")
-                label(axes, (hertz, value), f"{number} {text}", "ink", (-4, -11), "right")
+                label(axes, (hertz, value), quantity(value, text), "ink", (-4, -11), "right")
         gain.set(ylabel="gain re. static [dB]", ylim=(-42, 5))
         phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]", xlim=(1, 400))
         phase.set_yticks(range(-360, 1, 90))

@@ -1,0 +1,24 @@
+"""Section: the responses against independent references."""
+
+from __future__ import annotations
+
+from servo_models.report import claim
+from servo_models.report.parts import Section
+from servo_models.validation.rows import MODEL, Validation
+
+TITLE = "Model: simulation against references"
+
+
+def section(validation: Validation) -> Section | None:
+    """Return the section, None if nothing was compared with a reference."""
+    rows = validation.of(MODEL)
+    if not rows:
+        return None
+    return Section(
+        "model",
+        TITLE,
+        "The references are written from the papers' equations a second time, without the"
+        " blocks of the model, and solved by other methods. Errors are shares of full scale,"
+        " the largest absolute reference value of each output.",
+        claim.tables(rows, "Simulation against references"),
+    )

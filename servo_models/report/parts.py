@@ -1,0 +1,119 @@
+"""What a section is made of; the page's template knows these parts and no others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from servo_models.report.style import Picture
+from servo_models.validation.rows import Row
+
+MARKS = {True: "✓", False: "✗", None: "○"}
+"""A sign beside each verdict, so that it does not hang on colour."""
+
+NONE, MINUS, TIMES = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a table.
+
+    Attributes:
+        cells: one text per column after the verdict.
+        verdict: the judgement in words.
+        passed: the judgement; None where nothing is judged.
+    """
+
+    cells: tuple[str, ...]
+    verdict: str
+    passed: bool | None
+
+    @property
+    def mark(self) -> str:
+        """The sign of the verdict."""
+        return MARKS[self.passed]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose first column is the verdict.
+
+    Attributes:
+        caption: what it lists.
+        columns: headings after the verdict.
+        lines: its lines.
+        numbers: indices of the columns that hold numbers.
+        folded: shown only when the reader opens it.
+    """
+
+    caption: str
+    columns: tuple[str, ...]
+    lines: tuple[Line, ...]
+    numbers: tuple[int, ...] = ()
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the report; a section without content is left out by returning None."""
+
+    anchor: str
+    title: str
+    lead: str = ""
+    tables: tuple[Table, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+def number(value: float | None) -> str:
+    """Return a number as in print: a true minus sign, powers of ten, a dash for None."""
+    if value is None:
+        return NONE
+    if value == 0.0 or not math.isfinite(value) or 1e-3 <= abs(value) < 1e5:
+        return f"{value:.4g}".replace("-", MINUS)
+    mantissa, power = f"{value:.2e}".split("e")
+    return f"{number(float(mantissa))}{TIMES}10{str(int(power)).translate(_RAISED)}"
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """Return a number with its unit."""
+    return number(value) + (f" {unit}" if unit != "1" and value is not None else "")
+
+
+def share(row: Row) -> str:
+    """Return how much of its limit a row uses."""
+    if row.value is None or not row.limit:
+        return NONE
+    used = row.value / row.limit
+    if used >= 10.0:
+        return f"{number(float(f'{used:.2g}'))} times"
+    return "< 1 %" if 0.0 < used < 0.01 else f"{100.0 * used:.0f} %"
+
+
+def tightest(rows: Iterable[Row]) -> Row:
+    """Return the row that is worst: one that failed, else the one nearest to its limit."""
+    return max(rows, key=_tightness)
+
+
+def _tightness(row: Row) -> tuple[bool, float]:
+    if row.value is None or not row.limit:
+        return row.passed is False, 0.0
+    return row.passed is False, row.value / row.limit
+
+
+def by_variant(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
+    """Return rows by actuator and variant, in their order."""
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.actuator, row.variant), []).append(row)
+    return groups
+
+
+def judgement(rows: Iterable[Row]) -> bool | None:
+    """Return False if any row failed, True if some were judged, else None."""
+    verdicts = {row.passed for row in rows}
+    if False in verdicts:
+        return False
+    return True if True in verdicts else None

@@ -1,0 +1,90 @@
+"""The verdict: the sentence at the top, a count for each claim, and what failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from servo_models.report.parts import Line, Section, Table, judgement, number, quantity, share
+from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Validation
+
+TITLES = {
+    IMPLEMENTATION: "FMU equals simulation",
+    MODEL: "Simulation equals references",
+    PAPER: "Figures of the papers",
+}
+
+
+@dataclass(frozen=True)
+class Count:
+    """A claim in one line: how many of its checks passed."""
+
+    anchor: str
+    title: str
+    text: str
+    passed: bool | None
+
+
+def sentence(validation: Validation) -> str:
+    """Return the verdict in one sentence."""
+    judged = [row for row in validation.rows if row.passed is not None]
+    if not judged:
+        return "Nothing was judged."
+    failed = len(validation.failures)
+    if failed:
+        return f"{failed} of {len(judged)} checks failed."
+    return f"All {len(judged)} checks passed."
+
+
+def remarks(validation: Validation) -> tuple[str, ...]:
+    """Return what the verdict leaves open: figures without a match, claims not examined."""
+    open_ = sum(row.passed is None for row in validation.of(PAPER))
+    said = []
+    if open_:
+        figures = "figure" if open_ == 1 else "figures"
+        said.append(f"{open_} printed {figures} cannot be reproduced; the reasons are given.")
+    for claim, title in TITLES.items():
+        if not validation.of(claim):
+            said.append(f"Not examined: {title}.")
+    return tuple(said)
+
+
+def counts(validation: Validation) -> tuple[Count, ...]:
+    """Return one count for each claim."""
+    made = []
+    for claim, title in TITLES.items():
+        rows = validation.of(claim)
+        judged = [row for row in rows if row.passed is not None]
+        passed = sum(row.passed is True for row in judged)
+        text = f"{passed} of {len(judged)} checks passed" if rows else "not examined"
+        made.append(Count(claim if rows else "", title, text, judgement(rows)))
+    return tuple(made)
+
+
+def section(validation: Validation) -> Section | None:
+    """Return what failed, None if nothing did."""
+    if not validation.failures:
+        return None
+    table = Table(
+        "Every check that failed",
+        ("claim", "actuator", "variant", "case", "quantity", "value", "limit", "used", "note"),
+        tuple(
+            Line(
+                (
+                    row.claim,
+                    row.actuator,
+                    row.variant,
+                    row.case,
+                    row.quantity,
+                    quantity(row.value, row.unit),
+                    number(row.limit),
+                    share(row),
+                    row.note,
+                ),
+                row.verdict,
+                row.passed,
+            )
+            for row in validation.failures
+        ),
+        numbers=(5, 6, 7),
+    )
+    return Section("failed", "What failed", tables=(table,))

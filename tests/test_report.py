@@ -1,0 +1,242 @@
+"""The report: true to its validation, safe, self-contained, legible, the same every time."""
+
+from __future__ import annotations
+
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servo_models.errors import UserError
+from servo_models.report import sg90, torque_motor, verdict, write_report
+from servo_models.report.parts import number, share
+from servo_models.report.style import PALETTE
+from servo_models.validation.rows import (
+    IMPLEMENTATION,
+    MODEL,
+    PAPER,
+    CostCurve,
+    CostPoint,
+    Row,
+    Validation,
+    judged,
+)
+
+HOSTILE = "<script>alert('x')</script> & \"quoted\""
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+EQUAL = judged(IMPLEMENTATION, ("sg90", "linear", "0.7 ms"), "angle", 0.0, 1e-12)
+CLOSE = judged(MODEL, ("torque_motor", "identified", "step"), "rate", 3.7e-6, 1e-5)
+WRONG = judged(MODEL, ("torque_motor", "measured", "step"), "angle", 2e-6, 1e-6, note=HOSTILE)
+PRINTED = Row(PAPER, "sg90", "linear_kf018", "step", "overshoot", 4.845, 0.01, "%", True, "", 4.84)
+OPEN = Row(PAPER, "sg90", "linear_kf005", "step", "T_SA", 9.8, None, "s", None, "no reading", 7.5)
+COST = CostCurve(
+    "sg90",
+    "linear",
+    "step",
+    1e-3,
+    tuple(CostPoint(h, {"angle": h**4, "rate": 9 * h**4}, 1e-8 / h) for h in (1e-4, 1e-3, 5e-3)),
+)
+GOOD = Validation((EQUAL, CLOSE, PRINTED, OPEN), (COST,), {"Python": "3.11"})
+BAD = Validation((EQUAL, WRONG, CLOSE), (), {"tool": HOSTILE})
+
+
+class Page(HTMLParser):
+    """A strict reading of a page: tags that close, ids, what it points to, its text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+    def count(self, tag: str) -> int:
+        return sum(name == tag for name, _ in self.tags)
+
+    def values(self, attribute: str) -> list[str]:
+        return [str(attrs[attribute]) for _, attrs in self.tags if attribute in attrs]
+
+
+@pytest.fixture(scope="module")
+def text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "good.html"
+    write_report(GOOD, path, "2024-02-29")
+    return path.read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "bad.html"
+    write_report(BAD, path)
+    return path.read_text("utf-8")
+
+
+def test_page_is_whole_and_stands_alone(text: str) -> None:
+    page = Page(text)
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    targets = page.values("href") + re.findall(r"url\((.*?)\)", text)
+    assert {target.removeprefix("#") for target in targets} <= set(ids)
+    assert all(target.startswith("#") for target in targets)
+    assert not {"script", "link", "img", "iframe"} & {tag for tag, _ in page.tags}
+    assert "http" not in text
+    assert len(text.encode()) < 2_000_000
+
+
+def test_every_picture_has_a_name_and_every_table_a_caption(text: str) -> None:
+    page = Page(text)
+    assert page.count("svg") == page.count("figcaption") == page.count("figure") == 9
+    assert all(attrs.get("aria-label") for tag, attrs in page.tags if tag == "svg")
+    assert page.count("table") == page.count("caption") > 0
+
+
+def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path) -> None:
+    write_report(GOOD, tmp_path / "again.html", "2024-02-29")
+    assert (tmp_path / "again.html").read_text("utf-8") == text
+    assert "2024-02-29" in text
+
+
+def test_hostile_text_stays_text(bad: str) -> None:
+    page = Page(bad)
+    assert page.count("script") == 0
+    assert page.text.count(HOSTILE) == 3  # twice as a note, once as a condition
+
+
+def test_every_row_is_in_the_page(text: str) -> None:
+    for row in GOOD.rows:
+        assert row.quantity in text
+        assert row.variant in text
+        assert number(row.value) in text
+
+
+def test_a_verdict_is_a_word_not_a_colour_alone(bad: str) -> None:
+    verdicts = re.findall(r'class="verdict (\w+)"><span aria-hidden="true">(.)</span> (\w+)', bad)
+    assert set(verdicts) == {("pass", "✓", "passed"), ("fail", "✗", "failed")}
+
+
+@pytest.mark.parametrize(
+    ("validation", "sentence"),
+    [
+        (GOOD, "All 3 checks passed."),
+        (BAD, "1 of 3 checks failed."),
+        (Validation(()), "Nothing was judged."),
+        (Validation((OPEN,)), "Nothing was judged."),
+    ],
+)
+def test_sentence(validation: Validation, sentence: str) -> None:
+    assert verdict.sentence(validation) == sentence
+
+
+def test_what_was_not_examined_is_said() -> None:
+    assert verdict.remarks(Validation((CLOSE,))) == (
+        "Not examined: FMU equals simulation.",
+        "Not examined: Figures of the papers.",
+    )
+    assert [count.text for count in verdict.counts(Validation((CLOSE,)))] == [
+        "not examined",
+        "1 of 1 checks passed",
+        "not examined",
+    ]
+
+
+def test_a_failure_comes_first(bad: str) -> None:
+    assert bad.index('id="failed"') < bad.index('id="implementation"')
+    overview = bad[bad.index('id="model"') :]
+    assert overview.index("0 of 1") < overview.index("<details>")
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.0, "0"),
+        (4.845, "4.845"),
+        (-1.03, "\N{MINUS SIGN}1.03"),
+        (4.8e-7, "4.8\N{MULTIPLICATION SIGN}10⁻⁷"),
+        (-1.5e-12, "\N{MINUS SIGN}1.5\N{MULTIPLICATION SIGN}10⁻¹²"),
+        (9.999e-4, "1\N{MULTIPLICATION SIGN}10⁻³"),
+        (184512000.0, "1.85\N{MULTIPLICATION SIGN}10⁸"),
+        (None, "\N{EN DASH}"),
+        (math.inf, "inf"),
+    ],
+)
+def test_numbers(value: float | None, shown: str) -> None:
+    assert number(value) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.0, "0 %"), (3.7e-9, "< 1 %"), (3.7e-6, "37 %"), (2e-5, "200 %"), (2e-4, "20 times")],
+)
+def test_share_of_the_limit(value: float, shown: str) -> None:
+    assert share(judged(MODEL, ("a", "b", "c"), "q", value, 1e-5)) == shown
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="choose a folder"):
+        write_report(Validation(()), tmp_path / "file" / "report.html")
+
+
+@pytest.mark.parametrize(("hertz", "point"), torque_motor.EQ_12_POINTS.items())
+def test_sine_runs_meet_the_transfer_function(hertz: float, point: tuple[float, float]) -> None:
+    import control
+
+    plant = control.tf([241560.0], [1.0, 492.0, 1582240.0, 184512000.0])
+    s = 2j * math.pi * hertz
+    exact = complex(plant(s)) * np.exp(-0.0011 * s)
+    got = torque_motor._response(hertz)
+    assert abs(got / exact - 1.0) < 1e-5
+    assert 20.0 * math.log10(abs(exact) / plant.dcgain()) == pytest.approx(point[0], abs=0.005)
+    assert math.degrees(np.angle(exact)) == pytest.approx(point[1], abs=0.05)
+
+
+def test_rings_of_the_torque_motor_lie_on_its_curve() -> None:
+    run = torque_motor._step(40.0, stops=False)
+    for milliseconds, part in torque_motor.FRACTIONS.items():
+        angle = math.degrees(np.interp(milliseconds * 1e-3, run.times, run["angle"]))
+        assert angle / torque_motor.FINAL == pytest.approx(part, abs=1e-3)
+
+
+def test_marks_of_the_sg90_tell_the_truth() -> None:
+    reached = {}
+    for ending, k_f in sg90.COEFFICIENTS.items():
+        run = sg90._step(f"linear{ending}", stop=60.0)
+        share_ = run["angle"] / run["angle"][-1]
+        reached[k_f] = float(np.interp(sg90.PRINTED_TIMES[k_f], run.times, share_))
+    assert reached[0.18] == pytest.approx(sg90.REACHED, abs=0.005)
+    assert reached[0.1] == pytest.approx(sg90.REACHED, abs=0.005)
+    assert reached[0.05] < sg90.REACHED - 0.05
+
+
+@pytest.mark.parametrize("page", [0, 1], ids=["light", "dark"])
+@pytest.mark.parametrize("name", ["ink", "muted", "blue", "orange", "green", "purple"])
+@pytest.mark.parametrize("ground", ["paper", "shade"])
+def test_colours_are_legible(name: str, ground: str, page: int) -> None:
+    """WCAG 2.1, success criterion 1.4.3: at least 4.5 to 1."""
+
+    def luminance(colour: str) -> float:
+        parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    light, dark = sorted(luminance(PALETTE[key][page]) for key in (name, ground))[::-1]
+    assert (light + 0.05) / (dark + 0.05) >= 4.5
