@@ -1,0 +1,17 @@
+"""``python -m tests`` sets itself up and runs the tests, in parallel where there are cores."""
+
+import os
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import bootstrap
+
+if __name__ == "__main__":
+    bootstrap.ensure("test", needs="pytest-xdist")
+    import pytest
+
+    os.chdir(bootstrap.HERE)
+    workers = ["-n", str(os.cpu_count() or 1)] if len(sys.argv) == 1 else []
+    raise SystemExit(pytest.main([*workers, *sys.argv[1:]]))
