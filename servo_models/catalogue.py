@@ -7,14 +7,13 @@ import importlib
 import pkgutil
 from types import ModuleType
 
-import servo_models.actuators
-import servo_models.effects
 from servo_models.actuator import Actuator, unknown
 from servo_models.block import Block
 from servo_models.errors import UserError
 
 
-def _modules(package: ModuleType) -> dict[str, ModuleType]:
+def _modules(folder: str) -> dict[str, ModuleType]:
+    package = importlib.import_module(f"servo_models.{folder}")
     names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
     return {name: importlib.import_module(f"{package.__name__}.{name}") for name in names}
 
@@ -22,7 +21,7 @@ def _modules(package: ModuleType) -> dict[str, ModuleType]:
 @functools.cache
 def actuators() -> dict[str, Actuator]:
     """Every actuator by name."""
-    found = [module.ACTUATOR for module in _modules(servo_models.actuators).values()]
+    found = [module.ACTUATOR for module in _modules("actuators").values()]
     return {actuator.name: actuator for actuator in found}
 
 
@@ -33,7 +32,7 @@ def effects() -> dict[str, tuple[Block, ...]]:
         name: tuple(
             value for value in vars(module).values() if isinstance(value, Block) and value.acts_on
         )
-        for name, module in _modules(servo_models.effects).items()
+        for name, module in _modules("effects").items()
     }
 
 

@@ -8,7 +8,7 @@ from servo_models.block import Param, effect
 SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
 
 Compliance = Annotated[
-    float, Param("rad/(N.m)", "twist per torque", switch=True, typical=0.02, fixed=True)
+    float, Param("rad/(N.m)", "twist per torque", switch=True, typical=0.06, fixed=True)
 ]
 Inertia = Annotated[
     float, Param("kg.m2", "inertia behind the compliance", default=1e-3, low=1e-9, fixed=True)

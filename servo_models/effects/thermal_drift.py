@@ -28,6 +28,6 @@ def thermal_drift(
 ) -> tuple[float, float]:
     """y = (1 - loss w) u;  time_constant w' = (u / full_scale)^2 - w, trapezoidal."""
     drive = signal / full_scale
-    half = 0.5 * elapsed / time_constant
-    warmth = (warmth * (1.0 - half) + 2.0 * half * drive * drive) / (1.0 + half)
+    gained = elapsed / (time_constant + 0.5 * elapsed)
+    warmth = warmth + gained * (drive * drive - warmth)
     return signal - loss * warmth * signal, warmth
