@@ -1,0 +1,75 @@
+"""Identified actuator models: simulate them, build FMUs of them, validate both.
+
+The names below are imported when first used, so that importing the package costs nothing.
+A function that shares its module's name, such as ``simulate``, is the function here; reach
+into its module with ``from servo_models.simulate import flat_of``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from servo_models.build import build
+    from servo_models.catalogue import actuator
+    from servo_models.errors import UserError
+    from servo_models.explain import explain, overview
+    from servo_models.simulate import Model, Result, model, simulate
+    from servo_models.tables import read_inputs, read_signals, write_signals
+    from servo_models.validate import Validation, validate
+
+_HOME = {
+    "Model": "simulate",
+    "Result": "simulate",
+    "UserError": "errors",
+    "Validation": "validate",
+    "actuator": "catalogue",
+    "build": "build",
+    "explain": "explain",
+    "model": "simulate",
+    "overview": "explain",
+    "read_inputs": "tables",
+    "read_signals": "tables",
+    "simulate": "simulate",
+    "validate": "validate",
+    "write_signals": "tables",
+}
+"""Public name to the module that defines it."""
+
+__all__ = [
+    "Model",
+    "Result",
+    "UserError",
+    "Validation",
+    "actuator",
+    "build",
+    "explain",
+    "model",
+    "overview",
+    "read_inputs",
+    "read_signals",
+    "simulate",
+    "validate",
+    "write_signals",
+]
+
+
+class _Package(ModuleType):
+    """This package; the import of a submodule does not hide the public name it shares."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _HOME:
+            raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
+        found = getattr(importlib.import_module(f"{self.__name__}.{_HOME[name]}"), name)
+        setattr(self, name, found)
+        return found
+
+
+sys.modules[__name__].__class__ = _Package

@@ -1,0 +1,90 @@
+"""The command line: one file = one sub-command.
+
+Nothing is computed here, and nothing heavy is imported before a command runs.
+"""
+
+from __future__ import annotations
+
+import io
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from servo_models.cli.build import build
+from servo_models.cli.explain import explain
+from servo_models.cli.list import list_
+from servo_models.cli.simulate import simulate
+from servo_models.cli.validate import validate
+from servo_models.errors import UserError, did_you_mean
+
+EXIT_FAILED = 2
+USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
+"""Base of all complaints about the command line.  Typer brings its own click since 0.26, and
+before it used the package: this is their common name."""
+
+
+class Commands(TyperGroup):
+    """Sub-commands; a wrong name meets the same sentence as any other wrong name."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        found = super().get_command(ctx, cmd_name)
+        if found is None and not ctx.resilient_parsing:
+            raise UserError(
+                f"unknown command '{cmd_name}'; {did_you_mean(cmd_name, self.commands)}"
+            )
+        return found
+
+
+app = typer.Typer(
+    name="servo-models",
+    cls=Commands,
+    help="Identified actuator models: simulate them, build FMUs of them, validate both.",
+    epilog="Exit codes: 0 done, within tolerance; 1 not within tolerance; 2 could not run.",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command(name="list")(list_)
+app.command()(explain)
+app.command()(simulate)
+app.command()(build)
+app.command()(validate)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code; ``arguments`` defaults to the process's."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    _be_a_good_pipe()
+    try:
+        code = app(
+            args=words or ["--help"],
+            prog_name="servo-models",
+            standalone_mode=False,
+        )
+    except (UserError, USAGE_ERROR) as error:
+        return _complain(error)
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted")
+    except Exception:  # a crash must not look like 'not within tolerance'
+        traceback.print_exc()
+        return EXIT_FAILED
+    return int(code or 0)
+
+
+def _be_a_good_pipe() -> None:
+    """End without a word when the reader has seen enough; print whatever the locale."""
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def _complain(error: object) -> int:
+    message = getattr(error, "format_message", lambda: str(error))()
+    print(f"servo-models: {' '.join(message.split())}", file=sys.stderr)
+    return EXIT_FAILED

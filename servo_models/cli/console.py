@@ -1,0 +1,38 @@
+"""What goes to the terminal: sheets to stdout, progress to stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from servo_models.sheets import Sheet
+
+Progress = Callable[[int, int, str], None]
+"""Called with steps done, steps in all, and what is being done."""
+
+
+def show(sheet: Sheet) -> None:
+    """Print a sheet: for the width and colours of a terminal, or as plain text."""
+    if sys.stdout.isatty():
+        from rich.console import Console
+
+        Console().print(sheet)
+    else:
+        print(sheet)
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Progress]:
+    """Show a bar on stderr while the block runs, if that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda done, total, doing: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=None)
+        yield lambda done, total, doing: bar.update(
+            task, completed=done, total=total, description=doing
+        )

@@ -1,0 +1,11 @@
+"""servo-models list"""
+
+from __future__ import annotations
+
+
+def list_() -> None:
+    """List actuators with their variants, and effects."""
+    from servo_models.cli.console import show
+    from servo_models.explain import overview
+
+    show(overview())

@@ -1,0 +1,80 @@
+"""Arguments that several commands share, with their shell completion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+import typer
+
+from servo_models.errors import UserError
+
+
+def assignments(option: str, texts: Iterable[str]) -> dict[str, str]:
+    """Return ``NAME=VALUE`` texts as a dictionary.
+
+    Raises:
+        UserError: a text without a name, ``=`` or value, or a name given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise UserError(f"{option} '{text}': write NAME=VALUE, such as {option} {EXAMPLE}")
+        if name in found:
+            raise UserError(f"{option} '{name}' is given twice: keep one")
+        found[name] = value
+    return found
+
+
+EXAMPLE = "load_torque='20 mN.m'"
+
+
+def complete_actuator(incomplete: str) -> list[str]:
+    from servo_models.catalogue import actuators
+
+    return [name for name in actuators() if name.startswith(incomplete)]
+
+
+def complete_name(incomplete: str) -> list[str]:
+    from servo_models.catalogue import actuators, effects
+
+    return [name for name in [*actuators(), *effects()] if name.startswith(incomplete)]
+
+
+def complete_variant(ctx: typer.Context, incomplete: str) -> list[str]:
+    return [v.name for v in _actuator(ctx).variants if v.name.startswith(incomplete)]
+
+
+def complete_setting(ctx: typer.Context, incomplete: str) -> list[str]:
+    names = _actuator(ctx).plant.parameters
+    return [f"{name}=" for name in names if name.startswith(incomplete)]
+
+
+def complete_input(ctx: typer.Context, incomplete: str) -> list[str]:
+    names = [wire.name for wire in _actuator(ctx).plant.inputs]
+    return [f"{name}=" for name in names if name.startswith(incomplete)]
+
+
+def _actuator(ctx: typer.Context) -> Any:
+    from servo_models.catalogue import actuator
+
+    return actuator(ctx.params["actuator"])
+
+
+Actuator = Annotated[
+    str, typer.Argument(help="Name of an actuator, see 'list'.", autocompletion=complete_actuator)
+]
+Variant = Annotated[
+    str | None,
+    typer.Option(help="Parameter set, see 'list'.", autocompletion=complete_variant),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a parameter, in SI or with a unit; may be repeated.",
+        autocompletion=complete_setting,
+    ),
+]

@@ -1,0 +1,78 @@
+"""servo-models simulate"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import Actuator, Settings, Variant, assignments, complete_input
+from servo_models.errors import UserError
+
+
+def simulate(
+    actuator: Actuator,
+    variant: Variant = None,
+    set_: Settings = None,
+    step: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="INPUT=VALUE",
+            help="Step of an input at time 0; may be repeated. Default: the standard step.",
+            autocompletion=complete_input,
+        ),
+    ] = None,
+    inputs: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Inputs over time instead: .csv or .parquet with a column 'time' and columns"
+            " such as 'voltage' or 'pulse_width \\[us]'; its rows are the communication points.",
+        ),
+    ] = None,
+    stop: Annotated[str | None, typer.Option(metavar="TIME", help="End of a step's run.")] = None,
+    dt: Annotated[str | None, typer.Option(metavar="TIME", help="Communication step.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write all signals to .csv or .parquet.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw all signals to .svg, .png or .pdf.")
+    ] = None,
+) -> None:
+    """Simulate a step, or a file of inputs.
+
+    Examples:
+
+    servo-models simulate torque_motor --step "voltage=50 V" --plot step.svg
+
+    servo-models simulate sg90 --variant linear_kf018 --set "backlash.half_width=1 deg"
+
+    servo-models simulate sg90 --inputs pulses.csv --out angles.parquet
+    """
+    from servo_models import experiment, tables
+    from servo_models.cli.console import progress, show
+    from servo_models.simulate import model
+    from servo_models.simulate import simulate as run
+
+    if inputs and (step or stop or dt):
+        raise UserError("--inputs brings its own times and values: leave out --step, --stop, --dt")
+    if out:
+        tables.check_suffix(out)
+    if plot:
+        from servo_models import pictures
+
+        pictures.check_suffix(plot)
+    chosen = model(actuator, variant, assignments("--set", set_ or ()))
+    with progress(f"simulating {actuator}"):
+        if inputs:
+            result = run(chosen, *tables.read_inputs(inputs, chosen.plant))
+        else:
+            result = experiment.step(chosen, assignments("--step", step or ()), stop, dt)
+    show(experiment.summary(result, chosen, stepped=not inputs))
+    if out:
+        signals = {**result.inputs, **result.outputs}
+        tables.write_signals(out, result.times, signals, chosen.plant.wire)
+    if plot:
+        title = f"{actuator}, variant {chosen.variant}"
+        pictures.save(pictures.response(result, chosen.plant, title), plot)

@@ -1,0 +1,63 @@
+"""servo-models validate"""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Format(str, Enum):
+    """How the result is printed."""
+
+    TEXT = "text"
+    JSON = "json"
+    GITHUB = "github"
+
+
+def validate(
+    fmus: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FMU]...", help="FMUs to validate; default: all actuators."),
+    ] = None,
+    junit: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the result as JUnit XML.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a report with pictures, HTML.")
+    ] = None,
+    format_: Annotated[
+        Format, typer.Option("--format", help="How the result is printed.")
+    ] = Format.TEXT,
+) -> int:
+    """Validate FMUs against the simulation, the models against references.
+
+    Exit code 0: within all limits, 1: not, 2: could not run.
+
+    Examples:
+
+    servo-models validate
+
+    servo-models validate fmus/sg90.fmu --report report.html --junit junit.xml
+    """
+    from servo_models import formats
+    from servo_models.cli.console import progress, show
+    from servo_models.validate import validate as run
+
+    with progress("validating") as on_progress:
+        result = run(fmus or None, on_progress=on_progress)
+    if junit:
+        formats.write_junit(result, junit)
+    if report:
+        from servo_models.report import write_report
+
+        write_report(result, report)
+    if format_ is Format.JSON:
+        print(formats.as_json(result))
+    elif format_ is Format.GITHUB:
+        print("\n".join(formats.github(result)))
+    else:
+        show(formats.text(result))
+    return 0 if result.passed else 1

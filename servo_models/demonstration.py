@@ -1,0 +1,139 @@
+"""What an effect does: the same run without and with it, where it can be seen.
+
+The command steps up, rests, then runs back through zero as a slow ramp: a step shows
+delays and limits, the ramp friction, play and steps of a quantiser.  All other effects are
+neutral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servo_models import pictures
+from servo_models.actuator import Actuator
+from servo_models.catalogue import actuators
+from servo_models.explain import Place, display_unit, effect_name, in_display_unit, places
+from servo_models.simulate import Result, model, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DURATION = 2.0
+"""Of the run, in stop times of the actuator."""
+POINTS = 2001
+BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)
+"""Corners of the command over the run ..."""
+HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)
+"""... in standard steps of the actuator."""
+STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
+"""Tried in turn, in typical values: a limit shows when it is low, the others when high."""
+LOADS = (0.0, 0.3)
+"""Constant load torque, tried in turn, in full scales: some effects show under load only."""
+VISIBLE = 0.02
+"""Change of the output, as a part of its range, that the eye sees."""
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """Two runs on one grid.
+
+    Attributes:
+        place: where the effect acts.
+        values: its parameters, as a person reads them.
+        without, changed: the runs.
+        signals: the input that moves and the output to look at.
+    """
+
+    place: Place
+    values: str
+    without: Result
+    changed: Result
+    signals: tuple[str, str]
+
+    @property
+    def visibility(self) -> float:
+        """Largest change of the output as a part of its range [1]."""
+        before, after = (run[self.signals[1]] for run in (self.without, self.changed))
+        return float(np.max(np.abs(after - before)) / np.ptp(before))
+
+
+def demonstrate(effect: str) -> Demonstration:
+    """Return the first run in which an effect can be seen, else the one that shows it best."""
+    best: Demonstration | None = None
+    for run in _runs(effect):
+        if run.visibility > VISIBLE:
+            return run
+        if best is None or run.visibility > best.visibility:
+            best = run
+    assert best is not None, "an effect of the catalogue acts somewhere"
+    return best
+
+
+def _runs(effect: str) -> Iterator[Demonstration]:
+    for load in LOADS:
+        for place in places(effect):
+            neutral = _neutral(place.actuator)
+            without = _run(place.actuator, neutral, load)
+            for strength in STRENGTHS:
+                active = _active(place, strength)
+                changed = _run(place.actuator, {**neutral, **active}, load)
+                yield Demonstration(
+                    place,
+                    ", ".join(_shown(place, name, value) for name, value in active.items()),
+                    without,
+                    changed,
+                    (place.actuator.step[0], place.actuator.plant.outputs[0]),
+                )
+
+
+def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Result:
+    name, value = actuator.step
+    wires = actuator.plant.wire
+    rest = float(wires[name].rest)
+    times = np.linspace(0.0, DURATION * actuator.stop_time, POINTS)
+    command = rest + (value - rest) * np.interp(times / times[-1], BREAKS, HEIGHTS)
+    inputs = {name: command, "load_torque": np.full(POINTS, load * wires["load_torque"].scale)}
+    return simulate(model(actuator, None, parameters), times, inputs)
+
+
+def _neutral(actuator: Actuator) -> dict[str, float]:
+    parameters = actuator.plant.parameters.values()
+    return {parameter.name: 0.0 for parameter in parameters if parameter.param.switch}
+
+
+def _active(place: Place, strength: float) -> dict[str, float]:
+    """Switches of the effect at a multiple of their typical values, within their bounds."""
+    return {
+        parameter.name: min(strength * parameter.param.typical, parameter.param.high)
+        for parameter in place.parameters
+        if parameter.param.switch
+    }
+
+
+def _shown(place: Place, name: str, value: float) -> str:
+    parameter = place.actuator.plant.parameters[name]
+    return f"{name} = {in_display_unit(value, parameter)} {display_unit(parameter)}".rstrip()
+
+
+def portrait(name: str) -> Figure:
+    """Return the picture of an actuator, its standard step, or of an effect at work.
+
+    Raises:
+        UserError: nobody knows that name.
+    """
+    if name in actuators():
+        chosen = model(name)
+        times = np.linspace(0.0, chosen.actuator.stop_time, POINTS)
+        result = simulate(chosen, times, dict([chosen.actuator.step]))
+        return pictures.response(result, chosen.plant, f"{name}, variant {chosen.variant}")
+    effect = effect_name(name)
+    shown = demonstrate(effect)
+    actuator = shown.place.actuator
+    title = f"{effect} on {actuator.name}"
+    return pictures.comparison(
+        shown.without, shown.changed, actuator.plant, shown.signals, title, shown.values
+    )

@@ -1,0 +1,141 @@
+"""A validation as text, JSON, GitHub annotations and JUnit XML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from servo_models.files import write_whole
+from servo_models.sheets import Sheet, Table
+from servo_models.validation.rows import CLAIMS, Row, Validation
+
+HEADINGS = {
+    "implementation": "Implementation: the FMU equals the simulation",
+    "model": "Model: the response equals an independent reference",
+    "paper": "Figures of the papers",
+}
+
+
+def text(validation: Validation) -> Sheet:
+    """Return the tables of a validation, one a claim."""
+    return Sheet(
+        sentence(validation),
+        (),
+        tuple(
+            Table(
+                HEADINGS[claim],
+                ("verdict", "actuator", "variant", "case", "quantity", "value", "limit", ""),
+                tuple(_cells(row) for row in rows),
+            )
+            for claim in CLAIMS
+            if (rows := validation.of(claim))
+        ),
+    )
+
+
+def sentence(validation: Validation) -> str:
+    """Return the verdict in one sentence."""
+    judged = sum(row.passed is not None for row in validation.rows)
+    failed = len(validation.failures)
+    if failed:
+        return f"FAILED: {failed} of {judged} figures are outside their limits."
+    return f"PASSED: all {judged} figures are within their limits."
+
+
+def as_json(validation: Validation) -> str:
+    """Return everything as JSON; a figure that is not finite becomes null."""
+    return json.dumps(_finite(validation.as_dict()), indent=2)
+
+
+def github(validation: Validation) -> Iterator[str]:
+    """Return workflow commands: an error for each failed row, and a notice with the verdict.
+
+    Source: GitHub Docs, Workflow commands for GitHub Actions.
+    """
+    for row in validation.failures:
+        yield f"::error title={_property(_title(row))}::{_message(_reason(row))}"
+    for row in validation.rows:
+        if row.passed is None and row.note:
+            yield f"::notice title={_property(_title(row))}::{_message(_reason(row))}"
+    yield f"::notice title=servo-models::{_message(sentence(validation))}"
+
+
+def write_junit(validation: Validation, path: Path) -> None:
+    """Write a validation as JUnit XML: one suite a claim, unjudged rows skipped.
+
+    Raises:
+        UserError: the folder cannot be written.
+    """
+    root = ElementTree.Element("testsuites", name="servo-models")
+    for claim in CLAIMS:
+        rows = validation.of(claim)
+        suite = ElementTree.SubElement(
+            root,
+            "testsuite",
+            name=claim,
+            tests=str(len(rows)),
+            failures=str(sum(row.passed is False for row in rows)),
+            skipped=str(sum(row.passed is None for row in rows)),
+        )
+        for row in rows:
+            case = ElementTree.SubElement(
+                suite,
+                "testcase",
+                classname=f"{claim}.{row.actuator}.{row.variant}",
+                name=f"{row.case}: {row.quantity}",
+            )
+            if row.passed is False:
+                ElementTree.SubElement(case, "failure", message=_reason(row))
+            elif row.passed is None:
+                ElementTree.SubElement(case, "skipped", message=_reason(row))
+    ElementTree.indent(root)
+    write_whole(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    verdict = {True: "pass", False: "FAIL", None: "-"}[row.passed]
+    names = (row.actuator, row.variant, row.case, row.quantity)
+    return (verdict, *names, _figure(row.value, row.unit), _limit(row), row.note)
+
+
+def _limit(row: Row) -> str:
+    if row.printed is None:
+        return "" if row.limit is None else f"<= {_figure(row.limit, row.unit)}"
+    within = "" if row.limit is None else f" +- {row.limit:.3g}"
+    return f"printed {_figure(row.printed, row.unit)}{within}"
+
+
+def _figure(value: float | None, unit: str) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit}"
+
+
+def _title(row: Row) -> str:
+    return f"{row.actuator} {row.variant}: {row.case}, {row.quantity}"
+
+
+def _reason(row: Row) -> str:
+    note = f"; {row.note}" if row.note else ""
+    return f"{row.verdict}: {_figure(row.value, row.unit)} {_limit(row)}".rstrip() + note
+
+
+def _message(words: str) -> str:
+    return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(words: str) -> str:
+    return _message(words).replace(":", "%3A").replace(",", "%2C")
+
+
+def _finite(value: object) -> object:
+    """JSON has no infinity."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
