@@ -19,7 +19,7 @@ from servo_models.catalogue import actuator as find_actuator
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.errors import UserError
 from servo_models.flatten import flatten
-from servo_models.stepper import Flat, neutral_effects, run_text, step_text
+from servo_models.stepper import Flat, neutral_effects, run_text, step_text, trouble
 from servo_models.units import parse
 
 Array = NDArray[np.float64]
@@ -114,10 +114,7 @@ class Model:
 
     def trouble(self, code: int) -> str:
         """Return in words what a code of the stepper means."""
-        if code > 0:
-            name = self.flat.states[code - 1][0]
-            return f"state '{name}' is not finite; a parameter or the internal step is too large"
-        return f"{self.flat.faults[-1 - code][1]}: {self.flat.faults[-1 - code][2]}"
+        return trouble(self.flat, code)
 
 
 def model(

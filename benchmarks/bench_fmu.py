@@ -1,0 +1,179 @@
+"""What an FMU costs: a step, an instance, its memory; all ratios within one run.
+
+The yardstick is a trivial slave built by pythonfmu's own builder: as many inputs, outputs and
+parameters as the SG90, and outputs that copy an input.
+
+Run: ``python benchmarks/bench_fmu.py`` (about half a minute).
+"""
+
+from __future__ import annotations
+
+import gc
+import shutil
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy.fmi2 import FMU2Slave
+from pythonfmu import FmuBuilder
+
+from fmu_src.variables import Variable, variables
+from servo_models.build import build
+from servo_models.simulate import Model, model
+
+STEPS = 2000
+ROUNDS = 15
+
+TRIVIAL = """
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class Trivial(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        for name, causality, flag in {variables!r}:
+            setattr(self, name, False if flag else 0.0)
+            kind = Boolean if flag else Real
+            other = dict(variability=Fmi2Variability.discrete) if flag else dict()
+            if causality == "parameter":
+                other = dict(variability=Fmi2Variability.tunable)
+            self.register_variable(kind(name, causality=Fmi2Causality[causality], **other))
+
+    def do_step(self, t, dt):
+        {body}
+        return True
+"""
+
+
+def trivial(every: list[Variable], folder: Path) -> Path:
+    """Build the yardstick with the variables of another FMU."""
+    rows = [(v.name.replace(".", "_"), v.causality, v.flag) for v in every]
+    first = rows[0][0]
+    body = "; ".join(
+        f"self.{name} = self.{first}"
+        for name, causality, flag in rows
+        if causality == "output" and not flag
+    )
+    script = folder / "trivial.py"
+    script.write_text(TRIVIAL.format(variables=rows, body=body))
+    return Path(FmuBuilder.build_FMU(script, dest=folder))
+
+
+class Instance:
+    """An initialised instance of an FMU, driven at fmpy's low level."""
+
+    def __init__(self, folder: str) -> None:
+        description = fmpy.read_model_description(folder)
+        self.fmu = FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="bench",
+        )
+        self.fmu.instantiate()
+        self.fmu.setupExperiment()
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        of = {
+            kind: [v for v in description.modelVariables if v.causality == kind]
+            for kind in ("input", "output")
+        }
+        self.inputs = [v.valueReference for v in of["input"]]
+        self.reals = [v.valueReference for v in of["output"] if v.type == "Real"]
+        self.flags = [v.valueReference for v in of["output"] if v.type == "Boolean"]
+        self.time = 0.0
+
+    def run(self, values: list[float], size: float) -> float:
+        """Seconds for a set + step + get, mean over STEPS."""
+        fmu, now = self.fmu, self.time
+        begin = time.perf_counter()
+        for _ in range(STEPS):
+            fmu.setReal(self.inputs, values)
+            fmu.doStep(now, size)
+            fmu.getReal(self.reals)
+            fmu.getBoolean(self.flags)
+            now += size
+        self.time = now
+        return (time.perf_counter() - begin) / STEPS
+
+    def free(self) -> None:
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+
+def interleaved(calls: dict[str, Callable[[], float]]) -> dict[str, float]:
+    """Median of each call, taken in turn so that a slow moment hits all of them."""
+    found: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(ROUNDS):
+        for name, call in calls.items():
+            found[name].append(call())
+    return {name: statistics.median(times) for name, times in found.items()}
+
+
+def resident() -> int:
+    """Resident memory of this process in bytes (Linux)."""
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096
+
+
+def stepped(chosen: Model, excited: float) -> list[float]:
+    """Inputs at rest but for the first one."""
+    return [excited, *(float(wire.rest) for wire in chosen.plant.inputs[1:])]
+
+
+def steps(folders: dict[str, str], servo: Model, motor: Model) -> None:
+    """Print the cost of a step against the yardstick and against real time."""
+    at: dict[str, tuple[str, list[float], float]] = {
+        "sg90, 1 ms": ("sg90", stepped(servo, 2e-3), 1e-3),
+        "torque_motor, 0.1 ms": ("torque_motor", stepped(motor, 30.0), 1e-4),
+        "torque_motor, 1 ms": ("torque_motor", stepped(motor, 30.0), 1e-3),
+        "trivial": ("trivial", stepped(servo, 2e-3), 1e-3),
+    }
+    instances = {name: Instance(folders[kind]) for name, (kind, _, _) in at.items()}
+    cost = interleaved(
+        {n: lambda n=n: instances[n].run(at[n][1], at[n][2]) for n in at}  # type: ignore[misc]
+    )
+    print(f"{'set + step + get':24}{'us':>8}{'x trivial':>11}{'x real time':>13}")
+    for name, seconds in cost.items():
+        ratio = seconds / cost["trivial"]
+        print(f"{name:24}{seconds * 1e6:8.1f}{ratio:11.2f}{at[name][2] / seconds:13.0f}")
+    for instance in instances.values():
+        instance.free()
+
+
+def instances(folders: dict[str, str]) -> None:
+    """Print the cost in time and memory of further instances."""
+    print(f"\n{'instance':24}{'ms':>8}{'kB each':>11}")
+    for name, folder in folders.items():
+        held: list[Any] = [Instance(folder) for _ in range(3)]
+        before = resident()
+        begin = time.perf_counter()
+        held += [Instance(folder) for _ in range(50)]
+        spent = (time.perf_counter() - begin) / 50
+        print(f"{name:24}{spent * 1e3:8.1f}{(resident() - before) / 50 / 1024:11.0f}")
+        for instance in held:
+            instance.free()
+
+
+def main() -> None:
+    folder = Path(tempfile.mkdtemp())
+    servo, motor = model("sg90"), model("torque_motor")
+    built = {
+        "sg90": build(servo, folder / "sg90.fmu"),
+        "torque_motor": build(motor, folder / "torque_motor.fmu"),
+        "trivial": trivial(variables(servo), folder),
+    }
+    folders = {name: fmpy.extract(str(path)) for name, path in built.items()}
+    steps(folders, servo, motor)
+    instances(folders)
+    for used in (folder, *folders.values()):
+        shutil.rmtree(used)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""FMUs built once per test session, in a folder with spaces in its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from servo_models.build import build
+from servo_models.simulate import model
+
+MODELS = {
+    "sg90": ("sg90", None),
+    "sg90_linear": ("sg90", "linear"),
+    "oscillatory": ("sg90", "oscillatory_motor"),
+    "torque_motor": ("torque_motor", None),
+    "measured": ("torque_motor", "measured"),
+}
+
+
+@pytest.fixture(scope="session")
+def fmu_file(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return the path of an FMU of ``MODELS``."""
+    folder = tmp_path_factory.mktemp("built FMUs")
+
+    def built(name: str) -> Path:
+        path = folder / f"{name}.fmu"
+        return path if path.exists() else build(model(*MODELS[name]), path)
+
+    return built
+
+
+@pytest.fixture(scope="session")
+def fmu_folder(
+    fmu_file: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], Path]:
+    """Return the folder in which an FMU of ``MODELS`` is extracted."""
+    parent = tmp_path_factory.mktemp("extracted FMUs")
+
+    def extracted(name: str) -> Path:
+        folder = parent / name
+        if not folder.exists():
+            fmpy.extract(str(fmu_file(name)), str(folder))
+        return folder
+
+    return extracted

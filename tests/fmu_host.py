@@ -1,0 +1,117 @@
+"""A small FMI 2.0 host on fmpy's lowest level, which keeps the messages of the FMU."""
+
+from __future__ import annotations
+
+import itertools
+from ctypes import byref
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import (
+    FMU2Slave,
+    calloc,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    free,
+)
+from fmpy.logging import addLoggerProxy
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Messages = list[tuple[int, str]]
+
+_numbers = itertools.count()
+_messages: dict[bytes, Messages] = {}
+
+
+def _log(_: Any, name: bytes, status: int, category: bytes, text: bytes) -> None:
+    _messages[name].append((status, text.decode()))
+
+
+_CALLBACKS = fmi2CallbackFunctions()
+_CALLBACKS.logger = fmi2CallbackLoggerTYPE(_log)
+_CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+_CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+addLoggerProxy(byref(_CALLBACKS))  # expands % as a C host does; one for the whole process
+
+
+class Host:
+    """One instance of the FMU extracted in ``folder``.
+
+    Attributes:
+        messages: (status, text) of every message logged so far.
+        fmu: fmpy's slave, for the calls that need no comfort.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.description = fmpy.read_model_description(str(folder))
+        variables = self.description.modelVariables
+        self.reference = {v.name: v.valueReference for v in variables}
+        self.flags = {v.name for v in variables if v.type == "Boolean"}
+        self.outputs = [v.name for v in variables if v.causality == "output"]
+        self.inputs = [v.name for v in variables if v.causality == "input"]
+        name = f"instance {next(_numbers)}"
+        self.messages: Messages = _messages.setdefault(name.encode(), [])
+        self.fmu = FMU2Slave(
+            guid=self.description.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName=name,
+        )
+        self.fmu.instantiate(callbacks=_CALLBACKS, loggingOn=True)
+
+    def __enter__(self) -> Host:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.fmu.freeInstance()
+
+    def start(
+        self, values: dict[str, float] | None = None, time: float = 0.0, stop: float | None = None
+    ) -> None:
+        """Initialise with start values for inputs and parameters."""
+        self.fmu.setupExperiment(startTime=time, stopTime=stop)
+        self.fmu.enterInitializationMode()
+        self.set(values or {})
+        self.fmu.exitInitializationMode()
+
+    def set(self, values: dict[str, float]) -> None:
+        self.fmu.setReal([self.reference[name] for name in values], list(values.values()))
+
+    def get(self) -> list[float]:
+        """All outputs in order, a flag as 0 or 1."""
+        return [
+            float(self.fmu.getBoolean([self.reference[name]])[0])
+            if name in self.flags
+            else self.fmu.getReal([self.reference[name]])[0]
+            for name in self.outputs
+        ]
+
+    def run(self, times: Array, inputs: Array) -> Array:
+        """Step along ``times``, the inputs of a row held from it on; outputs at every row.
+
+        The first row is what the FMU shows now, so the inputs of row 0 must be set already.
+        """
+        rows = [self.get()]
+        for k in range(len(times) - 1):
+            self.set(dict(zip(self.inputs, inputs[k])))
+            self.fmu.doStep(times[k], times[k + 1] - times[k])
+            rows.append(self.get())
+        return np.array(rows)
+
+    def simulate(
+        self, times: Array, inputs: Array, parameters: dict[str, float] | None = None
+    ) -> Array:
+        """Initialise at the first of ``times`` and run to the last."""
+        self.start({**dict(zip(self.inputs, inputs[0])), **(parameters or {})}, times[0])
+        return self.run(times, inputs)
