@@ -18,6 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ENVIRONMENT = HERE / ".venv"
 OLDEST = (3, 10)
+COULD_NOT_RUN = 2
 
 
 def ensure(extras: str, needs: str) -> None:
@@ -73,4 +74,4 @@ def _set_up(extras: str) -> None:
 
 def _fail(message: str) -> None:
     print(f"servo-models: {message}", file=sys.stderr)
-    raise SystemExit(2)
+    raise SystemExit(COULD_NOT_RUN)
