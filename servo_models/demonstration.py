@@ -83,7 +83,7 @@ def _runs(effect: str) -> Iterator[Demonstration]:
                 changed = _run(place.actuator, {**neutral, **active}, load)
                 yield Demonstration(
                     place,
-                    ", ".join(_shown(place, name, value) for name, value in active.items()),
+                    _shown(place, active),
                     without,
                     changed,
                     (place.actuator.step[0], place.actuator.plant.outputs[0]),
@@ -114,9 +114,15 @@ def _active(place: Place, strength: float) -> dict[str, float]:
     }
 
 
-def _shown(place: Place, name: str, value: float) -> str:
-    parameter = place.actuator.plant.parameters[name]
-    return f"{name} = {in_display_unit(value, parameter)} {display_unit(parameter)}".rstrip()
+def _shown(place: Place, active: dict[str, float]) -> str:
+    """Parameters with values, the place's name on the first one only."""
+    texts: list[str] = []
+    for name, value in active.items():
+        parameter = place.actuator.plant.parameters[name]
+        shown = name.removeprefix(place.name) if texts else name
+        unit = display_unit(parameter)
+        texts.append(f"{shown} = {in_display_unit(value, parameter)} {unit}".rstrip())
+    return ", ".join(texts)
 
 
 def portrait(name: str) -> Figure:
@@ -133,7 +139,8 @@ def portrait(name: str) -> Figure:
     effect = effect_name(name)
     shown = demonstrate(effect)
     actuator = shown.place.actuator
-    title = f"{effect} on {actuator.name}"
+    load = shown.without["load_torque"][0]
+    title = f"{effect} on {actuator.name}" + (f", load torque {load:g} N.m" if load else "")
     return pictures.comparison(
         shown.without, shown.changed, actuator.plant, shown.signals, title, shown.values
     )

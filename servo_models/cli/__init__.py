@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 
 from servo_models.cli.build import build
 from servo_models.cli.explain import explain
-from servo_models.cli.list import list_
+from servo_models.cli.list_ import list_
 from servo_models.cli.simulate import simulate
 from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
