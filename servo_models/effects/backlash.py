@@ -14,11 +14,15 @@ def backlash(
     ],
     engaged: Annotated[float, Memory()],
 ) -> tuple[float, float, float]:
-    """The output rests while the shaft crosses the play of +/- half_width."""
+    """The output rests while the shaft crosses the play of +/- half_width.
+
+    Written with the sums that were remembered, so that contact is still contact when the
+    same point is looked at again.
+    """
     if half_width <= 0.0:
         return angle, rate, engaged
-    if angle > engaged + half_width:
-        return angle - half_width, rate, angle - half_width
-    if angle < engaged - half_width:
-        return angle + half_width, rate, angle + half_width
+    if angle - half_width >= engaged:
+        return angle - half_width, rate if rate > 0.0 else 0.0, angle - half_width
+    if angle + half_width <= engaged:
+        return angle + half_width, rate if rate < 0.0 else 0.0, angle + half_width
     return engaged, 0.0, engaged

@@ -6,6 +6,9 @@ from typing import Annotated
 from servo_models.block import Param, effect
 
 
+FINEST = 4503599627370496.0  # 2^52: beyond, every float is a whole number of codes
+
+
 @effect("signal", source="SG90 paper sec. 4.1 (1024 levels of 5 V)")
 def quantisation(
     signal: float,
@@ -17,6 +20,6 @@ def quantisation(
     ],
 ) -> float:
     """y = step floor(u / step + rounding)."""
-    if step <= 0.0:
+    if not abs(signal) < FINEST * step:
         return signal
     return step * math.floor(signal / step + rounding)

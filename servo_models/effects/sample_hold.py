@@ -7,6 +7,8 @@ from servo_models.block import Clock, Memory, Param, effect
 
 MULTIPLIER = 16807.0
 MODULUS = 2147483647.0
+SHORTEST = 1e-6
+"""Frames [s] below this one are not told from a continuous signal."""
 
 
 @effect("signal", source="SG90 paper sec. 4.1 (20 ms frame); Park, Miller, CACM 31 (1988) 1192")
@@ -28,8 +30,10 @@ def sample_hold(
     The lateness comes from a small generator whose state is part of the model's state, so
     a run can be repeated and resumed.
     """
-    if period <= 0.0 or due < next_sample:
-        return held if period > 0.0 else signal, held, next_sample, random
+    if period < SHORTEST:
+        return signal, held, next_sample, random
+    if due < next_sample:
+        return held, held, next_sample, random
     random = MULTIPLIER * random
     random = random - MODULUS * math.floor(random / MODULUS)
     late = jitter * (random / MODULUS)

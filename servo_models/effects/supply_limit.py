@@ -15,6 +15,8 @@ def supply_limit(
     ],
 ) -> float:
     """y = u, but never more than share x supply in magnitude."""
+    if share <= 0.0:
+        return signal
     limit = share * abs(supply)
     if signal > limit:
         return limit

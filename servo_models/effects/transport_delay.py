@@ -1,5 +1,6 @@
 """Transport delay of a held signal, exact to the instant."""
 
+import math
 from typing import Annotated
 
 from servo_models.block import Clock, Fault, Memory, Param, Queue, effect
@@ -49,6 +50,5 @@ def transport_delay(
     while read < written and edges[2 * (int(read) % EDGES)] <= due:
         current = edges[2 * (int(read) % EDGES) + 1]
         read = read + 1.0
-    if read < written:
-        next_edge = edges[2 * (int(read) % EDGES)]
+    next_edge = edges[2 * (int(read) % EDGES)] if read < written else math.inf
     return current, newest, current, written, read, next_edge, full
