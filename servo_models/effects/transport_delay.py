@@ -18,7 +18,7 @@ def transport_delay(
     time: Annotated[
         float, Param("s", "delay", high=0.2, switch=True, typical=0.005, display="ms", fixed=True)
     ],
-    edges: Annotated[float, Queue(2 * EDGES)],
+    edges: Annotated[list[float], Queue(2 * EDGES)],
     newest: Annotated[float, Memory("rest")],
     current: Annotated[float, Memory("rest")],
     written: Annotated[float, Memory()],
