@@ -43,23 +43,26 @@ def complete_name(incomplete: str) -> list[str]:
 
 
 def complete_variant(ctx: typer.Context, incomplete: str) -> list[str]:
-    return [v.name for v in _actuator(ctx).variants if v.name.startswith(incomplete)]
+    names = [variant.name for found in _typed(ctx) for variant in found.variants]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_setting(ctx: typer.Context, incomplete: str) -> list[str]:
-    names = _actuator(ctx).plant.parameters
+    names = [name for found in _typed(ctx) for name in found.plant.parameters]
     return [f"{name}=" for name in names if name.startswith(incomplete)]
 
 
 def complete_input(ctx: typer.Context, incomplete: str) -> list[str]:
-    names = [wire.name for wire in _actuator(ctx).plant.inputs]
+    names = [wire.name for found in _typed(ctx) for wire in found.plant.inputs]
     return [f"{name}=" for name in names if name.startswith(incomplete)]
 
 
-def _actuator(ctx: typer.Context) -> Any:
-    from servo_models.catalogue import actuator
+def _typed(ctx: typer.Context) -> list[Any]:
+    """The actuator on an unfinished command line: not yet an argument where an option is open."""
+    from servo_models.catalogue import actuators
 
-    return actuator(ctx.params["actuator"])
+    words = [ctx.params.get("actuator"), *ctx.args]
+    return [actuators()[word] for word in words if word in actuators()]
 
 
 Actuator = Annotated[
