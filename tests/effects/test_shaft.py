@@ -22,7 +22,7 @@ from servo_models.effects.load_friction import load_friction
 from servo_models.effects.load_inertia import load_inertia
 from servo_models.effects.stribeck_friction import stribeck_friction
 from servo_models.effects.viscous_friction import viscous_friction
-from servo_models.simulate import Array
+from servo_models.simulate import Array, model, simulate
 
 COULOMB = place("coulomb", coulomb_friction, "friction")
 STRIBECK = place("stribeck", stribeck_friction, "friction")
@@ -228,3 +228,21 @@ def test_compliant_gear_keeps_the_energy() -> None:
         + 0.5 * 200.0 * (out["shaft_angle"] - out["angle"]) ** 2
     )
     np.testing.assert_allclose(energy, 0.5 * 0.5 * 4.0, rtol=2e-6)
+
+
+@pytest.mark.parametrize("friction", [0.01, 0.05, 0.12])
+def test_viscous_friction_calms_a_compliant_gear(friction: float) -> None:
+    """It brakes the shaft that it turns with; on the far side it would feed the resonance."""
+    times = np.linspace(0.0, 0.2, 2001)
+    voltage = np.where(times < 0.1, 20.0, 0.0)
+    ringing = []
+    for level in (0.0, friction):
+        given = {
+            "end_stops.half_range": 0.0,
+            "gear_compliance.compliance": 0.3,
+            "gear_compliance.damping": 0.01,
+            "viscous_friction.torque": level,
+        }
+        response = simulate(model("torque_motor", "measured", given), times, {"voltage": voltage})
+        ringing.append(np.std(response["rate"][1200:]))
+    assert ringing[1] < ringing[0]
