@@ -1,4 +1,4 @@
-"""A claim as tables: one line per variant, then everything that was measured."""
+"""A claim as tables: one line per variant and run, then everything that was measured."""
 
 from __future__ import annotations
 
@@ -7,16 +7,35 @@ from collections.abc import Sequence
 from servo_models.report.parts import (
     Line,
     Table,
-    by_variant,
+    by_run,
     judgement,
     number,
     quantity,
+    run_of,
     share,
     tightest,
 )
 from servo_models.validation.rows import Row
 
 WORDS = {True: "passed", False: "failed", None: "for information"}
+FIGURE = ("variant", "run", "case", "quantity", "value", "limit", "used", "note")
+"""Columns of one row of a validation."""
+NUMBERS = ("checks passed", "value", "limit", "used")
+
+
+def line(row: Row, *before: str) -> Line:
+    """Return a row under ``FIGURE``, with further cells before it."""
+    cells = (
+        row.variant,
+        run_of(row),
+        row.case,
+        row.quantity,
+        quantity(row.value, row.unit),
+        number(row.limit),
+        share(row),
+        row.note,
+    )
+    return Line((*before, *cells), row.verdict, row.passed)
 
 
 def tables(rows: Sequence[Row], what: str) -> tuple[Table, ...]:
@@ -27,10 +46,19 @@ def tables(rows: Sequence[Row], what: str) -> tuple[Table, ...]:
         what: is compared, for the captions.
     """
     overview = Table(
-        f"{what}, one line a variant",
-        ("actuator", "variant", "checks passed", "nearest to its limit", "value", "limit", "used"),
-        tuple(_summary(group) for group in by_variant(rows).values()),
-        numbers=(2, 4, 5, 6),
+        f"{what}, one line a variant and run",
+        (
+            "actuator",
+            "variant",
+            "run",
+            "checks passed",
+            "nearest to its limit",
+            "value",
+            "limit",
+            "used",
+        ),
+        tuple(_summary(group) for group in by_run(rows)),
+        NUMBERS,
     )
     actuators = dict.fromkeys(row.actuator for row in rows)
     return (overview, *(_everything([r for r in rows if r.actuator == a], a) for a in actuators))
@@ -44,6 +72,7 @@ def _summary(group: Sequence[Row]) -> Line:
         (
             worst.actuator,
             worst.variant,
+            run_of(worst),
             f"{passed} of {len(judged)}",
             f"{worst.quantity}; {worst.case}",
             quantity(worst.value, worst.unit),
@@ -56,25 +85,5 @@ def _summary(group: Sequence[Row]) -> Line:
 
 
 def _everything(rows: Sequence[Row], actuator: str) -> Table:
-    return Table(
-        f"All {len(rows)} figures of {actuator}",
-        ("variant", "case", "quantity", "value", "limit", "used", "note"),
-        tuple(
-            Line(
-                (
-                    row.variant,
-                    row.case,
-                    row.quantity,
-                    quantity(row.value, row.unit),
-                    number(row.limit),
-                    share(row),
-                    row.note,
-                ),
-                row.verdict,
-                row.passed,
-            )
-            for row in rows
-        ),
-        numbers=(3, 4, 5),
-        folded=True,
-    )
+    lines = tuple(line(row) for row in rows)
+    return Table(f"All {len(rows)} figures of {actuator}", FIGURE, lines, NUMBERS, folded=True)

@@ -48,5 +48,5 @@ def _table(rows: list[Row], actuator: str) -> Table:
             )
             for row in rows
         ),
-        numbers=(1, 2, 3, 4),
+        numbers=("printed", "recomputed", "model", "within"),
     )

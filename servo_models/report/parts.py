@@ -44,14 +44,14 @@ class Table:
         caption: what it lists.
         columns: headings after the verdict.
         lines: its lines.
-        numbers: indices of the columns that hold numbers.
+        numbers: headings of the columns that hold numbers.
         folded: shown only when the reader opens it.
     """
 
     caption: str
     columns: tuple[str, ...]
     lines: tuple[Line, ...]
-    numbers: tuple[int, ...] = ()
+    numbers: tuple[str, ...] = ()
     folded: bool = False
 
 
@@ -103,12 +103,17 @@ def _tightness(row: Row) -> tuple[bool, float]:
     return row.passed is False, row.value / row.limit
 
 
-def by_variant(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
-    """Return rows by actuator and variant, in their order."""
-    groups: dict[tuple[str, str], list[Row]] = {}
+def by_run(rows: Sequence[Row]) -> tuple[list[Row], ...]:
+    """Return rows grouped by actuator, variant and what was run, in their order."""
+    groups: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row.actuator, row.variant), []).append(row)
-    return groups
+        groups.setdefault((row.actuator, row.variant, row.subject), []).append(row)
+    return tuple(groups.values())
+
+
+def run_of(row: Row) -> str:
+    """Return what was run: an FMU, or the simulation."""
+    return row.subject or "simulation"
 
 
 def judgement(rows: Iterable[Row]) -> bool | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from servo_models.report.parts import Line, Section, Table, judgement, number, quantity, share
+from servo_models.report import claim
+from servo_models.report.parts import Section, Table, judgement
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Validation
 
 TITLES = {
@@ -42,8 +43,8 @@ def remarks(validation: Validation) -> tuple[str, ...]:
     if open_:
         figures = "figure" if open_ == 1 else "figures"
         said.append(f"{open_} printed {figures} cannot be reproduced; the reasons are given.")
-    for claim, title in TITLES.items():
-        if not validation.of(claim):
+    for name, title in TITLES.items():
+        if not validation.of(name):
             said.append(f"Not examined: {title}.")
     return tuple(said)
 
@@ -51,12 +52,12 @@ def remarks(validation: Validation) -> tuple[str, ...]:
 def counts(validation: Validation) -> tuple[Count, ...]:
     """Return one count for each claim."""
     made = []
-    for claim, title in TITLES.items():
-        rows = validation.of(claim)
+    for name, title in TITLES.items():
+        rows = validation.of(name)
         judged = [row for row in rows if row.passed is not None]
         passed = sum(row.passed is True for row in judged)
         text = f"{passed} of {len(judged)} checks passed" if rows else "not examined"
-        made.append(Count(claim if rows else "", title, text, judgement(rows)))
+        made.append(Count(name if rows else "", title, text, judgement(rows)))
     return tuple(made)
 
 
@@ -66,25 +67,8 @@ def section(validation: Validation) -> Section | None:
         return None
     table = Table(
         "Every check that failed",
-        ("claim", "actuator", "variant", "case", "quantity", "value", "limit", "used", "note"),
-        tuple(
-            Line(
-                (
-                    row.claim,
-                    row.actuator,
-                    row.variant,
-                    row.case,
-                    row.quantity,
-                    quantity(row.value, row.unit),
-                    number(row.limit),
-                    share(row),
-                    row.note,
-                ),
-                row.verdict,
-                row.passed,
-            )
-            for row in validation.failures
-        ),
-        numbers=(5, 6, 7),
+        ("claim", "actuator", *claim.FIGURE),
+        tuple(claim.line(row, row.claim, row.actuator) for row in validation.failures),
+        claim.NUMBERS,
     )
     return Section("failed", "What failed", tables=(table,))
