@@ -65,8 +65,10 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.values = list(self.content.start)
-        self.low = self.content.low
+        content = self.content
+        self.inputs, self.first_parameter = content.inputs, content.first_parameter
+        self.values = list(content.start)
+        self.low, self.high = content.low, content.high
         self.x: list[float] = []
         self.dropped: frozenset[str] = frozenset()
         self.begun = False  # false until initialisation ends: outputs are looked up when read
@@ -84,6 +86,8 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         self.begins = start_time
         self.stale = True
         if stop_time is not None:
+            if not stop_time >= start_time:
+                self.fail(f"the stop time {stop_time:g} s is not after the start {start_time:g} s")
             self.last = stop_time + SLACK * (1.0 + abs(stop_time))
 
     def exit_initialization_mode(self) -> None:
@@ -119,23 +123,22 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         try:
             return [values[vr] for vr in vrs]
         except IndexError:
-            self.fail(f"value references {vrs}: this FMU has 0 to {len(values) - 1} only")
+            self.unknown(vrs)
 
     def get_boolean(self, vrs: list[int]) -> list[bool]:
         return [value != 0.0 for value in self.get_real(vrs)]
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
+        low, high, mine, first_parameter = self.low, self.high, self.values, self.first_parameter
         try:
             for vr, value in zip(vrs, values):
-                if not self.low[vr] <= value <= self.content.high[vr]:
+                if not low[vr] <= value <= high[vr]:
                     self.refuse_value(vr, value)
-                self.values[vr] = value
-                if vr >= self.content.first_parameter:
+                mine[vr] = value
+                if vr >= first_parameter:
                     self.stale = True
         except IndexError:
-            self.fail(
-                f"value references {vrs}: this FMU has 0 to {len(self.content.names) - 1} only"
-            )
+            self.unknown(vrs)
         if not self.begun:
             self.stale = True
 
@@ -165,7 +168,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
 
         The state stays as it is; an effect that wakes up begins at rest.
         """
-        parameters = self.values[self.content.first_parameter :]
+        parameters = self.values[self.first_parameter :]
         dropped = frozenset(neutral_effects(self.content.flat, parameters))
         try:
             start, self.step = _compiled(dropped)(parameters)
@@ -183,7 +186,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
     def advance(self, x: list[float], time: float, size: float) -> None:
         """Step ``x`` and keep the outputs; a size of 0 only looks at them."""
         try:
-            code, outputs = self.step(x, self.values[: self.content.inputs], time, size)
+            code, outputs = self.step(x, self.values[: self.inputs], time, size)
         except (ArithmeticError, ValueError) as error:
             self.fail(
                 f"arithmetic fails ({error}) in the step from t = {time:g} s:"
@@ -191,7 +194,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             )
         if code:
             self.fail(f"{trouble(self.content.flat, code)}, at t = {time + size:g} s")
-        self.values[self.content.inputs : self.content.first_parameter] = outputs
+        self.values[self.inputs : self.first_parameter] = outputs
 
     def refuse_step(self, time: float, size: float) -> NoReturn:
         if math.isnan(self.time):
@@ -209,7 +212,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         content = self.content
         name, unit = content.names[vr], content.units[vr]
         low, high = content.low[vr], content.high[vr]
-        if content.inputs <= vr < content.first_parameter:
+        if self.inputs <= vr < self.first_parameter:
             self.fail(f"'{name}' is an output: it cannot be set")
         if not math.isfinite(value):
             self.fail(f"'{name}' = {value:g} is not finite: give a number in {unit}")
@@ -218,6 +221,9 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
                 f"'{name}' = {value:g} is outside [{low:g}, {high:g}] {unit}: choose a value inside"
             )
         self.fail(f"'{name}' is a fixed parameter: set it before initialisation ends, or reset")
+
+    def unknown(self, vrs: list[int]) -> NoReturn:
+        self.fail(f"value references {vrs}: this FMU has 0 to {len(self.values) - 1} only")
 
     def no_such_type(self, vrs: list[int], kind: str) -> list[Any]:
         if vrs:

@@ -110,6 +110,16 @@ def test_a_start_time_that_is_not_finite(fmu_folder: Files) -> None:
         refused(host, lambda: host.fmu.setupExperiment(startTime=math.nan), "start time nan")
 
 
+@pytest.mark.parametrize("stop", [0.5, math.nan])
+def test_a_stop_time_before_the_start(fmu_folder: Files, stop: float) -> None:
+    with Host(fmu_folder("torque_motor")) as host:
+        refused(
+            host,
+            lambda: host.fmu.setupExperiment(startTime=1.0, stopTime=stop),
+            "is not after the start",
+        )
+
+
 def test_a_fault_of_an_effect(fmu_folder: Files) -> None:
     """More edges within the delay than its line holds."""
     with Host(fmu_folder("torque_motor")) as host:
