@@ -12,7 +12,7 @@ import pytest
 
 from servo_models.errors import UserError
 from servo_models.report import sg90, torque_motor, verdict, write_report
-from servo_models.report.parts import number, share
+from servo_models.report.parts import number, share, tightest
 from servo_models.report.style import PALETTE
 from servo_models.validation.rows import (
     IMPLEMENTATION,
@@ -188,6 +188,13 @@ def test_numbers(value: float | None, shown: str) -> None:
 )
 def test_share_of_the_limit(value: float, shown: str) -> None:
     assert share(judged(MODEL, ("a", "b", "c"), "q", value, 1e-5)) == shown
+
+
+def test_tightest_is_what_failed_or_what_is_nearest_to_its_limit() -> None:
+    absent = judged(MODEL, ("a", "b", "c"), "settling", None, 1e-5)
+    assert tightest([EQUAL, CLOSE]) is CLOSE
+    assert tightest([WRONG, EQUAL, CLOSE]) is WRONG
+    assert tightest([CLOSE, absent, EQUAL]) is absent
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:

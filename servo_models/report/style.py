@@ -82,7 +82,7 @@ def drawing(name: str, rows: int = 1, height: float = 2.7) -> Iterator[tuple[Fig
 def picture(figure: Figure, name: str, title: str, text: str) -> Picture:
     """Return a figure as a picture for the page; call it inside ``drawing``."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(buffer, format="svg")
     return Picture(_inline(buffer.getvalue(), name, title), title, text)
 
 
