@@ -1,0 +1,58 @@
+"""What a command costs from the shell: wall clock and peak memory of the whole process.
+
+The yardstick of each run is the bare interpreter.  A first ``simulate`` fills the cache of
+compiled texts; the ones measured find it warm.
+
+Run: ``python benchmarks/bench_cli.py`` (about half a minute, POSIX).
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import sys
+import time
+
+ROUNDS = 5
+COMMANDS = {
+    "bare python": ["-c", "pass"],
+    "--help": ["-m", "servo_models", "--help"],
+    "list": ["-m", "servo_models", "list"],
+    "explain backlash": ["-m", "servo_models", "explain", "backlash"],
+    "simulate sg90, 10 s": ["-m", "servo_models", "simulate", "sg90", "--stop", "10"],
+    "simulate torque_motor, 10 s": [
+        *("-m", "servo_models", "simulate", "torque_motor", "--stop", "10")
+    ],
+}
+BARS = {"--help": 0.3, "simulate sg90, 10 s": 2.0, "simulate torque_motor, 10 s": 2.0}
+"""Seconds."""
+
+
+def run(words: list[str]) -> tuple[float, float]:
+    """Return wall clock [s] and peak memory [MB] of one process."""
+    begin = time.perf_counter()
+    quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
+    child = os.posix_spawn(sys.executable, [sys.executable, *words], os.environ, file_actions=quiet)
+    _, status, usage = os.wait4(child, 0)
+    assert status == 0, words
+    peak = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    return time.perf_counter() - begin, peak
+
+
+def main() -> None:
+    for words in COMMANDS.values():
+        run(words)
+    print(f"{'command':29}{'median':>9}{'fastest':>9}{'bar':>7}{'memory':>9}")
+    for name, words in COMMANDS.items():
+        runs = [run(words) for _ in range(ROUNDS)]
+        seconds = [second for second, _ in runs]
+        bar = f"{BARS[name]:.1f} s" if name in BARS else ""
+        memory = max(peak for _, peak in runs)
+        print(
+            f"{name:29}{statistics.median(seconds):7.2f} s{min(seconds):7.2f} s{bar:>7}"
+            f"{memory:6.0f} MB"
+        )
+
+
+if __name__ == "__main__":
+    main()
