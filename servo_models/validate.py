@@ -7,6 +7,14 @@ what cannot be reproduced is named.
 
 from __future__ import annotations
 
+import platform
+import tempfile
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from servo_models.validation.rows import (
     CLAIMS,
     IMPLEMENTATION,
@@ -18,6 +26,134 @@ from servo_models.validation.rows import (
     Validation,
 )
 
+if TYPE_CHECKING:
+    from servo_models.simulate import Model
+    from servo_models.validation.cases import Case
+    from servo_models.validation.subject import Subject
+
+PACKAGES = ("servo-models", "pythonfmu", "fmpy", "numba", "numpy", "scipy", "control")
+
+Progress = Callable[[int, int, str], None]
+"""Called with the number of jobs done, the number of all, and the name of the next one."""
+Job = tuple[str, Callable[[], "list[Row] | CostCurve"]]
+
+
+def validate(
+    subjects: Iterable[Model | str | Path] | None = None,
+    on_progress: Progress | None = None,
+) -> Validation:
+    """Validate FMUs against the simulation, references and the papers.
+
+    Every FMU is compared with the simulation of the same parameters.  Then it runs all
+    cases of its actuator, with the parameters of each case set before initialisation and
+    its own internal step, against the references.  Figures of the papers and the cost of
+    accuracy belong to the actuator and are measured in this process.
+
+    Args:
+        subjects: FMU files, or models that are built first; None for every actuator and
+            every plant of it.
+        on_progress: is told of the jobs; the last call is (n, n, "").
+
+    Raises:
+        UserError: an FMU that cannot be read, or that stops before its time.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="servo-models-")))
+        chosen = every_model() if subjects is None else subjects
+        opened = [_open(subject, folder / str(k)) for k, subject in enumerate(chosen)]
+        for subject in opened:
+            stack.callback(subject.close)
+        rows: list[Row] = []
+        curves: list[CostCurve] = []
+        jobs = [*(job for subject in opened for job in _fmu_jobs(subject)), *_actuator_jobs(opened)]
+        for done, (label, work) in enumerate(jobs):
+            if on_progress:
+                on_progress(done, len(jobs), label)
+            result = work()
+            if isinstance(result, CostCurve):
+                curves.append(result)
+            else:
+                rows += result
+        if on_progress:
+            on_progress(len(jobs), len(jobs), "")
+    return Validation(tuple(rows), tuple(curves), conditions())
+
+
+def every_model() -> list[Model]:
+    """Return the default model of every actuator, and one for every other plant it has."""
+    from servo_models.catalogue import actuators
+    from servo_models.simulate import model
+
+    return [
+        model(actuator, variant.name)
+        for actuator in actuators().values()
+        for variant in actuator.variants
+        if variant.name == actuator.default_variant or variant.plant is not None
+    ]
+
+
+def conditions() -> dict[str, str]:
+    """Return the versions that figures depend on, by name."""
+    found = {"Python": platform.python_version(), "system": platform.system()}
+    found["machine"] = platform.machine()
+    return found | {name: version(name) for name in PACKAGES}
+
+
+def _open(subject: Model | str | Path, folder: Path) -> Subject:
+    from servo_models.build import build
+    from servo_models.simulate import Model
+    from servo_models.validation.subject import Subject
+
+    if isinstance(subject, Model):
+        subject = build(subject, folder / f"{subject.actuator.name}.fmu")
+    return Subject(subject)
+
+
+def _fmu_jobs(subject: Subject) -> list[Job]:
+    from servo_models.validation.cases import all_cases
+    from servo_models.validation.implementation import implementation_rows
+
+    own = subject.model
+    name = own.actuator.name
+    jobs: list[Job] = [
+        (f"{name}: FMU against simulation", lambda: implementation_rows(subject)),
+    ]
+    for case in all_cases():
+        if case.actuator == name and own.actuator.plant_of(case.variant) is own.plant:
+            jobs.append((f"{name} {case.variant}: {case.name}", _case_job(case, subject)))
+    return jobs
+
+
+def _case_job(case: Case, subject: Subject) -> Callable[[], list[Row]]:
+    from servo_models.simulate import model
+    from servo_models.validation.responses import response_rows
+
+    step = {"internal_step": subject.model.values["internal_step"]}
+    chosen = model(case.actuator, case.variant, {**case.parameters, **step})
+    return lambda: response_rows(case, chosen, subject.run, subject.name)
+
+
+def _actuator_jobs(opened: list[Subject]) -> list[Job]:
+    from servo_models.validation import paper_sg90, paper_torque_motor
+    from servo_models.validation.cost import CASES
+
+    papers = {"sg90": paper_sg90.rows, "torque_motor": paper_torque_motor.rows}
+    names = list(dict.fromkeys(subject.model.actuator.name for subject in opened))
+    jobs: list[Job] = [
+        (f"{name}: figures of the paper", papers[name]) for name in names if name in papers
+    ]
+    for name in names:
+        if name in CASES:
+            jobs.append((f"{name}: error against step size", _cost_job(name)))
+    return jobs
+
+
+def _cost_job(name: str) -> Callable[[], CostCurve]:
+    from servo_models.validation.cost import cost_curve
+
+    return lambda: cost_curve(name)
+
+
 __all__ = [
     "CLAIMS",
     "IMPLEMENTATION",
@@ -27,4 +163,7 @@ __all__ = [
     "CostPoint",
     "Row",
     "Validation",
+    "conditions",
+    "every_model",
+    "validate",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,6 +34,7 @@ class Row:
         note: reason or reference in words.
         printed: figure in the paper, for the claim paper.
         recomputed: that figure from the paper's own numbers, without this model.
+        subject: name of the FMU that was run, "" for the simulation in this process.
     """
 
     claim: str
@@ -47,6 +49,7 @@ class Row:
     note: str = ""
     printed: float | None = None
     recomputed: float | None = None
+    subject: str = ""
 
     @property
     def verdict(self) -> str:
@@ -64,13 +67,14 @@ def judged(
     limit: float | None = None,
     unit: str = "1",
     note: str = "",
+    subject: str = "",
 ) -> Row:
     """Make a row that passes while ``value`` is at most ``limit``; no limit, no judgement.
 
     ``where`` is actuator, variant and case.  A value of None fails a limit.
     """
-    passed = None if limit is None else value is not None and value <= limit
-    return Row(claim, *where, quantity, value, limit, unit, passed, note)
+    passed = None if limit is None else value is not None and bool(value <= limit)
+    return Row(claim, *where, quantity, value, limit, unit, passed, note, subject=subject)
 
 
 @dataclass(frozen=True)
@@ -128,10 +132,19 @@ class Validation:
         return tuple(row for row in self.rows if row.claim == claim)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain lists and dictionaries, ready for JSON."""
+        """Return plain lists and dictionaries for JSON; a figure that is not finite is None."""
         return {
             "passed": self.passed,
             "conditions": dict(self.conditions),
-            "rows": [{**dataclasses.asdict(row), "verdict": row.verdict} for row in self.rows],
+            "rows": [
+                {name: _plain(value) for name, value in dataclasses.asdict(row).items()}
+                | {"verdict": row.verdict}
+                for row in self.rows
+            ],
             "cost": [dataclasses.asdict(curve) for curve in self.cost],
         }
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no infinity and no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

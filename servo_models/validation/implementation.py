@@ -1,0 +1,110 @@
+"""The claim *implementation*: an FMU equals the simulation in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.simulate import Model
+from servo_models.validation.rows import IMPLEMENTATION, Row, judged
+from servo_models.validation.subject import Subject, drive
+
+Array = NDArray[np.float64]
+
+LIMIT = 1e-12
+"""Largest difference over full scale of an output; the aim is 0, bit for bit."""
+STEPS = (0.7e-3, 1e-3, 3.3e-3, 20e-3)
+"""Communication steps [s]; 0.7 and 3.3 ms are no multiples of any internal step."""
+ROWS = 241
+
+
+def implementation_rows(subject: Subject) -> list[Row]:
+    """Compare an FMU with its model on several grids, over a restore, and beside another."""
+    rows: list[Row] = []
+    comparisons: list[tuple[str, Callable[[], float]]] = [
+        *((f"communication step {1e3 * step:g} ms", _steady(subject, step)) for step in STEPS),
+        ("irregular communication steps", lambda: _compared(subject, irregular(ROWS))),
+        ("saved and restored in mid-run", lambda: _restored(subject, same_instance=True)),
+        ("restored into another instance", lambda: _restored(subject, same_instance=False)),
+        ("two instances at once", lambda: _two_at_once(subject)),
+    ]
+    for case, compare in comparisons:
+        value = compare()
+        where = (subject.model.actuator.name, subject.model.variant, case)
+        note = "equal bit for bit" if value == 0.0 else "not bit for bit"
+        quantity = "largest difference of any output"
+        rows.append(judged(IMPLEMENTATION, where, quantity, value, LIMIT, "1", note, subject.name))
+    return rows
+
+
+def irregular(rows: int) -> Array:
+    """Return times [s] whose steps vary from 0.2 to 5.2 ms without ever repeating."""
+    steps = 0.2e-3 + 5e-3 * np.modf(np.arange(1, rows) * 0.6180339887498949)[0]
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def excitation(model: Model, times: Array, seed: int = 1) -> Array:
+    """Return inputs, shape (n, inputs), that jump at random within their working range."""
+    random = np.random.default_rng(seed)
+    columns = []
+    for wire in model.plant.inputs:
+        rest, spread = float(wire.rest), 0.5 * wire.scale
+        levels = np.clip(
+            rest + spread * random.uniform(-1.0, 1.0, 1 + len(times) // 20), wire.low, wire.high
+        )
+        columns.append(levels[np.arange(len(times)) // 20])
+    return np.column_stack(columns)
+
+
+def difference(expected: Array, got: Array) -> float:
+    """Return the largest difference of any output over that output's largest value."""
+    scale = np.maximum(np.max(np.abs(expected), axis=0), np.finfo(float).tiny)
+    return float(np.max(np.abs(got - expected) / scale))
+
+
+def _steady(subject: Subject, step: float) -> Callable[[], float]:
+    return lambda: _compared(subject, step * np.arange(ROWS, dtype=float))
+
+
+def _compared(subject: Subject, times: Array) -> float:
+    inputs = excitation(subject.model, times)
+    expected = subject.model.run(times, inputs)
+    return difference(expected, subject.run(subject.model, times, inputs))
+
+
+def _restored(subject: Subject, same_instance: bool) -> float:
+    """Save in the middle, spoil the state by going on, restore, and finish the run."""
+    times = irregular(ROWS)
+    inputs, middle = excitation(subject.model, times), ROWS // 2
+    expected = subject.model.run(times, inputs)
+    values, start = subject.model.values, float(times[0])
+    with (
+        subject.instance(values, start, inputs[0]) as one,
+        subject.instance(values, start, inputs[0]) as other,
+    ):
+        drive(one, times[: middle + 1], inputs)
+        saved = one.saved()
+        drive(one, times, inputs, first=middle)
+        resumed = one if same_instance else other
+        resumed.restore(saved)
+        return difference(expected[middle:], drive(resumed, times, inputs, first=middle))
+
+
+def _two_at_once(subject: Subject) -> float:
+    """Step two instances in turn with different inputs."""
+    times = irregular(ROWS)
+    both = [excitation(subject.model, times, seed) for seed in (1, 2)]
+    start, values = float(times[0]), subject.model.values
+    with (
+        subject.instance(values, start, both[0][0]) as one,
+        subject.instance(values, start, both[1][0]) as other,
+    ):
+        outs = [[one.outputs()], [other.outputs()]]
+        for k in range(ROWS - 1):
+            for instance, inputs, out in zip((one, other), both, outs):
+                instance.step(float(times[k]), float(times[k + 1] - times[k]), inputs[k])
+                out.append(instance.outputs())
+    expected = [subject.model.run(times, inputs) for inputs in both]
+    return max(difference(e, np.array(out)) for e, out in zip(expected, outs))
