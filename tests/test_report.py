@@ -12,6 +12,7 @@ import pytest
 
 from servo_models.errors import UserError
 from servo_models.report import sg90, torque_motor, verdict, write_report
+from servo_models.report.paper import DIGITS
 from servo_models.report.parts import number, share, tightest
 from servo_models.report.style import PALETTE
 from servo_models.validation.rows import (
@@ -180,6 +181,12 @@ def test_a_failure_comes_first(bad: str) -> None:
 )
 def test_numbers(value: float | None, shown: str) -> None:
     assert number(value) == shown
+
+
+def test_coefficients_of_the_papers_keep_their_digits() -> None:
+    assert number(197.11, DIGITS) == "197.11"
+    assert number(1582240.0, DIGITS) == "1.58224\N{MULTIPLICATION SIGN}10⁶"
+    assert number(184512000.0, DIGITS) == "1.84512\N{MULTIPLICATION SIGN}10⁸"
 
 
 @pytest.mark.parametrize(

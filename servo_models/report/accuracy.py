@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from servo_models.report.parts import Section
 from servo_models.report.style import SERIES, Picture, colour, drawing, picture
 from servo_models.validation.rows import CostCurve, Validation
@@ -34,14 +37,24 @@ def _picture(curve: CostCurve, index: int) -> Picture:
             values = [point.error[output] for point in curve.points]
             error.loglog(steps, values, f"{mark}-", color=colour(series), ms=4.5, label=output)
         error.legend(loc="lower right", frameon=False)
-        cost.loglog(steps, [point.seconds for point in curve.points], "o-", color=colour("ink"))
+        seconds = [point.seconds for point in curve.points]
+        cost.loglog(steps, seconds, "o-", color=colour("ink"), ms=4.5)
         for axes in (error, cost):
             axes.axvline(default, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
+            axes.set_ylim(*_decades(axes.dataLim.intervaly))
+            axes.minorticks_off()
         error.set_ylabel("error / full scale")
         cost.set(xlabel="internal step [µs]", ylabel="cost [s/s]")
+        cost.set_xticks(steps, [f"{step:g}" for step in steps])
         return picture(
             figure,
             name,
             f"{curve.actuator}, {curve.variant}: {curve.case}",
             f"Default internal step {default:g} µs.",
         )
+
+
+def _decades(ends: Sequence[float]) -> tuple[float, float]:
+    """Whole powers of ten around both ends, so that an axis has numbers on it."""
+    low, high = (math.log10(end) for end in ends)
+    return 10.0 ** math.floor(low), 10.0 ** math.ceil(high)

@@ -67,7 +67,7 @@ def tables(rows: Sequence[Row], what: str) -> tuple[Table, ...]:
 def _summary(group: Sequence[Row]) -> Line:
     judged = [row for row in group if row.passed is not None]
     worst = tightest(judged or group)
-    passed = sum(row.passed is True for row in judged)
+    passed = sum(bool(row.passed) for row in judged)
     return Line(
         (
             worst.actuator,

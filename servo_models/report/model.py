@@ -6,7 +6,7 @@ from servo_models.report import claim
 from servo_models.report.parts import Section
 from servo_models.validation.rows import MODEL, Validation
 
-TITLE = "Model: simulation against references"
+TITLE = "Model: responses against references"
 
 
 def section(validation: Validation) -> Section | None:
@@ -20,5 +20,5 @@ def section(validation: Validation) -> Section | None:
         "The references are written from the papers' equations a second time, without the"
         " blocks of the model, and solved by other methods. Errors are shares of full scale,"
         " the largest absolute reference value of each output.",
-        claim.tables(rows, "Simulation against references"),
+        claim.tables(rows, "Responses against references"),
     )

@@ -6,6 +6,8 @@ from servo_models.report.parts import Line, Section, Table, number
 from servo_models.validation.rows import PAPER, Row, Validation
 
 TITLE = "Figures of the papers"
+DIGITS = 7
+"""Enough for every coefficient that the papers print."""
 
 
 def section(validation: Validation) -> Section | None:
@@ -35,9 +37,9 @@ def _table(rows: list[Row], actuator: str) -> Table:
             Line(
                 (
                     row.quantity,
-                    number(row.printed),
-                    number(row.recomputed),
-                    number(row.value),
+                    number(row.printed, DIGITS),
+                    number(row.recomputed, DIGITS),
+                    number(row.value, DIGITS),
                     number(row.limit),
                     "" if row.unit == "1" else row.unit,
                     f"{row.variant}, {row.case}",

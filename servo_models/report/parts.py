@@ -67,14 +67,14 @@ class Section:
     facts: tuple[tuple[str, str], ...] = ()
 
 
-def number(value: float | None) -> str:
+def number(value: float | None, digits: int = 4) -> str:
     """Return a number as in print: a true minus sign, powers of ten, a dash for None."""
     if value is None:
         return NONE
     if value == 0.0 or not math.isfinite(value) or 1e-3 <= abs(value) < 1e5:
-        return f"{value:.4g}".replace("-", MINUS)
-    mantissa, power = f"{value:.2e}".split("e")
-    return f"{number(float(mantissa))}{TIMES}10{str(int(power)).translate(_RAISED)}"
+        return f"{value:.{digits}g}".replace("-", MINUS)
+    mantissa, power = f"{value:.{digits - 2}e}".split("e")
+    return f"{number(float(mantissa), digits)}{TIMES}10{str(int(power)).translate(_RAISED)}"
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -10,7 +10,7 @@ from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Validatio
 
 TITLES = {
     IMPLEMENTATION: "FMU equals simulation",
-    MODEL: "Simulation equals references",
+    MODEL: "Responses equal references",
     PAPER: "Figures of the papers",
 }
 
@@ -55,7 +55,7 @@ def counts(validation: Validation) -> tuple[Count, ...]:
     for name, title in TITLES.items():
         rows = validation.of(name)
         judged = [row for row in rows if row.passed is not None]
-        passed = sum(row.passed is True for row in judged)
+        passed = sum(bool(row.passed) for row in judged)
         text = f"{passed} of {len(judged)} checks passed" if rows else "not examined"
         made.append(Count(name if rows else "", title, text, judgement(rows)))
     return tuple(made)
