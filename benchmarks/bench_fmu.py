@@ -14,6 +14,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ def trivial(every: list[Variable], folder: Path) -> Path:
 class Instance:
     """An initialised instance of an FMU, driven at fmpy's low level."""
 
-    def __init__(self, folder: str) -> None:
+    def __init__(self, folder: str, parameters: dict[str, float] | None = None) -> None:
         description = fmpy.read_model_description(folder)
         self.fmu = FMU2Slave(
             guid=description.guid,
@@ -77,6 +78,9 @@ class Instance:
         self.fmu.instantiate()
         self.fmu.setupExperiment()
         self.fmu.enterInitializationMode()
+        reference = {v.name: v.valueReference for v in description.modelVariables}
+        for name, value in (parameters or {}).items():
+            self.fmu.setReal([reference[name]], [value])
         self.fmu.exitInitializationMode()
         of = {
             kind: [v for v in description.modelVariables if v.causality == kind]
@@ -126,24 +130,32 @@ def stepped(chosen: Model, excited: float) -> list[float]:
     return [excited, *(float(wire.rest) for wire in chosen.plant.inputs[1:])]
 
 
+def all_effects(chosen: Model) -> dict[str, float]:
+    """Every effect switched on at its typical value."""
+    parameters = chosen.plant.parameters.items()
+    return {name: p.param.typical for name, p in parameters if p.param.switch}
+
+
 def steps(folders: dict[str, str], servo: Model, motor: Model) -> None:
     """Print the cost of a step against the yardstick and against real time."""
-    at: dict[str, tuple[str, list[float], float]] = {
-        "sg90, 1 ms": ("sg90", stepped(servo, 2e-3), 1e-3),
-        "torque_motor, 0.1 ms": ("torque_motor", stepped(motor, 30.0), 1e-4),
-        "torque_motor, 1 ms": ("torque_motor", stepped(motor, 30.0), 1e-3),
-        "trivial": ("trivial", stepped(servo, 2e-3), 1e-3),
+    pulse, volts = stepped(servo, 2e-3), stepped(motor, 30.0)
+    sg90, torque_motor = folders["sg90"], folders["torque_motor"]
+    at = {
+        "sg90, 1 ms": (Instance(sg90), pulse, 1e-3),
+        "sg90, all effects": (Instance(sg90, all_effects(servo)), pulse, 1e-3),
+        "torque_motor, 0.1 ms": (Instance(torque_motor), volts, 1e-4),
+        "torque_motor, 1 ms": (Instance(torque_motor), volts, 1e-3),
+        "trivial": (Instance(folders["trivial"]), pulse, 1e-3),
     }
-    instances = {name: Instance(folders[kind]) for name, (kind, _, _) in at.items()}
     cost = interleaved(
-        {n: lambda n=n: instances[n].run(at[n][1], at[n][2]) for n in at}  # type: ignore[misc]
+        {name: partial(made.run, values, size) for name, (made, values, size) in at.items()}
     )
     print(f"{'set + step + get':24}{'us':>8}{'x trivial':>11}{'x real time':>13}")
     for name, seconds in cost.items():
         ratio = seconds / cost["trivial"]
         print(f"{name:24}{seconds * 1e6:8.1f}{ratio:11.2f}{at[name][2] / seconds:13.0f}")
-    for instance in instances.values():
-        instance.free()
+    for made, _, _ in at.values():
+        made.free()
 
 
 def instances(folders: dict[str, str]) -> None:
@@ -177,3 +189,21 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+
+RESULT = """
+Two cores shared with other work, CPython 3.11, pythonfmu 0.7.0, fmpy 0.3.32.  The ratios hold
+from run to run within 0.2; the microseconds follow the load: with the trivial slave at
+12.5 us the SG90 took 15.8 us, 63 times faster than real time.
+
+set + step + get              us  x trivial  x real time
+sg90, 1 ms                  18.3       1.12           55
+sg90, all effects           29.9       1.83           33
+torque_motor, 0.1 ms        18.5       1.13            5
+torque_motor, 1 ms          38.5       2.35           26
+trivial                     16.4       1.00           61
+
+instance                      ms    kB each
+sg90                        26.8        249
+torque_motor                22.3        202
+trivial                     13.5         85
+"""
