@@ -168,6 +168,7 @@ def _actuator_sheet(actuator: Actuator) -> Sheet:
                 _PARAMETER_COLUMNS,
                 tuple(_parameter_rows(own, actuator)),
             ),
+            *_uncertainties(actuator),
             Table(
                 f"Parameters of effects, {values}; while those marked * are 0 it does nothing",
                 _PARAMETER_COLUMNS,
@@ -175,6 +176,14 @@ def _actuator_sheet(actuator: Actuator) -> Sheet:
             ),
         ),
     )
+
+
+def _uncertainties(actuator: Actuator) -> Iterator[Table]:
+    for variant in actuator.variants:
+        rows = tuple((name, f"{share:.0%}") for name, share in variant.uncertainty.items())
+        if rows:
+            heading = f"Relative standard deviations of variant '{variant.name}'"
+            yield Table(heading, ("parameter", ""), rows)
 
 
 _PARAMETER_COLUMNS = ("parameter", "value", "from", "to", "unit", "")

@@ -9,28 +9,30 @@ from xml.etree import ElementTree
 
 from servo_models.files import write_whole
 from servo_models.sheets import Sheet, Table
-from servo_models.validation.rows import CLAIMS, Row, Validation
+from servo_models.validation.rows import CLAIMS, IMPLEMENTATION, MODEL, PAPER, Row, Validation
 
 HEADINGS = {
-    "implementation": "Implementation: the FMU equals the simulation",
-    "model": "Model: the response equals an independent reference",
-    "paper": "Figures of the papers",
+    IMPLEMENTATION: "Implementation: the FMU equals the simulation",
+    MODEL: "Model: the response equals an independent reference",
+    PAPER: "Figures of the papers",
 }
 
 
 def text(validation: Validation) -> Sheet:
-    """Return the tables of a validation, one a claim."""
+    """Return the tables of a validation: one a claim, then what failed."""
+    groups = {HEADINGS[claim]: validation.of(claim) for claim in CLAIMS}
+    groups["Outside their limits"] = validation.failures
     return Sheet(
-        sentence(validation),
+        "Validation",
         (),
         tuple(
             Table(
-                HEADINGS[claim],
+                heading,
                 ("verdict", "actuator", "variant", "case", "quantity", "value", "limit", ""),
                 tuple(_cells(row) for row in rows),
             )
-            for claim in CLAIMS
-            if (rows := validation.of(claim))
+            for heading, rows in groups.items()
+            if rows
         ),
     )
 
@@ -95,16 +97,21 @@ def write_junit(validation: Validation, path: Path) -> None:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    verdict = {True: "pass", False: "FAIL", None: "-"}[row.passed]
+    verdict = {True: "pass", False: "FAIL", None: row.verdict}[row.passed]
     names = (row.actuator, row.variant, row.case, row.quantity)
-    return (verdict, *names, _figure(row.value, row.unit), _limit(row), row.note)
+    note = "" if row.passed and row.claim != PAPER else row.note
+    return (verdict, *names, _figure(row.value, row.unit), _limit(row), note)
 
 
 def _limit(row: Row) -> str:
-    if row.printed is None:
+    """What the value is held against; in a paper's figures the limit is a distance."""
+    if row.claim != PAPER:
         return "" if row.limit is None else f"<= {_figure(row.limit, row.unit)}"
-    within = "" if row.limit is None else f" +- {row.limit:.3g}"
-    return f"printed {_figure(row.printed, row.unit)}{within}"
+    targets = {"printed": row.printed, "recomputed": row.recomputed}
+    given = [f"{name} {_figure(it, row.unit)}" for name, it in targets.items() if it is not None]
+    if given and row.limit is not None:
+        given[0] += f" +- {row.limit:.3g}"
+    return ", ".join(given)
 
 
 def _figure(value: float | None, unit: str) -> str:

@@ -53,9 +53,13 @@ class Sheet:
         return Group(*parts)
 
     def __str__(self) -> str:
+        return self.plain(WIDE)
+
+    def plain(self, width: int) -> str:
+        """Return plain text in lines of at most ``width`` characters."""
         from rich.console import Console
 
-        console = Console(width=WIDE, color_system=None, force_terminal=False)
+        console = Console(width=width, color_system=None, force_terminal=False)
         with console.capture() as capture:
             console.print(self)
         return "\n".join(line.rstrip() for line in capture.get().splitlines())

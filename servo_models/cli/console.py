@@ -11,15 +11,18 @@ from servo_models.sheets import Sheet
 Progress = Callable[[int, int, str], None]
 """Called with steps done, steps in all, and what is being done."""
 
+ONE_LINE = 2000
+"""Characters; no row of a table is longer, so a filter such as grep finds all of it."""
+
 
 def show(sheet: Sheet) -> None:
-    """Print a sheet: for the width and colours of a terminal, or as plain text."""
+    """Print a sheet: for the width and colours of a terminal, else a line for each row."""
     if sys.stdout.isatty():
         from rich.console import Console
 
         Console().print(sheet)
     else:
-        print(sheet)
+        print(sheet.plain(ONE_LINE))
 
 
 @contextmanager

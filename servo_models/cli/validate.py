@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -48,16 +49,17 @@ def validate(
 
     with progress("validating") as on_progress:
         result = run(fmus or None, on_progress=on_progress)
-    if junit:
-        formats.write_junit(result, junit)
-    if report:
-        from servo_models.report import write_report
-
-        write_report(result, report)
     if format_ is Format.JSON:
         print(formats.as_json(result))
     elif format_ is Format.GITHUB:
         print("\n".join(formats.github(result)))
     else:
         show(formats.text(result))
+        print(f"\n{formats.sentence(result)}")
+    if junit:
+        formats.write_junit(result, junit)
+    if report:
+        from servo_models.report import write_report
+
+        write_report(result, report, date.today().isoformat())
     return 0 if result.passed else 1
