@@ -191,9 +191,9 @@ if __name__ == "__main__":
     main()
 
 RESULT = """
-Two cores shared with other work, CPython 3.11, pythonfmu 0.7.0, fmpy 0.3.32.  The ratios hold
-from run to run within 0.2; the microseconds follow the load: with the trivial slave at
-12.5 us the SG90 took 15.8 us, 63 times faster than real time.
+Two cores shared with other work, CPython 3.11, pythonfmu 0.7.0, fmpy 0.3.32.  The load of
+others moves the figures: over eleven runs the SG90's ratio was 1.12 to 1.53, median 1.29, and
+with the trivial slave at 12.5 us it took 15.8 us, 63 times faster than real time.
 
 set + step + get              us  x trivial  x real time
 sg90, 1 ms                  18.3       1.12           55
