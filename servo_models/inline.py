@@ -8,6 +8,7 @@ arithmetic, comparisons, ``abs``, ``int``, ``float`` and ``math``.
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 import math
 import textwrap
@@ -52,7 +53,8 @@ def _tail_form(body: Sequence[ast.stmt], targets: Sequence[str], block: Block) -
             return [*done, _assign(statement, targets, block)]
         if isinstance(statement, ast.If) and _returns(statement):
             rest = list(body[i + 1 :])
-            then = statement.body if _ends(statement.body) else [*statement.body, *rest]
+            copied = copy.deepcopy(rest)  # both branches are renamed, each once
+            then = statement.body if _ends(statement.body) else [*statement.body, *copied]
             other = statement.orelse if _ends(statement.orelse) else [*statement.orelse, *rest]
             branch = ast.If(
                 test=statement.test,
@@ -60,9 +62,9 @@ def _tail_form(body: Sequence[ast.stmt], targets: Sequence[str], block: Block) -
                 orelse=_tail_form(other, targets, block),
             )
             return [*done, branch]
+        if _returns(statement):
+            raise ValueError(f"block '{block.name}' returns from inside a loop: return at its end")
         done.append(statement)
-    if any(_returns(statement) for statement in done):
-        raise ValueError(f"block '{block.name}' returns from inside a loop: return at its end")
     return done
 
 
@@ -135,9 +137,9 @@ class _Rename(ast.NodeTransformer):
         )
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
-        assert isinstance(node.value, ast.Name)
+        queue = self.visit(node.value)
         index = self.visit(node.slice)
-        first = ast.Constant(value=int(self.names[node.value.id]))
+        first = ast.Constant(value=int(queue.id))
         return ast.Subscript(
             value=ast.Name(id="x", ctx=ast.Load()),
             slice=ast.BinOp(left=first, op=ast.Add(), right=index),

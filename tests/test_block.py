@@ -1,0 +1,155 @@
+"""What a block may be, and that its inlined text is the function."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from servo_models.block import Block, Clock, Fault, Memory, Mode, Param, Queue, block, effect
+from servo_models.catalogue import actuators, effects
+from servo_models.inline import inline
+
+OUTSIDE = [1.0, 2.0]
+
+
+def test_the_signature_is_the_data_sheet() -> None:
+    @effect("signal", source="here")
+    def all_kinds(
+        signal: float,
+        due: float,
+        size: Annotated[float, Param("signal", "size", high=2.0, switch=True, typical=1.0)],
+        shape: Annotated[float, Param("1", "shape")],
+        kept: Annotated[float, Memory(0.5)],
+        tick: Annotated[float, Clock()],
+        side: Annotated[float, Mode()],
+        broken: Annotated[float, Fault(message="broken")],
+        line: Annotated[list[float], Queue(4)],
+    ) -> tuple[float, float, float, float, float]:
+        """Does nothing."""
+        return signal, kept, tick, side, broken
+
+    assert all_kinds.wires == ("signal", "due")
+    assert list(all_kinds.params) == ["size", "shape"]
+    assert list(all_kinds.memory) == ["kept", "tick", "side", "broken"]
+    assert list(all_kinds.queues) == ["line"]
+    assert all_kinds.switches == ("size",)
+    assert all_kinds.about == "Does nothing."
+    assert all_kinds(1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, []) == (1.0, 0.5, 0.0, 0.0, 0.0)
+
+
+def test_a_block_without_docstring_is_refused() -> None:
+    with pytest.raises(ValueError, match="no docstring"):
+
+        @block()
+        def silent(u: float) -> float:
+            return u
+
+
+def test_an_effect_without_switch_is_refused() -> None:
+    with pytest.raises(ValueError, match="never neutral"):
+
+        @effect("signal", source="here")
+        def always_on(signal: float, size: Annotated[float, Param("1", "size")]) -> float:
+            """Cannot be switched off."""
+            return signal + size
+
+
+@block("y")
+def power(u: float) -> float:
+    """Whose last bit differs between numba and CPython."""
+    return u**3
+
+
+@block("y")
+def early(u: float) -> float:
+    """Leaves a loop by a return."""
+    while u > 1.0:
+        if u > 2.0:
+            return u
+        u = u - 1.0
+    return u
+
+
+@block("y")
+def reaching(u: float) -> float:
+    """Uses what is no number."""
+    return u + OUTSIDE[0]
+
+
+@block("y", "z")
+def forgetful(u: float) -> float:
+    """Returns one value for two wires."""
+    return u
+
+
+@pytest.mark.parametrize(
+    ("bad", "sentence"),
+    [
+        (power, "write the product"),
+        (early, "return at its end"),
+        (reaching, "uses 'OUTSIDE'"),
+        (forgetful, "returns 1 values where its signature asks for 2"),
+    ],
+)
+def test_what_does_not_run_everywhere_is_refused(bad: Block, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        inline(bad, {name: name for name in bad.wires}, bad.gives, "prefix")
+
+
+@functools.cache
+def inlined(name: str) -> Callable[..., list[float]]:
+    """The block as text, with arguments renamed to a0, a1 ... and queues in ``x``."""
+    found = EVERY_BLOCK[name]
+    arguments = [*found.wires, *found.params, *found.memory]
+    names = {name: f"a{i}" for i, name in enumerate(arguments)}
+    at = 0
+    for line, queue in found.queues.items():
+        names[line] = str(at)
+        at += queue.size
+    wires = found.acts_on or found.gives
+    targets = [f"out{i}" for i in range(len(wires) + len(found.memory))]
+    body = inline(found, names, targets, "local")
+    text = [f"def run(x, {', '.join(names[n] for n in arguments)}):"]
+    text += ["    " + line for line in body]
+    text += [f"    return [{', '.join(targets)}]"]
+    scope: dict[str, Any] = {"math": math}
+    exec("\n".join(text), scope)
+    return scope["run"]
+
+
+def _every_block() -> Iterator[Block]:
+    for blocks in effects().values():
+        yield from blocks
+    for actuator in actuators().values():
+        for variant in actuator.variants:
+            chain = actuator.plant_of(variant.name).chain
+            yield from (link for link in chain if isinstance(link, Block))
+
+
+EVERY_BLOCK = {f"{b.function.__module__}.{b.name}": b for b in _every_block()}
+numbers = st.one_of(st.floats(1e-3, 3.0), st.floats(-3.0, -1e-3), st.just(0.0))
+
+
+@pytest.mark.parametrize("name", EVERY_BLOCK)
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_inlined_text_is_the_function(name: str, data: st.DataObject) -> None:
+    found = EVERY_BLOCK[name]
+    drawn = {wire: data.draw(numbers, wire) for wire in found.wires}
+    drawn |= {n: data.draw(st.floats(p.low, p.high), n) for n, p in found.params.items()}
+    drawn |= {memory: data.draw(st.floats(0.0, 3.0), memory) for memory in found.memory}
+    queue = [0.5] * sum(queue.size for queue in found.queues.values())
+    x = list(queue)
+    try:
+        expected = found(**drawn, **dict.fromkeys(found.queues, queue))
+    except (ArithmeticError, ValueError):
+        assume(False)
+    text = inlined(name)(x, *drawn.values())
+    assert text == list(expected if isinstance(expected, tuple) else (expected,))
+    assert x == queue

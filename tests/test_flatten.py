@@ -1,0 +1,149 @@
+"""Levels, names and layout of a flattened plant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plants.bench import held_bench, respond, step_constant
+
+from servo_models.actuator import Plant, State, Wire, place
+from servo_models.block import Block, block
+from servo_models.effects.cogging import cogging
+from servo_models.effects.constant_load import constant_load
+from servo_models.effects.dead_zone import dead_zone
+from servo_models.effects.gain_error import gain_error
+from servo_models.effects.offset import offset
+from servo_models.flat import Chunk
+from servo_models.flatten import flatten
+
+
+@block("doubled")
+def from_parameter(internal_step: float) -> float:
+    """Depends on a parameter only."""
+    return 2.0 * internal_step
+
+
+@block("commanded")
+def from_input(u: float, doubled: float) -> float:
+    """Depends on an input."""
+    return u + doubled
+
+
+@block("slope")
+def from_state(height: float, commanded: float) -> float:
+    """Depends on a state."""
+    return commanded - height
+
+
+def plant(*chain: Block, start: float | str = 0.0, outputs: tuple[str, ...] = ("height",)) -> Plant:
+    return Plant(
+        inputs=(Wire("u", "1", "input"),),
+        wires=(Wire("doubled", "1", "wire"), Wire("commanded", "1", "wire")),
+        chain=chain,
+        states=(State(Wire("height", "1", "state"), "slope", start=start),),
+        outputs=outputs,
+        constants=step_constant(0.5),
+    )
+
+
+CHAIN = (from_parameter, from_input, from_state)
+
+
+def written(section: list[Chunk]) -> set[str]:
+    return {name for chunk in section for name in chunk.writes}
+
+
+def test_a_block_runs_as_seldom_as_its_arguments_allow() -> None:
+    flat = flatten(plant(*CHAIN), "levels")
+    assert written(flat.setup) == {"doubled"}
+    assert written(flat.held) == {"commanded"}
+    assert written(flat.stage) == {"slope"}
+
+
+def test_an_effect_that_needs_a_state_lifts_its_wire_without_piling_up() -> None:
+    """The wire keeps its lower version, from which every evaluation starts anew."""
+
+    @block("height_seen")
+    def seen(height: float, doubled: float) -> float:
+        """The lifted wire as an output."""
+        return doubled
+
+    lift = place("lift", cogging, "doubled", shaft_angle="height")
+    lifting = Plant(
+        inputs=(Wire("u", "1", "input"),),
+        wires=(Wire("doubled", "1", "wire"),),
+        chain=(from_parameter, lift, rising, seen),
+        states=(State(Wire("height", "1", "state"), "slope", start=1.0),),
+        outputs=("height_seen", "height"),
+        constants=step_constant(0.5),
+    )
+    out = respond(lifting, {"lift.torque": 1.0, "lift.count": 1.0, "lift.phase": 0.0}, range(5))
+    np.testing.assert_allclose(out["height_seen"], 1.0 + np.sin(out["height"]), rtol=1e-14)
+
+
+@block("slope")
+def rising(height: float) -> float:
+    """x' = 1."""
+    return 1.0 + 0.0 * height
+
+
+@pytest.mark.parametrize(
+    ("chain", "sentence"),
+    [
+        ((from_parameter, from_state), "unknown wire 'commanded' in block 'from_state'"),
+        ((from_input, from_state), "did you mean"),
+    ],
+)
+def test_a_wire_that_nothing_defines_is_named(chain: tuple[Block, ...], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        flatten(plant(*chain), "broken")
+
+
+def test_a_start_value_may_not_depend_on_inputs() -> None:
+    with pytest.raises(ValueError, match="parameters only"):
+        flatten(plant(*CHAIN, start="commanded"), "broken")
+    assert flatten(plant(*CHAIN, start="doubled"), "fine").start[0][0] == "doubled"
+
+
+def test_one_name_for_two_things_is_refused() -> None:
+    twice = plant(*CHAIN)
+    clash = Plant(
+        inputs=twice.inputs,
+        wires=twice.wires,
+        chain=twice.chain,
+        states=(State(Wire("internal_step", "1", "state"), "slope"), *twice.states),
+        outputs=twice.outputs,
+        constants=twice.constants,
+    )
+    with pytest.raises(ValueError, match=r"\['internal_step'\] mean two things"):
+        flatten(clash, "clash")
+
+
+def test_effects_on_one_wire_act_in_the_order_of_the_chain() -> None:
+    then_offset = held_bench(gain_error, place("after", offset, "signal"))
+    then_gain = held_bench(offset, place("after", gain_error, "signal"))
+    times, u = [0.0, 1.0], 2.0
+    one = respond(then_offset, {"effect.error": 0.5, "after.value": 0.3}, times, u)
+    two = respond(then_gain, {"effect.value": 0.3, "after.error": 0.5}, times, u)
+    assert one["signal"][-1] == pytest.approx(1.5 * 2.0 + 0.3)
+    assert two["signal"][-1] == pytest.approx(1.5 * (2.0 + 0.3))
+
+
+def test_parameters_take_unit_and_scale_from_the_wire() -> None:
+    wire = Wire("drive", "V", "drive", scale=50.0, display="mV")
+    made = Plant(
+        inputs=(Wire("u", "V", "input"),),
+        wires=(wire,),
+        chain=(place("zone", dead_zone, "drive"),),
+        states=(),
+        outputs=(),
+    ).parameters["zone.half_width"]
+    own = dead_zone.params["half_width"]
+    assert (made.param.unit, made.param.display) == ("V", "mV")
+    assert made.param.high == 50.0 * own.high
+    assert made.param.typical == 50.0 * own.typical
+
+
+def test_an_effect_on_too_few_wires_is_refused() -> None:
+    with pytest.raises(ValueError, match="acts on"):
+        place("load", constant_load, "load", "friction")
