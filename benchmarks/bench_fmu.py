@@ -192,7 +192,7 @@ if __name__ == "__main__":
 
 RESULT = """
 Two cores shared with other work, CPython 3.11, pythonfmu 0.7.0, fmpy 0.3.32.  The load of
-others moves the figures: over eleven runs the SG90's ratio was 1.12 to 1.53, median 1.29, and
+others moves the figures: over twelve runs the SG90's ratio was 1.12 to 1.53, median 1.28, and
 with the trivial slave at 12.5 us it took 15.8 us, 63 times faster than real time.
 
 set + step + get              us  x trivial  x real time
