@@ -1,0 +1,142 @@
+"""The in-process simulation: what it accepts, and that it does not depend on how it is called."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from servo_models.errors import UserError
+from servo_models.simulate import Array, model, simulate
+
+STEP = 1e-3
+TIMES = STEP * np.arange(201)
+LINEAR = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+
+
+def exact(voltage: Array) -> Array:
+    """Current, angle and speed of Table 1 for a voltage held over each row of ``TIMES``."""
+    k_t, k_b, r, h, j, k_f, k_s = 6.432, 0.08, 3630.0, 34.0, 7.246e-7, 2.7e-4, 1.1
+    a = np.array(
+        [[-r / h, 0.0, -k_b / h, 1.0 / h], [0, 0, 1, 0], [k_t / j, -k_s / j, -k_f / j, 0], [0] * 4]
+    )
+    step, state, out = expm(a * STEP), np.zeros(4), []
+    for volts in voltage:
+        out.append(state[:3])
+        state = step @ np.array([*state[:3], volts])
+    return np.array(out)
+
+
+def test_linear_torque_motor_is_the_matrix_exponential() -> None:
+    voltage = np.random.default_rng(5).uniform(-30.0, 30.0, len(TIMES))
+    found = simulate(LINEAR, TIMES, {"voltage": voltage})
+    for name, column in zip(("current", "angle", "rate"), exact(voltage).T):
+        error = np.abs(found[name] - column).max()
+        assert error < 1e-5 * np.abs(column).max(), name
+
+
+def test_grid_refined_by_more_points_changes_only_rounding() -> None:
+    """Communication points on the internal grid cut no sub-step anew."""
+    fine = 1e-4 * np.arange(2001)
+    voltage = np.where(fine < 0.0499999, 20.0, -10.0)
+    coarse = simulate(LINEAR, fine[::10], {"voltage": voltage[::10]})
+    dense = simulate(LINEAR, fine, {"voltage": voltage})
+    np.testing.assert_allclose(dense["angle"][::10], coarse["angle"], atol=1e-13)
+
+
+def test_equal_times_are_a_clean_step_of_the_inputs() -> None:
+    doubled = np.array([0.0, 0.01, 0.01, 0.02])
+    plain = np.array([0.0, 0.01, 0.02])
+    one = simulate(LINEAR, doubled, {"voltage": [0.0, 0.0, 20.0, 20.0]})["angle"]
+    other = simulate(LINEAR, plain, {"voltage": [0.0, 20.0, 20.0]})["angle"]
+    assert one[[0, 1, 3]].tolist() == other.tolist()
+    assert one[2] == one[1]
+
+
+def test_one_time_gives_the_outputs_at_rest() -> None:
+    found = simulate(model("sg90"), [0.0])
+    assert found["angle"].tolist() == [0.0]
+    assert found["feedback_voltage"][0] == pytest.approx(3.75)
+
+
+def test_inputs_not_named_stay_at_rest_and_scalars_are_held() -> None:
+    servo = model("sg90")
+    one = simulate(servo, TIMES, {"pulse_width": 2e-3})
+    other = simulate(
+        servo,
+        TIMES,
+        {
+            "pulse_width": np.full(len(TIMES), 2e-3),
+            "load_torque": np.zeros(len(TIMES)),
+            "supply_voltage": np.full(len(TIMES), 5.0),
+        },
+    )
+    assert one["angle"].tolist() == other["angle"].tolist()
+    assert one["supply_voltage"].tolist() == [5.0] * len(TIMES)
+
+
+def test_parameters_with_units() -> None:
+    in_degrees = model("torque_motor", "measured", {"end_stops.half_range": "2 deg"})
+    in_radians = model("torque_motor", "measured", {"end_stops.half_range": math.radians(2.0)})
+    assert in_degrees.values == in_radians.values
+    angle = simulate(in_degrees, TIMES, {"voltage": 50.0})["angle"]
+    assert angle.max() == math.radians(2.0)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "variant", "parameters", "words"),
+    [
+        ("sg91", None, {}, "unknown actuator 'sg91'; did you mean 'sg90'?"),
+        ("sg90", "liner", {}, "unknown variant 'liner' in actuator 'sg90'; did you mean 'linear'?"),
+        ("sg90", None, {"gear_ratoi": 3.0}, "did you mean 'gear_ratio'?"),
+        ("sg90", None, {"gear_ratio": "3 V"}, "parameter 'gear_ratio': unit 'V'"),
+        ("sg90", None, {"gear_ratio": -3.0}, "outside"),
+        ("sg90", None, {"gear_ratio": math.nan}, "not a finite number"),
+        ("sg90", None, {"sensor_lag.time_constant": "3 deg"}, "give a unit like s"),
+    ],
+)
+def test_wrong_choices(
+    actuator: str, variant: str | None, parameters: dict[str, float | str], words: str
+) -> None:
+    with pytest.raises(UserError) as caught:
+        model(actuator, variant, parameters)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("times", "inputs", "words"),
+    [
+        ([], {}, "no communication points"),
+        ([0.0, math.nan], {}, "time in row 1 is not finite"),
+        ([0.0, 1.0, 0.5], {}, "time runs backward in row 2 (1 s, then 0.5 s)"),
+        ([0.0, 1.0], {"voltage": [0.0, math.inf]}, "input 'voltage' in row 1 is not finite"),
+        ([0.0, 1.0], {"voltage": [0.0, 1.0, 2.0]}, "input 'voltage' has shape (3,)"),
+        ([0.0, 1.0], {"volts": 1.0}, "did you mean 'voltage'?"),
+    ],
+)
+def test_wrong_experiments(
+    times: list[float], inputs: dict[str, float | list[float]], words: str
+) -> None:
+    with pytest.raises(UserError) as caught:
+        simulate(LINEAR, times, inputs)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_run_that_explodes_says_where_and_what_to_do() -> None:
+    """A spring that softens without bound, pushed over its top."""
+    soft = model(
+        "torque_motor",
+        "measured",
+        {"end_stops.half_range": 0.0, "stiffness_hardening.coefficient": -200.0},
+    )
+    with pytest.raises(UserError, match=r"state '.*' is not finite.* at t = "):
+        simulate(soft, TIMES, {"voltage": 200.0})
+
+
+def test_unknown_signal_of_a_result() -> None:
+    with pytest.raises(UserError, match="did you mean 'angle'"):
+        simulate(LINEAR, [0.0])["angel"]
