@@ -1,4 +1,4 @@
-"""What a command costs from the shell: wall clock and peak memory of the whole process.
+"""What a command costs from the shell: wall clock, processor and peak memory of its process.
 
 The yardstick of each run is the bare interpreter.  A first ``simulate`` fills the cache of
 compiled texts; the ones measured find it warm.
@@ -28,29 +28,27 @@ BARS = {"--help": 0.3, "simulate sg90, 10 s": 2.0, "simulate torque_motor, 10 s"
 """Seconds."""
 
 
-def run(words: list[str]) -> tuple[float, float]:
-    """Return wall clock [s] and peak memory [MB] of one process."""
+def run(words: list[str]) -> tuple[float, float, float]:
+    """Return wall clock [s], processor time [s] and peak memory [MB] of one process."""
     begin = time.perf_counter()
     quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
     child = os.posix_spawn(sys.executable, [sys.executable, *words], os.environ, file_actions=quiet)
     _, status, usage = os.wait4(child, 0)
     assert status == 0, words
     peak = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-    return time.perf_counter() - begin, peak
+    return time.perf_counter() - begin, usage.ru_utime + usage.ru_stime, peak
 
 
 def main() -> None:
     for words in COMMANDS.values():
         run(words)
-    print(f"{'command':29}{'median':>9}{'fastest':>9}{'bar':>7}{'memory':>9}")
+    print(f"{'command':29}{'bar':>7}{'wall':>8}{'fastest':>10}{'processor':>11}{'memory':>9}")
     for name, words in COMMANDS.items():
-        runs = [run(words) for _ in range(ROUNDS)]
-        seconds = [second for second, _ in runs]
+        wall, processor, memory = zip(*(run(words) for _ in range(ROUNDS)))
         bar = f"{BARS[name]:.1f} s" if name in BARS else ""
-        memory = max(peak for _, peak in runs)
         print(
-            f"{name:29}{statistics.median(seconds):7.2f} s{min(seconds):7.2f} s{bar:>7}"
-            f"{memory:6.0f} MB"
+            f"{name:29}{bar:>7}{statistics.median(wall):6.2f} s{min(wall):8.2f} s"
+            f"{statistics.median(processor):9.2f} s{max(memory):6.0f} MB"
         )
 
 

@@ -228,8 +228,9 @@ def _equation(block: Block, plant: Plant) -> str:
     """The formula of a block that is one, else what it says of itself and what it reads."""
     body = _body(block)
     if len(body) == 1 and isinstance(body[0], ast.Return) and body[0].value:
-        formula = ast.unparse(body[0].value)
-        return formula[1:-1] if len(block.gives) > 1 else formula
+        value = body[0].value
+        parts = value.elts if isinstance(value, ast.Tuple) else [value]
+        return ", ".join(ast.unparse(part) for part in parts)
     reads = [name for name in block.wires if name not in plant.parameters and name not in RESERVED]
     summary = " ".join(block.about.split("\n\n")[0].split()).rstrip(".").replace("``", "'")
     return f"{summary}; from {', '.join(reads)}" if reads else summary

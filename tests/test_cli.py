@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -23,7 +22,6 @@ from servo_models.cli import app, main
 from servo_models.cli.options import assignments
 from servo_models.errors import UserError
 from servo_models.tables import read_signals
-from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Row, Validation
 
 Run = Callable[..., tuple[int, str, str]]
 MOTOR = list(actuator("torque_motor").plant.wire.values())
@@ -101,7 +99,7 @@ def test_list_names_everything_and_warns(run: Run) -> None:
         (["simulate", "sg90", "--inputs", "a.csv", "--stop", "1"], "leave out"),
         (["simulate", "sg90", "--out", "a.xlsx"], "'a.xlsx'"),
         (["simulate", "sg90", "--plot", "a.gif"], "'a.gif'"),
-        (["simulate"], "actuator"),
+        (["simulate"], "Missing argument"),
         (["build", "--variant", "linear"], "name it"),
         (["build", "sg90", "--out", "/dev/null/fmus"], "cannot write"),
     ],
@@ -216,72 +214,6 @@ def test_assignments_understand_or_complain(text: str) -> None:
 def test_one_name_is_set_once() -> None:
     with pytest.raises(UserError, match="twice"):
         assignments("--set", ["a=1", "a=2"])
-
-
-GOOD = Row(IMPLEMENTATION, "sg90", "linear", "1 ms", "angle", 0.0, 1e-12, "1", True)
-BAD = Row(MODEL, "sg90", "printed", "step, 50 %", "angle", 2e-3, 1e-4, "1", False, "why: so")
-NAMED = Row(PAPER, "sg90", "linear", "K_f", "T", 9.8, None, "s", None, "misprint", printed=7.5)
-
-
-@pytest.fixture
-def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Let ``validate`` give these rows."""
-
-    def give(*rows: Row) -> None:
-        def stand_in(fmus: object, on_progress: Callable[[int, int, str], None]) -> Validation:
-            on_progress(1, 2, "half way")
-            return Validation(rows)
-
-        module = sys.modules["servo_models.validate"]
-        monkeypatch.setattr(module, "validate", stand_in, raising=False)
-
-    import servo_models.validate  # noqa: F401
-
-    return give
-
-
-def test_validate_exits_by_the_verdict(run: Run, verdict: Callable[..., None]) -> None:
-    verdict(GOOD, NAMED)
-    assert run("validate")[0] == 0
-    verdict(GOOD, BAD)
-    code, out, err = run("validate")
-    assert code == 1
-    assert "FAIL" in out
-    assert err == ""
-
-
-def test_json_is_all_there_is_on_stdout(run: Run, verdict: Callable[..., None]) -> None:
-    endless = Row(MODEL, "sg90", "printed", "step", "rate", float("inf"), 1.0, "1", False)
-    verdict(GOOD, BAD, NAMED, endless)
-    code, out, _ = run("validate", "--format", "json")
-    result = json.loads(out, parse_constant=pytest.fail)
-    assert code == 1
-    assert result["passed"] is False
-    assert [row["value"] for row in result["rows"]] == [0.0, 2e-3, 9.8, None]
-
-
-def test_github_gets_one_escaped_line_a_finding(run: Run, verdict: Callable[..., None]) -> None:
-    verdict(GOOD, BAD, NAMED)
-    code, out, _ = run("validate", "--format", "github")
-    lines = out.splitlines()
-    assert code == 1
-    assert [line.split(" ")[0] for line in lines] == ["::error", "::notice", "::notice"]
-    title = lines[0].split("::")[1]
-    assert "%25" in title
-    assert "," not in title
-    assert "why: so" in lines[0]
-
-
-def test_junit_counts_and_explains(run: Run, verdict: Callable[..., None], tmp_path: Path) -> None:
-    verdict(GOOD, BAD, NAMED)
-    path = tmp_path / "junit.xml"
-    run("validate", "--junit", path)
-    suites = list(ElementTree.parse(path).getroot())
-    assert [suite.get("failures") for suite in suites] == ["0", "1", "0"]
-    assert [suite.get("skipped") for suite in suites] == ["0", "0", "1"]
-    failure = suites[1].find("testcase/failure")
-    assert failure is not None
-    assert "why: so" in str(failure.get("message"))
 
 
 def test_piped_output_is_plain_whatever_the_locale() -> None:

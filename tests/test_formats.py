@@ -1,0 +1,114 @@
+"""How a validation is printed: text, JSON, GitHub annotations, JUnit XML, and exit codes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import servo_models.validate  # noqa: F401  (its function is replaced below)
+from servo_models.cli import main
+from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Row, Validation
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def command(*words: str | Path) -> tuple[int, str, str]:
+        code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return command
+
+
+GOOD = Row(IMPLEMENTATION, "sg90", "linear", "1 ms", "angle", 0.0, 1e-12, "1", True)
+BAD = Row(MODEL, "sg90", "printed", "step, 50 %", "angle", 2e-3, 1e-4, "1", False, "why: so")
+NAMED = Row(PAPER, "sg90", "linear", "K_f", "T", 9.8, None, "s", None, "misprint", printed=7.5)
+
+
+@pytest.fixture
+def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Let ``validate`` give these rows."""
+
+    def give(*rows: Row) -> None:
+        def stand_in(fmus: object, on_progress: Callable[[int, int, str], None]) -> Validation:
+            on_progress(1, 2, "half way")
+            return Validation(rows)
+
+        module = sys.modules["servo_models.validate"]
+        monkeypatch.setattr(module, "validate", stand_in)
+
+    return give
+
+
+def test_validate_exits_by_the_verdict(run: Run, verdict: Callable[..., None]) -> None:
+    verdict(GOOD, NAMED)
+    assert run("validate")[0] == 0
+    verdict(GOOD, BAD)
+    code, out, err = run("validate")
+    assert code == 1
+    assert "FAIL" in out
+    assert err == ""
+
+
+def test_json_is_all_there_is_on_stdout(run: Run, verdict: Callable[..., None]) -> None:
+    endless = Row(MODEL, "sg90", "printed", "step", "rate", float("inf"), 1.0, "1", False)
+    verdict(GOOD, BAD, NAMED, endless)
+    code, out, _ = run("validate", "--format", "json")
+    result = json.loads(out, parse_constant=pytest.fail)
+    assert code == 1
+    assert result["passed"] is False
+    assert [row["value"] for row in result["rows"]] == [0.0, 2e-3, 9.8, None]
+
+
+def test_github_gets_one_escaped_line_a_finding(run: Run, verdict: Callable[..., None]) -> None:
+    verdict(GOOD, BAD, NAMED)
+    code, out, _ = run("validate", "--format", "github")
+    lines = out.splitlines()
+    assert code == 1
+    assert [line.split(" ")[0] for line in lines] == ["::error", "::notice", "::notice"]
+    title = lines[0].split("::")[1]
+    assert "%25" in title
+    assert "," not in title
+    assert "why: so" in lines[0]
+
+
+def test_junit_counts_and_explains(run: Run, verdict: Callable[..., None], tmp_path: Path) -> None:
+    verdict(GOOD, BAD, NAMED)
+    path = tmp_path / "junit.xml"
+    run("validate", "--junit", path)
+    suites = list(ElementTree.parse(path).getroot())
+    assert [suite.get("failures") for suite in suites] == ["0", "1", "0"]
+    assert [suite.get("skipped") for suite in suites] == ["0", "0", "1"]
+    failure = suites[1].find("testcase/failure")
+    assert failure is not None
+    assert "why: so" in str(failure.get("message"))
+
+
+def test_a_paper_figure_stands_beside_what_was_printed(
+    run: Run, verdict: Callable[..., None]
+) -> None:
+    near = Row(PAPER, "sg90", "linear", "K_f", "T", 4.602, 0.05, "s", True, "", 4.6, 4.6017)
+    verdict(near, NAMED)
+    lines = run("validate")[1].splitlines()
+    assert any("printed 4.6 s +- 0.05, recomputed 4.602 s" in line for line in lines)
+    named = next(line for line in lines if line.startswith("not reproducible"))
+    assert "9.8 s" in named
+    assert "printed 7.5 s" in named
+    assert "misprint" in named
+    assert lines[-1] == "PASSED: all 1 figures are within their limits."
+
+
+def test_a_missing_fmu_could_not_run(run: Run) -> None:
+    code, out, err = run("validate", "absent.fmu")
+    assert (code, out) == (2, "")
+    assert "absent.fmu" in err
+    assert err.count("\n") == 1
