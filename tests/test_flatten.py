@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+
 import numpy as np
 import pytest
 from plants.bench import held_bench, respond, step_constant
 
 from servo_models.actuator import Plant, State, Wire, place
 from servo_models.block import Block, block
+from servo_models.catalogue import actuators
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load
 from servo_models.effects.dead_zone import dead_zone
@@ -147,3 +150,18 @@ def test_parameters_take_unit_and_scale_from_the_wire() -> None:
 def test_an_effect_on_too_few_wires_is_refused() -> None:
     with pytest.raises(ValueError, match="acts on"):
         place("load", constant_load, "load", "friction")
+
+
+@pytest.mark.parametrize("actuator", actuators())
+def test_only_a_commit_sets_a_memory(actuator: str) -> None:
+    """Stage lines run several times a step: what they set, the next evaluation would see."""
+    flat = flatten(actuators()[actuator].plant, actuator)
+    memories = {name for name, _ in flat.memory}
+    lines = [line for chunk in (*flat.held, *flat.stage) for line in chunk.lines]
+    stored = {
+        node.id
+        for node in ast.walk(ast.parse("\n".join(lines)))
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+    }
+    assert memories
+    assert not memories & stored

@@ -20,12 +20,12 @@ from servo_models.plants.shaft import shaft_acceleration, shaft_contact
 from servo_models.plants.shaft_defaults import free_shaft
 
 
-@block("shaft_inertia")
+@block("shaft_inertia", "angle_unit")
 def carriage(
     mass: Annotated[float, Param("kg", "moved mass", default=95.1, high=1e3)],
-) -> float:
-    """The mass of motor and carriage."""
-    return mass
+) -> tuple[float, float]:
+    """The mass of motor and carriage; the position moves by its speed."""
+    return mass, 1.0
 
 
 @block("reading")

@@ -25,12 +25,12 @@ from servo_models.plants.shaft_defaults import external_load, free_shaft
 COUNT = 2.0 * math.pi / 4096.0
 
 
-@block("shaft_inertia", "full_speed")
+@block("shaft_inertia", "full_speed", "angle_unit")
 def arm(
     inertia: Annotated[float, Param("kg.m2", "arm and rotor", default=6e-3, high=1.0)],
-) -> tuple[float, float]:
-    """Inertia, and the speed [rad/s] that friction parameters call full."""
-    return inertia, 10.0
+) -> tuple[float, float, float]:
+    """Inertia, the speed [rad/s] that friction parameters call full, angles in radians."""
+    return inertia, 10.0, 1.0
 
 
 @block("reading", "angle")
