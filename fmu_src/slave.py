@@ -23,7 +23,8 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from servo_models.stepper import Flat, neutral_effects, step_text, trouble
+from servo_models.flat import Flat, neutral_effects, trouble
+from servo_models.stepper import step_text
 
 SLACK = 1e-9
 """Rounding allowed in a master's clock, relative to 1 s or to the time."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 from servo_models.actuator import Placement, Plant, unknown
 from servo_models.block import Block, Clock, Fault, Mode
+from servo_models.flat import Chunk, Flat
 from servo_models.inline import inline
-from servo_models.stepper import Chunk, Flat
 
 _SUFFIX = ("_setup", "_held", "")
 

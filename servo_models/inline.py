@@ -39,7 +39,7 @@ def inline(
     assert isinstance(function, ast.FunctionDef)
     body = function.body[1:]  # the docstring comes first, block.py insists on it
     rename = _Rename(block, dict(names), prefix, body)
-    lines = [f"{prefix}_{name} = {names[name]}" for name in rename.copied]
+    lines = [f"{rename.names[name]} = {names[name]}" for name in rename.copied]
     for statement in _tail_form(body, targets, block):
         lines += ast.unparse(ast.fix_missing_locations(rename.visit(statement))).splitlines()
     return lines
@@ -111,7 +111,8 @@ class _Rename(ast.NodeTransformer):
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
         )
         self.copied = [name for name in stored if name in names]
-        self.names = names | {name: f"{prefix}_{name}" for name in stored}
+        self.names = names | {name: f"{prefix}_{name}" for name in stored if name not in names}
+        self.names |= {name: f"{prefix}_{name}_now" for name in self.copied}
 
     def visit_Assign(self, node: ast.Assign) -> ast.stmt:
         self.generic_visit(node)

@@ -18,8 +18,9 @@ from servo_models.actuator import Actuator, Plant, check_bounds, unknown
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.errors import UserError
+from servo_models.flat import Flat, neutral_effects, trouble
 from servo_models.flatten import flatten
-from servo_models.stepper import Flat, neutral_effects, run_text, step_text, trouble
+from servo_models.stepper import run_text, step_text
 from servo_models.units import parse
 
 Array = NDArray[np.float64]

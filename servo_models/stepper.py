@@ -1,7 +1,7 @@
 """The stepper: print a flattened plant as one self-contained text, for numba or for plain Python.
 
-This file uses the standard library only and is itself part of every FMU, so that an FMU
-can drop its neutral effects when initialisation ends and print itself again.
+This file and ``flat.py`` use the standard library only and are part of every FMU, so that an
+FMU can drop its neutral effects when initialisation ends and print itself again.
 
 **Contract of a step.**  A communication step of size H starting at t is cut into
 n = ceil(H / internal_step) equal sub-steps, and further at the instants at which a clock
@@ -28,68 +28,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+
+from servo_models.flat import Chunk, Flat
 
 STAGES = 5
 JUMP_PAUSE = 16.0
 
 _LIMITS = ["tolerance = 1e-6 * internal_step", "finest = internal_step / 128.0"]
-
-
-class Chunk(NamedTuple):
-    """The lines of one block.
-
-    ``owner`` is the effect they belong to, "" for the plant; ``reads`` and ``writes`` are
-    names in the text, by which the printer finds what a stage needs.
-    """
-
-    owner: str
-    lines: list[str]
-    reads: list[str]
-    writes: list[str]
-
-
-@dataclass(frozen=True)
-class Flat:
-    """A flattened plant: lines of text, and where each number lives.
-
-    ``x`` is the full state vector: continuous states, memories, queues, in that order,
-    whatever effects are neutral.
-    """
-
-    name: str
-    params: list[str]
-    inputs: list[str]
-    outputs: list[str]
-    states: list[tuple[str, str, str]]
-    """State, owner, wire of its derivative."""
-    memory: list[tuple[str, str]]
-    """Memory, owner."""
-    start: list[tuple[str, str]]
-    """Text of the start value of each state and memory, and its owner."""
-    size: int
-    """Length of ``x``."""
-    switches: dict[str, list[str]]
-    """Owner to its switch parameters: it is neutral while all are 0."""
-    setup: list[Chunk]
-    held: list[Chunk]
-    stage: list[Chunk]
-    held_commits: list[Chunk]
-    stage_commits: list[Chunk]
-    clocks: list[tuple[str, str]]
-    modes: list[tuple[str, str]]
-    faults: list[tuple[str, str, str]]
-    """Memory, owner, message."""
-    projection: list[str]
-    carried: list[str]
-    """Stage wires that the projection reads from the stage before it."""
-
-
-def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
-    """Return the names of the effects whose switches are all 0 in ``values``."""
-    value = dict(zip(flat.params, values))
-    return {owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)}
 
 
 def run_text(flat: Flat) -> str:
@@ -149,15 +94,6 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
         "return start, step",
     ]
     return "\n".join(["import math", "", "", "def make(p):", *_indent(body), ""])
-
-
-def trouble(flat: Flat, code: int) -> str:
-    """Return in words what a code of ``run`` or ``step`` means."""
-    if code > 0:
-        name = flat.states[code - 1][0]
-        return f"state '{name}' is not finite; a parameter or the internal step is too large"
-    _, owner, message = flat.faults[-1 - code]
-    return f"{owner}: {message}"
 
 
 def _indent(lines: Iterable[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Memory, Param, effect
+from servo_models.block import Memory, Mode, Param, effect
 
 
 @effect("angle", "rate", source="Nordin, Gutman, Automatica 38 (2002) 1633 (friction-driven play)")
@@ -13,16 +13,22 @@ def backlash(
         float, Param("signal", "half of the play", high=0.2, switch=True, typical=0.01)
     ],
     engaged: Annotated[float, Memory()],
-) -> tuple[float, float, float]:
+    contact: Annotated[float, Mode()],
+) -> tuple[float, float, float, float]:
     """The output rests while the shaft crosses the play of +/- half_width.
 
     Written with the sums that were remembered, so that contact is still contact when the
-    same point is looked at again.
+    same point is looked at again.  Contact is a mode: it is lost at the shaft's reversal,
+    and where that happens the output stays.
     """
     if half_width <= 0.0:
-        return angle, rate, engaged
+        return angle, rate, engaged, contact
     if angle - half_width >= engaged:
-        return angle - half_width, rate if rate > 0.0 else 0.0, angle - half_width
+        if rate > 0.0:
+            return angle - half_width, rate, angle - half_width, 1.0
+        return angle - half_width, 0.0, angle - half_width, 0.0
     if angle + half_width <= engaged:
-        return angle + half_width, rate if rate < 0.0 else 0.0, angle + half_width
-    return engaged, 0.0, engaged
+        if rate < 0.0:
+            return angle + half_width, rate, angle + half_width, -1.0
+        return angle + half_width, 0.0, angle + half_width, 0.0
+    return engaged, 0.0, engaged, 0.0

@@ -8,7 +8,7 @@ from servo_models.block import Param, effect
 SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
 
 Compliance = Annotated[
-    float, Param("rad/(N.m)", "twist per torque", switch=True, typical=0.06, fixed=True)
+    float, Param("rad/(N.m)", "twist per torque", switch=True, typical=0.2, fixed=True)
 ]
 Inertia = Annotated[
     float, Param("kg.m2", "inertia behind the compliance", default=1e-3, low=1e-9, fixed=True)
@@ -54,7 +54,7 @@ def compliant_load(
     return spring, (spring - load) / inertia
 
 
-@effect("internal_step", source="accuracy of the classical Runge-Kutta method: 0.3 rad a step")
+@effect("internal_step", source="accuracy of the classical Runge-Kutta method: 0.13 rad a step")
 def resonance_step(
     internal_step: float, shaft_inertia: float, compliance: Compliance, inertia: Inertia
 ) -> float:
@@ -62,5 +62,5 @@ def resonance_step(
     if compliance <= 0.0:
         return internal_step
     both = 1.0 / (1.0 / inertia + 1.0 / shaft_inertia)
-    limit = 0.3 * math.sqrt(compliance * both)
+    limit = 0.13 * math.sqrt(compliance * both)
     return limit if limit < internal_step else internal_step

@@ -9,7 +9,9 @@ Source: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994), sec. 3
 
 from __future__ import annotations
 
-from servo_models.block import block
+from typing import Annotated
+
+from servo_models.block import Mode, block
 
 
 @block("acceleration")
@@ -18,28 +20,37 @@ def shaft_acceleration(
     friction: float,
     shaft_inertia: float,
     travel: float,
+    shaft_speed: float,
     start_shaft_angle: float,
     start_shaft_speed: float,
-) -> float:
+    sliding: Annotated[float, Mode()],
+) -> tuple[float, float]:
     """Acceleration [rad/s^2] of the shaft under ``torque`` [N m], friction and stops.
 
     At rest nothing moves until the torque exceeds ``friction``; on a stop (half range
-    ``travel`` [rad], 0 for none) nothing moves until the torque points back.
+    ``travel`` [rad], 0 for none) nothing moves until the torque points back.  With friction
+    the direction of sliding is a mode, so reversal and breakaway are located.
     """
+    sliding = 0.0
+    if friction > 0.0:
+        if shaft_speed > 0.0:
+            sliding = 1.0
+        elif shaft_speed < 0.0:
+            sliding = -1.0
     if start_shaft_speed > 0.0:
-        return (torque - friction) / shaft_inertia
+        return (torque - friction) / shaft_inertia, sliding
     if start_shaft_speed < 0.0:
-        return (torque + friction) / shaft_inertia
+        return (torque + friction) / shaft_inertia, sliding
     if travel > 0.0:
         if start_shaft_angle >= travel and torque > 0.0:
-            return 0.0
+            return 0.0, sliding
         if start_shaft_angle <= -travel and torque < 0.0:
-            return 0.0
+            return 0.0, sliding
     if abs(torque) <= friction:
-        return 0.0
+        return 0.0, sliding
     if torque > 0.0:
-        return (torque - friction) / shaft_inertia
-    return (torque + friction) / shaft_inertia
+        return (torque - friction) / shaft_inertia, sliding
+    return (torque + friction) / shaft_inertia, sliding
 
 
 @block("shaft_angle", "shaft_speed")
@@ -50,24 +61,25 @@ def shaft_contact(
     torque: float,
     friction: float,
     shaft_inertia: float,
+    angle_unit: float,
     travel: float,
     dt: float,
 ) -> tuple[float, float]:
     """State after a sub-step of ``dt`` [s]: standstill at a reversal, rest at a stop.
 
     A step that reversed used the friction of the old direction to its end.  From the
-    instant of zero speed on friction points the other way: the shaft either sticks, or
-    has lost twice the friction impulse since then.
+    instant of zero speed on friction points the other way: the shaft either sticks where
+    it was then, or has lost twice the friction impulse, and the way that goes with it.
     """
     if friction > 0.0 and start_shaft_speed * shaft_speed < 0.0:
         since = dt * shaft_speed / (shaft_speed - start_shaft_speed)
         lost = 2.0 * friction / shaft_inertia * since
         if abs(torque) <= friction or abs(shaft_speed) <= lost:
-            shaft_speed = 0.0
-        elif shaft_speed > 0.0:
-            shaft_speed = shaft_speed - lost
-        else:
-            shaft_speed = shaft_speed + lost
+            lost = abs(shaft_speed)
+        if shaft_speed < 0.0:
+            lost = -lost
+        shaft_speed = shaft_speed - lost
+        shaft_angle = shaft_angle - 0.5 * angle_unit * lost * since
     if travel > 0.0 and shaft_angle >= travel:
         shaft_angle = travel
         if shaft_speed > 0.0:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.flat import neutral_effects
 from servo_models.reference.linear import LinearSystem
 from servo_models.simulate import Model
-from servo_models.stepper import neutral_effects
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,74 @@
+"""A flattened plant: what ``flatten.py`` makes and the stepper prints.
+
+Standard library only: it is part of every FMU.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Chunk(NamedTuple):
+    """The lines of one block.
+
+    ``owner`` is the effect they belong to, "" for the plant; ``reads`` and ``writes`` are
+    names in the text, by which the printer finds what a stage needs.
+    """
+
+    owner: str
+    lines: list[str]
+    reads: list[str]
+    writes: list[str]
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A flattened plant: lines of text, and where each number lives.
+
+    ``x`` is the full state vector: continuous states, memories, queues, in that order,
+    whatever effects are neutral.
+    """
+
+    name: str
+    params: list[str]
+    inputs: list[str]
+    outputs: list[str]
+    states: list[tuple[str, str, str]]
+    """State, owner, wire of its derivative."""
+    memory: list[tuple[str, str]]
+    """Memory, owner."""
+    start: list[tuple[str, str]]
+    """Text of the start value of each state and memory, and its owner."""
+    size: int
+    """Length of ``x``."""
+    switches: dict[str, list[str]]
+    """Owner to its switch parameters: it is neutral while all are 0."""
+    setup: list[Chunk]
+    held: list[Chunk]
+    stage: list[Chunk]
+    held_commits: list[Chunk]
+    stage_commits: list[Chunk]
+    clocks: list[tuple[str, str]]
+    modes: list[tuple[str, str]]
+    faults: list[tuple[str, str, str]]
+    """Memory, owner, message."""
+    projection: list[str]
+    carried: list[str]
+    """Stage wires that the projection reads from the stage before it."""
+
+
+def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
+    """Return the names of the effects whose switches are all 0 in ``values``."""
+    value = dict(zip(flat.params, values))
+    return {owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)}
+
+
+def trouble(flat: Flat, code: int) -> str:
+    """Return in words what a code of ``run`` or ``step`` means."""
+    if code > 0:
+        name = flat.states[code - 1][0]
+        return f"state '{name}' is not finite; a parameter or the internal step is too large"
+    _, owner, message = flat.faults[-1 - code]
+    return f"{owner}: {message}"
