@@ -19,9 +19,10 @@ from servo_models.actuator import Placement, Plant
 from servo_models.block import Block
 from servo_models.catalogue import actuators, effects
 from servo_models.compiled import plain_make
+from servo_models.flat import Flat, neutral_effects
 from servo_models.flatten import flatten
 from servo_models.simulate import Array, Model, flat_of, model
-from servo_models.stepper import Flat, neutral_effects, step_text
+from servo_models.stepper import step_text
 from servo_models.units import exponents
 
 PLANTS = {
@@ -59,7 +60,7 @@ def switches(plant: str, name: str) -> list[str]:
 
 
 def values(plant: str, **changed: float) -> list[float]:
-    """The variant's parameter vector with the switches ``changed``; an empty name is a no-op."""
+    """The variant's parameter vector with some ``changed``."""
     assert changed.keys() <= chosen(plant).values.keys()
     return list({**chosen(plant).values, **changed}.values())
 

@@ -46,7 +46,7 @@ def test_sliding_mass_stops_after_v2_over_2a_and_stays(speed: float) -> None:
     stop = 2.0 * inertia / level
     t = np.minimum(TIMES, stop)
     exact = math.copysign(1.0, speed) * (2.0 * t - 0.5 * level / inertia * t**2)
-    np.testing.assert_allclose(out["shaft_angle"], exact, atol=2e-6)
+    np.testing.assert_allclose(out["shaft_angle"], exact, atol=1e-9)
     assert np.all(out["shaft_speed"][stop + 1e-3 < TIMES] == 0.0)
 
 
@@ -77,7 +77,7 @@ def half_cycles(amplitude: float, offset: float, omega: float, times: Array) -> 
 
 
 def test_spring_with_coulomb_friction_loses_the_same_every_half_cycle() -> None:
-    """The error at reversals and standstill falls with the square of the internal step."""
+    """Reversals and standstill are located, so they leave the method its fourth order."""
     omega, level = 12.0, 0.13 * 144.0
     exact = half_cycles(1.0, 0.13, omega, TIMES)
     assert exact[-1] == pytest.approx(-0.04)
@@ -88,8 +88,8 @@ def test_spring_with_coulomb_friction_loses_the_same_every_half_cycle() -> None:
         errors.append(np.abs(out["shaft_angle"] - exact).max())
         assert out["shaft_speed"][-1] == 0.0
     order = np.polyfit(np.log([4e-3, 2e-3, 1e-3, 5e-4]), np.log(errors), 1)[0]
-    assert order > 1.8, errors
-    assert errors[2] < 3e-5
+    assert order > 3.5, errors
+    assert errors[2] < 1e-8
 
 
 def test_breakaway_needs_sliding_level_and_excess() -> None:

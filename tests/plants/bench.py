@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from servo_models.actuator import Placement, Plant, State, Wire, place
 from servo_models.block import Block, Param, block
 from servo_models.compiled import plain_make
+from servo_models.flat import neutral_effects
 from servo_models.flatten import flatten
 from servo_models.plants.shaft import shaft_acceleration, shaft_contact
 from servo_models.plants.shaft_defaults import (
@@ -19,7 +20,7 @@ from servo_models.plants.shaft_defaults import (
     no_second_mass,
     shaft_output,
 )
-from servo_models.stepper import neutral_effects, step_text
+from servo_models.stepper import step_text
 
 Array = NDArray[np.float64]
 
