@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -128,10 +129,13 @@ def test_a_sub_step_ends_at_a_tick() -> None:
     assert total == pytest.approx(0.05, rel=1e-12)
 
 
-def test_a_tick_at_a_sub_step_s_end_costs_no_sub_step() -> None:
-    x, step = stepper_of(small_plant(metronome, sub_steps, outputs=("count",)))
-    _, (count,) = step(x, [0.0], 0.0, 0.0137)
-    assert count == 14
+def test_ticks_on_the_grid_cost_no_sub_step() -> None:
+    """Every tick is a sub-step's end, but for rounding."""
+    chain = (replace(metronome, params={"period": Param("s", "", default=3e-3)}), sub_steps)
+    x, step = stepper_of(small_plant(*chain, outputs=("count",)))
+    for k in range(100):
+        _, (count,) = step(x, [0.0], 0.01 * k, 0.01)
+        assert count == 10 * (k + 1)
 
 
 @pytest.mark.parametrize("early", [0.0, 0.5e-6 * H, -0.5e-6 * H])

@@ -111,6 +111,14 @@ def test_a_moving_signal_is_sampled_at_the_tick_itself() -> None:
     np.testing.assert_allclose(out, expected, atol=1e-6)
 
 
+def test_ticks_on_the_grid_of_sub_steps_are_not_missed_by_rounding() -> None:
+    """Ticks every 3 ms, sub-steps every 1 ms, communication every 10 ms: none exact in binary."""
+    times = np.concatenate([[0.0], np.cumsum(np.full(2000, 1e-2))])
+    out = respond(clock_bench(sample_hold), {"effect.period": 3e-3}, times)["signal"]
+    before = (10 * np.arange(1, len(times)) - 1) // 3
+    np.testing.assert_allclose(out[1:], 3e-3 * before, atol=1e-8)
+
+
 def park_miller(count: int, seed: int = 20260) -> list[float]:
     """The minimal standard generator in integers (CACM 31, 1192)."""
     drawn = []

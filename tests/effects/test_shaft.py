@@ -156,20 +156,22 @@ def test_cogging_keeps_the_energy() -> None:
     np.testing.assert_allclose(energy, energy[0], atol=1e-9)
 
 
-def test_stop_is_inelastic_and_lets_go_when_the_torque_turns() -> None:
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_stop_is_inelastic_and_lets_go_when_the_torque_turns(side: float) -> None:
     times = np.linspace(0.0, 4.0, 401)
-    torque = np.where(times < 2.0, 1.0, -1.0)
+    torque = side * np.where(times < 2.0, 1.0, -1.0)
     inputs = np.column_stack([torque, np.zeros(401)])
     out = respond(shaft_bench(STOPS), {"stops.half_range": 0.5}, times, inputs)
+    angle = side * out["shaft_angle"]
     free = times <= 1.0
-    np.testing.assert_allclose(out["shaft_angle"][free], 0.5 * times[free] ** 2, atol=1e-12)
+    np.testing.assert_allclose(angle[free], 0.5 * times[free] ** 2, atol=1e-12)
     held = (times > 1.0 + 1e-9) & (times <= 2.0)
-    assert np.all(out["shaft_angle"][held] == 0.5)
+    assert np.all(angle[held] == 0.5)
     assert np.all(out["shaft_speed"][held] == 0.0)
     back = (times >= 2.0) & (times < 2.0 + math.sqrt(2.0) - 1e-3)
     expected = 0.5 - 0.5 * (times[back] - 2.0) ** 2
-    np.testing.assert_allclose(out["shaft_angle"][back], expected, atol=1e-12)
-    assert np.all(out["shaft_angle"][times > 2.0 + math.sqrt(2.0) + 1e-3] == -0.5)
+    np.testing.assert_allclose(angle[back], expected, atol=1e-12)
+    assert np.all(angle[times > 2.0 + math.sqrt(2.0) + 1e-3] == -0.5)
 
 
 def test_the_narrower_travel_counts() -> None:
