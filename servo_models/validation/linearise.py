@@ -2,7 +2,7 @@
 
 A step of a linear model maps state and held input linearly; the matrix logarithm of that
 map gives the continuous A and B.  The Runge-Kutta method leaves a relative error of about
-(pole x size)^4 / 120.
+(pole x internal step)^4 / 120.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def linearise(model: Model, output: str, size: float) -> LinearSystem:
     Args:
         model: without delay, clock or any nonlinear effect.
         output: name of the output.
-        size: step [s] of the map; a single internal step.
+        size: step [s] of the map, less than half a period of the fastest pole.
     """
     from scipy.linalg import logm
 

@@ -129,7 +129,7 @@ def _shape(times: Array) -> list[Row]:
 
 
 def _equation_7() -> list[Row]:
-    gain, poles = transfer_function(linearise(model("sg90", "linear"), "angle", 1e-3))
+    gain, poles = transfer_function(linearise(model("sg90", "linear"), "angle", 0.1))
     per_volt = gain * DEGREE / 250.0
     where = ("sg90", "linear", "state space of the flattened model")
     loop = LOOP * LOADED * 0.1
@@ -192,7 +192,7 @@ def _smallest_error(variant: str, k_f: float, side: float) -> float | None:
 def _rejected() -> list[Row]:
     """Model 1: poles of the motor alone, and the closed loop that never settles."""
     chosen = model("sg90", "oscillatory_motor")
-    motor: Any = np.linalg.eigvals(linearise(chosen, "angle", 1e-3).a[1:, 1:])
+    motor: Any = np.linalg.eigvals(linearise(chosen, "angle", 0.1).a[1:, 1:])
     angle = simulate(chosen, grid(20.0, 0.01), {"pulse_width": 2e-3})["angle"]
     half = len(angle) // 2
     growth = float(np.ptp(angle[half:]) / np.ptp(angle[:half]))

@@ -18,6 +18,9 @@ from servo_models.simulate import Model, model
 
 Array = NDArray[np.float64]
 
+FMI_ERROR = 3
+"""fmi2Error; what is below it is no failure."""
+
 
 class Subject:
     """An unpacked FMU, and the model that it says it is.
@@ -122,7 +125,11 @@ class Instance:
         self._flags = [plant.wire[name].flag for name in plant.outputs]
         try:
             self._fmu: Any = instantiate_fmu(
-                subject._folder, subject._description, "CoSimulation", logger=self._hear
+                subject._folder,
+                subject._description,
+                "CoSimulation",
+                debug_logging=True,
+                logger=self._hear,
             )
             self._fmu.setupExperiment(startTime=start)
             self._fmu.enterInitializationMode()
@@ -172,10 +179,11 @@ class Instance:
     def _hear(
         self, environment: Any, instance: bytes, status: int, category: bytes, text: bytes
     ) -> None:
-        self._said.append(text.decode(errors="replace"))
+        if status >= FMI_ERROR:
+            self._said.append(text.decode(errors="replace"))
 
     def _complaint(self, what: str, error: Exception) -> UserError:
-        said = "; ".join(self._said[-1:]) or str(error)
+        said = self._said[0] if self._said else str(error)  # what follows is the host's echo
         return UserError(f"FMU '{self._name}' {what}: {said}")
 
 
