@@ -17,6 +17,7 @@ from servo_models.actuator import Placement, Plant, unknown
 from servo_models.block import Block, Clock, Fault, Mode
 from servo_models.flat import Chunk, Flat
 from servo_models.inline import inline
+from servo_models.stepper import CREDIT
 
 _SUFFIX = ("_setup", "_held", "")
 
@@ -121,8 +122,8 @@ class _Flattener:
         self.start = [(self.start_text(s.start), s.owner) for s in plant.states]
         self.size = self.place_queues()
         if any(isinstance(m, Mode) for link in self.links for m in link.block.memory.values()):
-            self.memory.append(("jumps_rest", ""))  # the stepper's own: see its contract, rule 3
-            self.start.append(("0.0", ""))
+            self.memory.append(("credit", ""))  # the stepper's own: see its contract, rule 3
+            self.start.append((repr(CREDIT), ""))
         for link in self.links:
             self.add(link)
         params = plant.parameters

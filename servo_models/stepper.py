@@ -14,8 +14,9 @@ digits.  In a sub-step
    point 4 of the sub-step before was the same point), 1 to 3 for the classical
    Runge-Kutta method, 4 at the end, after the projection (standstill, end stops);
 3. a sub-step in which a mode changes is thrown away and halved, down to 1/128 of the
-   internal step, so that a jump of the right-hand side costs no accuracy either; not
-   within 16 sub-steps of another jump, or sliding along one would never end;
+   internal step, so that a jump of the right-hand side costs no accuracy either; every
+   throw takes a credit that four kept sub-steps earn, or sliding along a jump would
+   never end;
 4. memories are committed at points 0 and 4 only.
 
 Events within ``1e-6 internal_step`` of a communication point belong to the step that
@@ -32,7 +33,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from servo_models.flat import Chunk, Flat
 
 STAGES = 5
-JUMP_PAUSE = 16.0
+CREDIT = 8.0
+"""Sub-steps that may be thrown away one after the other; 7 halvings locate a jump."""
 
 _LIMITS = ["tolerance = 1e-6 * internal_step", "finest = internal_step / 128.0"]
 
@@ -125,12 +127,9 @@ class _Printer:
             else:
                 yield from chunk.lines
 
-    def needed_for_slopes(self) -> list[bool]:
-        """Which stage chunks the derivatives and the projection depend on.
-
-        The others only make outputs and memories, at points 0 and 4.
-        """
-        needed = {rate for _, _, rate in self.states} | set(self.flat.carried)
+    def kept(self, goals: Iterable[str]) -> list[bool]:
+        """Which stage chunks the wires and memories ``goals`` depend on."""
+        needed = set(goals)
         kept: list[bool] = []
         for chunk in reversed(self.flat.stage):
             keep = chunk.owner not in self.dropped and not needed.isdisjoint(chunk.writes)
@@ -138,6 +137,19 @@ class _Printer:
                 needed = needed.difference(chunk.writes).union(chunk.reads)
             kept.append(keep)
         return kept[::-1]
+
+    @property
+    def slopes(self) -> list[str]:
+        """What every stage is for: derivatives, and what the projection reads."""
+        return [*(rate for _, _, rate in self.states), *self.flat.carried]
+
+    @property
+    def memories(self) -> list[str]:
+        return [f"{name}_next" for name, owner in self.flat.memory if owner not in self.dropped]
+
+    def wires(self, goals: Iterable[str]) -> list[str]:
+        """Lines of the stage chunks that ``goals`` depend on."""
+        return list(self.lines(c for c, kept in zip(self.flat.stage, self.kept(goals)) if kept))
 
     def unpack(self) -> list[str]:
         """Parameters, which effects are on, and what depends on parameters only."""
@@ -186,7 +198,7 @@ class _Printer:
             "now = t",
             "i = 0",
             "first = 0",
-            *(["reach = size"] if self.modes else []),
+            *(["reach = size", "until = t"] if self.modes else []),
             "while True:",
             *_indent(self.sub_step(unrolled)),
         ]
@@ -196,8 +208,9 @@ class _Printer:
         held += [*self.lines(self.flat.held), *self.lines(self.flat.held_commits)]
         lines = ["due = now + tolerance", "if first == 0:", *_indent(held)]
         if unrolled:
-            lines += ["if first == 0:", *_indent(self.stage(0)), "if size <= 0.0:", "    break"]
-            lines += self.cut()
+            lines += _indent(self.stage(0))
+            outputs = self.wires(self.flat.outputs)
+            lines += ["if size <= 0.0:", *_indent([*outputs, "break"]), *self.cut()]
             for k in range(1, STAGES):
                 lines += self.stage(k)
         else:
@@ -214,7 +227,8 @@ class _Printer:
         return lines
 
     def retry(self) -> list[str]:
-        """Halve a sub-step that ran across a jump; ``reach`` is its length then."""
+        """Bisect a sub-step that ran across a jump: it lies before ``until``, the next
+        sub-step is ``reach`` long."""
         if not self.modes:
             return []
         lines = ["crossed = 0.0"]
@@ -223,10 +237,13 @@ class _Printer:
         names = [name for name, _, _ in self.states]
         back = [f"{n} = start_{n} = back_{n}" for n in names]
         back += [f"d_{n} = back_d_{n}" for n in names]
-        back += ["reach = 0.5 * dt", "first = 1", "continue"]
-        lines += ["if crossed > 0.0 and jumps_rest <= 0.0 and dt > finest:", *_indent(back)]
-        pause = f"jumps_rest = {JUMP_PAUSE} if crossed > 0.0 else jumps_rest - 1.0"
-        return [*lines, "reach = size", pause]
+        back += ["until = cut", "reach = 0.5 * dt", "first = 1", "credit -= 1.0", "continue"]
+        lines += ["if crossed > 0.0 and credit >= 1.0 and dt > finest:", *_indent(back)]
+        lines += ["reach = size", "if crossed <= 0.0 and cut < until:"]
+        lines += _indent(
+            ["reach = 0.5 * (until - cut)", "if reach < finest:", "    reach = finest"]
+        )
+        return [*lines, f"if credit < {CREDIT}:", "    credit += 0.25"]
 
     def only_if(self, owner: str, test: str) -> str:
         return f"if on_{owner} and {test}:" if owner and self.guarded else f"if {test}:"
@@ -245,22 +262,22 @@ class _Printer:
 
     def stage(self, k: int | None) -> list[str]:
         """Lines of evaluation ``k`` of a sub-step, or of all of them with ``k`` a variable."""
-        chunks = list(zip(self.flat.stage, self.needed_for_slopes()))
         slope = [f"d_{name} = {rate}" for name, _, rate in self.states]
         commits = list(self.lines(self.flat.stage_commits))
+        at_ends = [*self.slopes, *self.memories, *self.flat.outputs]
         if k == 0:
-            return [*self.move(k), *self.lines(self.flat.stage), *slope, *commits]
-        if k == STAGES - 1:
-            return [*self.move(k), *self.lines(self.flat.stage), *slope]
+            wires = self.wires([*self.slopes, *self.memories])
+            return [*self.move(k), *wires, *slope, *commits]
         if k is not None:
-            wires = self.lines(chunk for chunk, needed in chunks if needed)
-            return [*self.move(k), *wires, *slope]
+            goals = at_ends if k == STAGES - 1 else self.slopes
+            return [*self.move(k), *self.wires(goals), *slope]
         text: list[str] = []
         for j in range(STAGES):
             test = f"if k == {j}:" if j == 0 else f"elif k == {j}:" if j < 4 else "else:"
             text += [test, *_indent(self.move(j))]
-        for needed, group in itertools.groupby(chunks, key=lambda pair: pair[1]):
-            lines = list(self.lines(chunk for chunk, _ in group))
+        chunks = zip(self.flat.stage, self.kept(self.slopes), self.kept(at_ends))
+        for needed, group in itertools.groupby(chunks, key=lambda entry: entry[1]):
+            lines = list(self.lines(chunk for chunk, _, kept in group if kept))
             text += lines if needed else self.at_ends(lines)
         at_start = ["if k == 0:", *_indent(commits)] if commits else []
         return [*text, *slope, *at_start]

@@ -58,8 +58,8 @@ STOP = math.radians(3.0)
 
 _delay = replace(transport_delay.params["time"], high=0.02, typical=0.0011)
 _frame = replace(sample_hold.params["period"], high=0.02, typical=0.001)
-_twist = replace(compliant_output.params["compliance"], high=5.0, typical=0.3)
-_mass = replace(compliant_load.params["inertia"], default=2e-7, low=1e-8, high=1e-4)
+_twist = replace(compliant_output.params["compliance"], high=5.0, typical=1.0)
+_mass = replace(compliant_load.params["inertia"], default=1e-6, low=1e-8, high=1e-4)
 _source = replace(supply_sag.params["resistance"], typical=100.0)
 
 PLANT = Plant(
