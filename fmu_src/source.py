@@ -10,7 +10,7 @@ from types import ModuleType
 
 from fmu_src import slave
 from fmu_src.variables import Variable, variables
-from servo_models import flat, stepper
+from servo_models import flat, printer, stepper
 from servo_models.simulate import Model
 
 _FUTURE = "from __future__ import annotations\n"
@@ -28,6 +28,7 @@ def slave_source(model: Model) -> tuple[str, str]:
             f'"""{model.actuator.title}, variant {model.variant}: generated, do not edit."""',
             _FUTURE,
             _pasted(flat),
+            _pasted(printer),
             _pasted(stepper),
             _pasted(slave),
             "inf = math.inf",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from servo_models.block import RESERVED, SIGNAL, Block, Param
 from servo_models.errors import UserError, did_you_mean
+from servo_models.units import factor
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,9 @@ class Parameter:
         return self.name.replace(".", "_")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plant:
-    """A chain of blocks between wires.
+    """A chain of blocks between wires; one plant equals itself only.
 
     Attributes:
         inputs: wires set from outside, held during a communication step.
@@ -255,13 +257,21 @@ class Actuator:
 
 
 def check_bounds(parameter: Parameter, value: float) -> None:
-    """Raise UserError unless ``value`` [SI] is finite and inside the parameter's bounds."""
+    """Raise UserError unless ``value`` [SI] is inside the parameter's bounds."""
     param = parameter.param
     if not param.low <= value <= param.high:
-        raise UserError(
-            f"parameter '{parameter.name}' = {value:g} is outside"
-            f" [{param.low:g}, {param.high:g}] {param.unit}: choose a value inside"
-        )
+        raise UserError(outside("parameter", parameter.name, value, param))
+
+
+def outside(kind: str, name: str, value: float, bounds: Param | Wire) -> str:
+    """Sentence about a value [SI] out of bounds, in the unit that a person reads it in."""
+    unit = bounds.display or bounds.unit
+    scale = factor(bounds.unit, unit)
+    low, high = (math.nan if b is None else b * scale for b in (bounds.low, bounds.high))
+    return (
+        f"{kind} '{name}' = {value * scale:g} {unit} is outside [{low:g}, {high:g}] {unit}:"
+        " choose a value inside"
+    )
 
 
 def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") -> str:
@@ -280,6 +290,7 @@ __all__ = [
     "Variant",
     "Wire",
     "check_bounds",
+    "outside",
     "place",
     "unknown",
 ]

@@ -10,14 +10,11 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
-import os
 import sys
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from servo_models.files import write_whole
+from servo_models.files import cache_folder, write_whole
 
 _HEAD = '''"""Compiled by servo-models from one declaration; delete freely."""
 from numba import njit
@@ -33,7 +30,7 @@ def compiled_run(text: str) -> Callable[..., Any]:
     """Return the compiled ``run`` of a text printed by ``stepper.run_text``."""
     source = _HEAD + text + _TAIL
     name = "servo_models_" + hashlib.sha256(source.encode()).hexdigest()[:16]
-    path = _cache_folder() / f"{name}.py"
+    path = cache_folder() / f"{name}.py"
     if not path.exists():
         write_whole(path, source.encode())
     spec = importlib.util.spec_from_file_location(name, path)
@@ -42,26 +39,13 @@ def compiled_run(text: str) -> Callable[..., Any]:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     spec.loader.exec_module(module)
-    return module.run
+    run: Callable[..., Any] = module.run
+    return run
 
 
 def plain_make(text: str) -> Callable[..., Any]:
     """Return ``make`` of a text printed by ``stepper.step_text``, in plain Python."""
     namespace: dict[str, Any] = {}
     exec(compile(text, "<flat text>", "exec"), namespace)  # our own text, never a user's
-    return namespace["make"]
-
-
-def _cache_folder() -> Path:
-    """The user's cache folder, or a temporary one where that cannot be written."""
-    base = os.environ.get("SERVO_MODELS_CACHE") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "servo-models"
-    )
-    folder = Path(base)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="servo-models-"))
+    make: Callable[..., Any] = namespace["make"]
+    return make

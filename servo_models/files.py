@@ -1,4 +1,4 @@
-"""Outputs are written whole or not at all."""
+"""Outputs are written whole or not at all; where the cache is."""
 
 from __future__ import annotations
 
@@ -43,3 +43,21 @@ def write_with(path: Path, write: Callable[[Path], object]) -> None:
 def write_whole(path: Path, content: bytes) -> None:
     """Write ``content`` to ``path`` through a temporary file; see ``write_with``."""
     write_with(path, lambda part: part.write_bytes(content))
+
+
+def cache_folder() -> Path:
+    """Return the user's cache folder, or a temporary one where that cannot be written.
+
+    ``SERVO_MODELS_CACHE`` keeps it elsewhere.
+    """
+    base = os.environ.get("SERVO_MODELS_CACHE") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "servo-models"
+    )
+    folder = Path(base)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix="servo-models-"))

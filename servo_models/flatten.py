@@ -17,7 +17,7 @@ from servo_models.actuator import Placement, Plant, unknown
 from servo_models.block import Block, Clock, Fault, Mode
 from servo_models.flat import Chunk, Flat
 from servo_models.inline import inline
-from servo_models.stepper import CREDIT
+from servo_models.printer import CREDIT
 
 _SUFFIX = ("_setup", "_held", "")
 

@@ -7,14 +7,15 @@ both agree to the last bit.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servo_models.actuator import Actuator, Plant, check_bounds, unknown
+from servo_models.actuator import Actuator, Plant, Wire, check_bounds, outside, unknown
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.errors import UserError
@@ -49,17 +50,9 @@ class Result:
 
 
 @functools.cache
-def _flat(plant_id: int, name: str) -> Flat:
-    return flatten(_PLANTS[plant_id], name)
-
-
-_PLANTS: dict[int, Plant] = {}
-
-
 def flat_of(plant: Plant, name: str) -> Flat:
     """Return the flattened plant; flattening is done once per plant and process."""
-    _PLANTS[id(plant)] = plant
-    return _flat(id(plant), name)
+    return flatten(plant, name)
 
 
 @dataclass(frozen=True)
@@ -105,7 +98,7 @@ class Model:
             UserError: times that run backward, inputs that are not finite, or a run that
                 leaves the finite numbers.
         """
-        _check_grid(times, inputs, [wire.name for wire in self.plant.inputs])
+        _check_grid(times, inputs, self.plant.inputs)
         out = np.empty((len(times), len(self.plant.outputs)))
         x = self.start() if state is None else state
         code, row = compiled_run(run_text(self.flat))(self.vector, x, times, inputs, out)
@@ -182,7 +175,7 @@ def simulate(
     return Result(grid, columns, {name: out[:, i] for i, name in enumerate(names)})
 
 
-def _check_grid(times: Array, inputs: Array, names: list[str]) -> None:
+def _check_grid(times: Array, inputs: Array, wires: Sequence[Wire]) -> None:
     if len(times) == 0:
         raise UserError("no communication points: give at least one time")
     if not np.all(np.isfinite(times)):
@@ -195,7 +188,12 @@ def _check_grid(times: Array, inputs: Array, names: list[str]) -> None:
             f"time runs backward in row {row} ({times[row - 1]:g} s, then {times[row]:g} s):"
             " sort the rows by time"
         )
-    bad = np.argwhere(~np.isfinite(inputs))
-    if len(bad):
-        row, column = (int(i) for i in bad[0])
-        raise UserError(f"input '{names[column]}' in row {row} is not finite: fill or drop it")
+    for wire, column in zip(wires, inputs.T):
+        low = -math.inf if wire.low is None else wire.low
+        high = math.inf if wire.high is None else wire.high
+        bad = np.flatnonzero(~((low <= column) & (column <= high) & np.isfinite(column)))
+        if len(bad) and not math.isfinite(column[bad[0]]):
+            raise UserError(f"input '{wire.name}' in row {bad[0]} is not finite: fill or drop it")
+        if len(bad):
+            message = outside("input", wire.name, float(column[bad[0]]), wire)
+            raise UserError(f"{message} (row {bad[0]})")

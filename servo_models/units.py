@@ -11,6 +11,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from servo_models.errors import UserError
+from servo_models.files import cache_folder
 
 if TYPE_CHECKING:
     import pint
@@ -28,10 +29,10 @@ BASE = {
 
 @functools.cache
 def registry() -> pint.UnitRegistry[Any]:
-    """The unit registry; loaded late, since it takes a third of a second."""
+    """The unit registry; loaded late and from the cache, since it takes a third of a second."""
     import pint
 
-    return pint.UnitRegistry()
+    return pint.UnitRegistry(cache_folder=cache_folder() / "units")
 
 
 def _pint_name(unit: str) -> str:

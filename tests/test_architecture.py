@@ -13,10 +13,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 LAYERS = (
     "errors sheets",
-    "files units compare reference",
-    "block flat",
-    "inline actuator stepper plants effects",
-    "actuators flatten compiled",
+    "files compare reference",
+    "units block flat",
+    "inline actuator printer plants effects",
+    "actuators flatten stepper compiled",
     "catalogue",
     "simulate",
     "fmu_src experiment tables explain",
@@ -87,9 +87,14 @@ def test_the_references_know_nothing_of_the_models() -> None:
         assert own_parts(path) <= {"reference"}, path.name
 
 
-@pytest.mark.parametrize("name", ["servo_models/flat.py", "servo_models/stepper.py"])
+TRAVELLERS = ("flat", "printer", "stepper")
+
+
+@pytest.mark.parametrize("name", TRAVELLERS)
 def test_what_travels_in_every_fmu_needs_the_standard_library_only(name: str) -> None:
-    others = {n for n in imported(ROOT / name) if not n.startswith("servo_models.flat.")}
+    fellow = tuple(f"servo_models.{other}." for other in TRAVELLERS)
+    every = imported(ROOT / "servo_models" / f"{name}.py")
+    others = {n for n in every if not n.startswith(fellow)}
     assert {n.split(".")[0] for n in others} <= sys.stdlib_module_names
 
 
