@@ -10,8 +10,9 @@ import bootstrap
 
 if __name__ == "__main__":
     bootstrap.ensure("test", needs="pytest-xdist")
+    os.chdir(bootstrap.HERE)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one worker a core is all there is
     import pytest
 
-    os.chdir(bootstrap.HERE)
     workers = ["-n", str(os.cpu_count() or 1)] if len(sys.argv) == 1 else []
     raise SystemExit(pytest.main([*workers, *sys.argv[1:]]))

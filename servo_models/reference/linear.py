@@ -54,17 +54,19 @@ class LinearSystem:
         state = np.zeros(len(self.a))
         for k, (begin, end, values) in enumerate(segments(signals, float(times[-1]))):
             held = np.array(values)
-            for row in rows_in(times, begin, end, first=k == 0):
-                reached = self._advance(state, held, float(times[row]) - begin)
-                out[row] = self.c @ reached + self.d @ held
-            state = self._advance(state, held, end - begin)
+            rows = rows_in(times, begin, end, first=k == 0)
+            spans = np.append(times[rows], end) - begin
+            reached = self._advance(state, held, spans)
+            out[rows] = reached[:-1] @ self.c.T + self.d @ held
+            state = reached[-1]
         return out
 
-    def _advance(self, state: Array, held: Array, span: float) -> Array:
+    def _advance(self, state: Array, held: Array, spans: Array) -> Array:
+        """States after each of ``spans`` [s], shape (len(spans), n), from one call of expm."""
         from scipy.linalg import expm
 
         n, m = self.b.shape
         joint = np.zeros((n + m, n + m))
-        joint[:n, :n], joint[:n, n:] = self.a * span, self.b * span
-        reached: Array = (expm(joint) @ np.concatenate([state, held]))[:n]
+        joint[:n, :n], joint[:n, n:] = self.a, self.b
+        reached: Array = (expm(spans[:, None, None] * joint) @ np.append(state, held))[:, :n]
         return reached
