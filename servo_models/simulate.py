@@ -55,6 +55,11 @@ def flat_of(plant: Plant, name: str) -> Flat:
     return flatten(plant, name)
 
 
+@functools.cache
+def _compiled(plant: Plant, name: str) -> Callable[..., Any]:
+    return compiled_run(run_text(flat_of(plant, name)))
+
+
 @dataclass(frozen=True)
 class Model:
     """An actuator with all parameters chosen: what a simulation and an FMU are made of.
@@ -101,7 +106,8 @@ class Model:
         _check_grid(times, inputs, self.plant.inputs)
         out = np.empty((len(times), len(self.plant.outputs)))
         x = self.start() if state is None else state
-        code, row = compiled_run(run_text(self.flat))(self.vector, x, times, inputs, out)
+        run = _compiled(self.plant, self.actuator.name)
+        code, row = run(self.vector, x, times, inputs, out)
         if code:
             raise UserError(f"{self.trouble(code)}, at t = {times[row]:g} s")
         return out
