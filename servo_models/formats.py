@@ -3,38 +3,62 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 from servo_models.files import write_whole
 from servo_models.sheets import Sheet, Table
-from servo_models.validation.rows import CLAIMS, IMPLEMENTATION, MODEL, PAPER, Row, Validation
+from servo_models.validation.rows import (
+    CLAIMS,
+    IMPLEMENTATION,
+    MODEL,
+    PAPER,
+    Row,
+    Validation,
+    tightest,
+)
 
 HEADINGS = {
     IMPLEMENTATION: "Implementation: the FMU equals the simulation",
     MODEL: "Model: the response equals an independent reference",
     PAPER: "Figures of the papers",
 }
+NEAREST = "; of each case the figure nearest to its limit"
 
 
-def text(validation: Validation) -> Sheet:
-    """Return the tables of a validation: one a claim, then what failed."""
-    groups = {HEADINGS[claim]: validation.of(claim) for claim in CLAIMS}
-    groups["Outside their limits"] = validation.failures
-    return Sheet(
-        "Validation",
-        (),
-        tuple(
-            Table(
-                heading,
-                ("verdict", "actuator", "variant", "case", "quantity", "value", "limit", ""),
-                tuple(_cells(row) for row in rows),
-            )
-            for heading, rows in groups.items()
-            if rows
-        ),
-    )
+COLUMNS = ("verdict", "actuator", "variant", "case", "quantity", "value", "limit", "")
+
+
+def text(validation: Validation, every: bool = False) -> Sheet:
+    """Return the tables of a validation: one a claim, then what failed.
+
+    A case of the first two claims is one line, its figure nearest to its limit, unless
+    ``every`` figure is wanted; the figures of the papers are always told one by one.
+    """
+    tables: list[Table] = []
+    for claim in CLAIMS:
+        rows = validation.of(claim)
+        brief = claim != PAPER and not every
+        shown = [_case(group) for group in _cases(rows)] if brief else [_cells(r) for r in rows]
+        heading = HEADINGS[claim] + (NEAREST if brief else "")
+        tables += [Table(heading, COLUMNS, tuple(shown))] if shown else []
+    failed = tuple(_cells(row) for row in validation.failures)
+    tables += [Table("Outside their limits", COLUMNS, failed)] if failed else []
+    return Sheet("Validation", (), tuple(tables))
+
+
+def _cases(rows: Sequence[Row]) -> Iterable[list[Row]]:
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.actuator, row.variant, row.case, row.subject), []).append(row)
+    return groups.values()
+
+
+def _case(rows: Sequence[Row]) -> tuple[str, ...]:
+    passed, judged = sum(row.passed is True for row in rows), len(rows)
+    count = f"{passed} of {judged} figures pass" if judged > 1 else ""
+    return (*_cells(tightest(rows))[:-1], count)
 
 
 def sentence(validation: Validation) -> str:

@@ -13,7 +13,7 @@ import pytest
 from servo_models.errors import UserError
 from servo_models.report import sg90, torque_motor, verdict, write_report
 from servo_models.report.paper import DIGITS
-from servo_models.report.parts import number, share, tightest
+from servo_models.report.parts import number, share
 from servo_models.report.style import PALETTE
 from servo_models.validation.rows import (
     IMPLEMENTATION,
@@ -24,6 +24,7 @@ from servo_models.validation.rows import (
     Row,
     Validation,
     judged,
+    tightest,
 )
 
 HOSTILE = "<script>alert('x')</script> & \"quoted\""

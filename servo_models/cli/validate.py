@@ -32,6 +32,9 @@ def validate(
     format_: Annotated[
         Format, typer.Option("--format", help="How the result is printed.")
     ] = Format.TEXT,
+    every: Annotated[
+        bool, typer.Option("--all", help="Print every figure, not one a case.")
+    ] = False,
 ) -> int:
     """Validate FMUs against the simulation, the models against references.
 
@@ -54,7 +57,7 @@ def validate(
     elif format_ is Format.GITHUB:
         print("\n".join(formats.github(result)))
     else:
-        show(formats.text(result))
+        show(formats.text(result, every))
         print(f"\n{formats.sentence(result)}")
     if junit:
         formats.write_junit(result, junit)

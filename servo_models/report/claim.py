@@ -13,9 +13,8 @@ from servo_models.report.parts import (
     quantity,
     run_of,
     share,
-    tightest,
 )
-from servo_models.validation.rows import Row
+from servo_models.validation.rows import Row, tightest
 
 WORDS = {True: "passed", False: "failed", None: "for information"}
 FIGURE = ("variant", "run", "case", "quantity", "value", "limit", "used", "note")

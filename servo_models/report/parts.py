@@ -92,17 +92,6 @@ def share(row: Row) -> str:
     return "< 1 %" if 0.0 < used < 0.01 else f"{100.0 * used:.0f} %"
 
 
-def tightest(rows: Iterable[Row]) -> Row:
-    """Return the row that is worst: one that failed, else the one nearest to its limit."""
-    return max(rows, key=_tightness)
-
-
-def _tightness(row: Row) -> tuple[bool, float]:
-    if row.value is None or not row.limit:
-        return row.passed is False, 0.0
-    return row.passed is False, row.value / row.limit
-
-
 def by_run(rows: Sequence[Row]) -> tuple[list[Row], ...]:
     """Return rows grouped by actuator, variant and what was run, in their order."""
     groups: dict[tuple[str, str, str], list[Row]] = {}

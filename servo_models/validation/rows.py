@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -75,6 +76,17 @@ def judged(
     """
     passed = None if limit is None else value is not None and bool(value <= limit)
     return Row(claim, *where, quantity, value, limit, unit, passed, note, subject=subject)
+
+
+def tightest(rows: Iterable[Row]) -> Row:
+    """Return the row that is worst: one that failed, else the one nearest to its limit."""
+    return max(rows, key=_tightness)
+
+
+def _tightness(row: Row) -> tuple[bool, float]:
+    if row.value is None or not row.limit:
+        return row.passed is False, 0.0
+    return row.passed is False, row.value / row.limit
 
 
 @dataclass(frozen=True)
