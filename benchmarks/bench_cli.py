@@ -55,13 +55,12 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result, while other work kept both cores of the machine busy (so wall clock counts for little;
-# a quieter minute gave 0.20 s wall for --help and 1.3 s for either simulation):
+# Result: two cores, CPython 3.11.
 #
 # command                          bar    wall   fastest  processor   memory
-# bare python                           0.05 s    0.05 s     0.03 s    12 MB
-# --help                         0.3 s  0.37 s    0.35 s     0.19 s    24 MB
-# list                                  0.55 s    0.51 s     0.28 s    34 MB
-# explain backlash                      1.49 s    1.39 s     0.74 s    53 MB
-# simulate sg90, 10 s            2.0 s  2.64 s    2.44 s     1.32 s   171 MB
-# simulate torque_motor, 10 s    2.0 s  2.68 s    2.56 s     1.33 s   172 MB
+# bare python                           0.02 s    0.02 s     0.02 s    11 MB
+# --help                         0.3 s  0.16 s    0.16 s     0.16 s    24 MB
+# list                                  0.25 s    0.24 s     0.25 s    34 MB
+# explain backlash                      0.48 s    0.43 s     0.58 s    52 MB
+# simulate sg90, 10 s            2.0 s  1.25 s    1.15 s     1.46 s   171 MB
+# simulate torque_motor, 10 s    2.0 s  1.15 s    1.09 s     1.35 s   171 MB

@@ -190,20 +190,17 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-RESULT = """
-Two cores shared with other work, CPython 3.11, pythonfmu 0.7.0, fmpy 0.3.32.  The load of
-others moves the figures: over twelve runs the SG90's ratio was 1.12 to 1.53, median 1.28, and
-with the trivial slave at 12.5 us it took 15.8 us, 63 times faster than real time.
-
-set + step + get              us  x trivial  x real time
-sg90, 1 ms                  18.3       1.12           55
-sg90, all effects           29.9       1.83           33
-torque_motor, 0.1 ms        18.5       1.13            5
-torque_motor, 1 ms          38.5       2.35           26
-trivial                     16.4       1.00           61
-
-instance                      ms    kB each
-sg90                        26.8        249
-torque_motor                22.3        202
-trivial                     13.5         85
-"""
+# Result: two cores, CPython 3.11, pythonfmu 0.7.0, fmpy 0.3.32.  Earlier, while other work kept
+# the cores busy, the SG90's ratio to the trivial slave was 1.12 to 1.53, median 1.28.
+#
+# set + step + get              us  x trivial  x real time
+# sg90, 1 ms                  16.6       1.26           60
+# sg90, all effects           26.0       1.97           38
+# torque_motor, 0.1 ms        15.1       1.14            7
+# torque_motor, 1 ms          30.1       2.28           33
+# trivial                     13.2       1.00           76
+#
+# instance                      ms    kB each
+# sg90                        18.5        250
+# torque_motor                20.2        246
+# trivial                      5.6         85

@@ -103,3 +103,15 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+
+# Result: two cores, CPython 3.11, numba 0.68, MuJoCo 4.0.  60 s of the printed SG90, 4 s of the
+# identified torque motor; the grid is that of the communication points.
+#
+# actuator         grid   neutral  all active  ratio
+# sg90             20ms   2.73 ms    15.95 ms    5.8
+#                MuJoCo takes 48 times as long for 60 s
+# sg90              1ms   7.01 ms    31.56 ms    4.5
+#                MuJoCo takes 19 times as long for 60 s
+# torque_motor      1ms   3.28 ms    15.69 ms    4.8
+# MuJoCo servo, 60 000 steps of 1 ms: 130 ms
+# peak memory 186 MiB

@@ -129,6 +129,7 @@ LOOP: tuple[Block | Placement, ...] = (
     place("drive_dead_zone", dead_zone, "motor_voltage"),
     place("drive_saturation", saturation, "motor_voltage", params={"limit": _drive}),
     servo.motor_shaft,
+    servo.stiff_supply,
     servo.supply_load,
     place("supply_sag", supply_sag, "supply", params=_rest),
     place("supply_limit", supply_limit, "motor_voltage"),

@@ -103,7 +103,13 @@ def motor_shaft(shaft_speed: float, gear_ratio: float) -> float:
     return gear_ratio * shaft_speed
 
 
-@block("supply", "supply_current", "supply_conductance", source="Ohm's law; resistance assumed")
+@block("supply")
+def stiff_supply(supply_voltage: float) -> float:
+    """Supply [V] of the amplifier."""
+    return supply_voltage
+
+
+@block("supply_current", "supply_conductance", source="Ohm's law; resistance assumed")
 def supply_load(
     supply_voltage: float,
     motor_voltage: float,
@@ -114,8 +120,8 @@ def supply_load(
     armature_resistance: Annotated[
         float, Param("Ohm", "resistance of the motor", default=7.0, low=0.1, high=1e3)
     ],
-) -> tuple[float, float, float]:
-    """Supply [V], and the current [A] that a stiff supply would deliver to the motor."""
+) -> tuple[float, float]:
+    """Current [A] that a stiff supply would deliver to the motor, and its slope [S]."""
     limit = abs(supply_voltage)
     wanted = abs(motor_voltage)
     applied = wanted if wanted < limit else limit
@@ -123,7 +129,7 @@ def supply_load(
     if motor_voltage < 0.0:
         opposing = -opposing
     current = (applied - opposing) / armature_resistance
-    return supply_voltage, current if current > 0.0 else 0.0, 1.0 / armature_resistance
+    return current if current > 0.0 else 0.0, 1.0 / armature_resistance
 
 
 @block("loaded_voltage", source="load torque through the stall torque")
