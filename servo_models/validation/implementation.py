@@ -21,8 +21,11 @@ ROWS = 241
 
 
 def implementation_rows(subject: Subject) -> list[Row]:
-    """Compare an FMU with its model on several grids, over a restore, and beside another."""
-    rows: list[Row] = []
+    """Compare an FMU with its model on several grids, over a restore, and beside another.
+
+    First of all come the problems that ``fmpy validate`` finds in its description.
+    """
+    rows = [_description_row(subject)]
     comparisons: list[tuple[str, Callable[[], float]]] = [
         *((f"communication step {1e3 * step:g} ms", _steady(subject, step)) for step in STEPS),
         ("irregular communication steps", lambda: _compared(subject, irregular(ROWS))),
@@ -37,6 +40,17 @@ def implementation_rows(subject: Subject) -> list[Row]:
         quantity = "largest difference of any output"
         rows.append(judged(IMPLEMENTATION, where, quantity, value, LIMIT, "1", note, subject.name))
     return rows
+
+
+def _description_row(subject: Subject) -> Row:
+    from fmpy.validation import validate_fmu
+
+    problems = validate_fmu(str(subject.path))
+    where = (subject.model.actuator.name, subject.model.variant, "model description")
+    note = str(problems[0]).splitlines()[0] if problems else "no problem"
+    quantity = "problems that fmpy validate finds"
+    count = float(len(problems))
+    return judged(IMPLEMENTATION, where, quantity, count, 0.0, "1", note, subject.name)
 
 
 def irregular(rows: int) -> Array:
