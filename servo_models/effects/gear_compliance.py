@@ -5,6 +5,8 @@ from typing import Annotated
 
 from servo_models.block import Param, effect
 
+RIGID = 1e-6
+"""Compliances [rad/(N m)] below this one are rigid: their resonance would only cost steps."""
 SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
 
 Compliance = Annotated[
@@ -26,7 +28,7 @@ def compliant_output(
     compliance: Compliance,
 ) -> tuple[float, float, float]:
     """The output is the load's side of the spring."""
-    if compliance > 0.0:
+    if compliance >= RIGID:
         return load_angle, angle_unit * load_speed, angle_unit * load_speed
     return angle, rate, load_rate
 
@@ -47,7 +49,7 @@ def compliant_load(
     ],
 ) -> tuple[float, float]:
     """The shaft feels the spring; the spring and the load torque move the inertia."""
-    if compliance <= 0.0:
+    if compliance < RIGID:
         return load, load_acceleration
     drag = 2.0 * damping * math.sqrt(inertia / compliance)
     spring = (shaft_angle - load_angle) / compliance + drag * (shaft_speed - load_speed)
@@ -59,7 +61,7 @@ def resonance_step(
     internal_step: float, shaft_inertia: float, compliance: Compliance, inertia: Inertia
 ) -> float:
     """The internal step follows the resonance of shaft and load."""
-    if compliance <= 0.0:
+    if compliance < RIGID:
         return internal_step
     both = 1.0 / (1.0 / inertia + 1.0 / shaft_inertia)
     limit = 0.13 * math.sqrt(compliance * both)

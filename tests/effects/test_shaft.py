@@ -248,3 +248,13 @@ def test_viscous_friction_calms_a_compliant_gear(friction: float) -> None:
         response = simulate(model("torque_motor", "measured", given), times, {"voltage": voltage})
         ringing.append(np.std(response["rate"][1200:]))
     assert ringing[1] < ringing[0]
+
+
+@pytest.mark.parametrize("name", ["sg90", "torque_motor"])
+def test_a_compliance_too_small_to_matter_is_rigid_and_costs_nothing(name: str) -> None:
+    """A resonance that no step could follow would otherwise never end the first step."""
+    times = np.linspace(0.0, 0.1, 51)
+    bare, stiff = model(name), model(name, parameters={"gear_compliance.compliance": 1e-30})
+    inputs = np.column_stack([np.full(51, float(w.rest)) for w in bare.plant.inputs])
+    inputs[:, 0] = bare.actuator.step[1]
+    assert np.array_equal(stiff.run(times, inputs), bare.run(times, inputs))
