@@ -5,8 +5,10 @@ it, so that an FMU is one self-contained file.  Value references count inputs, o
 parameters, in this order.
 
 **Errors.**  pythonfmu knows two failures of a call: an exception, which the host sees as
-fmi2Fatal, and ``False`` from ``do_step``, which fmpy takes for a silent early end.  So every
-failure is an exception, preceded by one line through the logger.  After a failure only
+fmi2Fatal and whose text goes through the logger, and ``False`` from ``do_step``, which fmpy
+takes for a silent early end.  So every failure is an exception.  A line of our own before it
+would be lost: the binary delivers it with the exception pending, and a host that is Python
+itself cannot listen in that state (CPython 3.13).  After a failure only
 ``reset`` or restoring a state helps: an instance that went on with the old value of a
 refused input would give wrong numbers.
 """
@@ -22,7 +24,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
-from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from servo_models.flat import Flat, neutral_effects, trouble
@@ -252,13 +253,12 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         self.refuse(message)
 
     def refuse(self, message: str) -> NoReturn:
-        """Tell the host what is wrong, then raise."""
-        self.log(message.replace("%", "%%"), Fmi2Status.error)
+        """Raise, which tells the host what is wrong; % is a format to its logger."""
         # On an exception pythonfmu's binary gives back references that it still uses, and the
         # host crashes at the next call; so give it one of each to lose.
         for held in (self, type(self), self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
-        raise RuntimeError(message)
+        raise RuntimeError(message.replace("%", "%%"))
 
     def _get_fmu_state(self) -> dict[str, Any]:
         """Everything that the next step depends on, as plain data that JSON keeps exactly."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -183,7 +185,10 @@ class Instance:
             self._said.append(text.decode(errors="replace"))
 
     def _complaint(self, what: str, error: Exception) -> UserError:
-        said = self._said[0] if self._said else str(error)  # what follows is the host's echo
+        said = self._said[0] if self._said else str(error)
+        quoted = re.search(r"RuntimeError\((.*)\)", said)  # pythonfmu's frame around our words
+        if quoted:
+            said = str(ast.literal_eval(quoted[1]))
         return UserError(f"FMU '{self._name}' {what}: {said}")
 
 
