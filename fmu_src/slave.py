@@ -20,6 +20,7 @@ import ctypes
 import functools
 import json
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
@@ -69,6 +70,8 @@ def _let_the_process_end(resources: str | None) -> None:
     that it has given back, and glibc aborts the process: sometimes, after all results.
     Asked in time it lets go once and for all.
     """
+    if sys.platform != "linux":
+        return
     for library in Path(resources or "").parent.glob("binaries/linux64/*.so"):
         atexit.register(ctypes.CDLL(str(library)).finalizePythonInterpreter)
 
