@@ -194,13 +194,13 @@ if __name__ == "__main__":
 # the cores busy, the SG90's ratio to the trivial slave was 1.12 to 1.53, median 1.28.
 #
 # set + step + get              us  x trivial  x real time
-# sg90, 1 ms                  16.6       1.26           60
-# sg90, all effects           26.0       1.97           38
-# torque_motor, 0.1 ms        15.1       1.14            7
-# torque_motor, 1 ms          30.1       2.28           33
-# trivial                     13.2       1.00           76
+# sg90, 1 ms                  15.5       1.27           64
+# sg90, all effects           24.1       1.97           41
+# torque_motor, 0.1 ms        14.3       1.17            7
+# torque_motor, 1 ms          29.5       2.40           34
+# trivial                     12.3       1.00           81
 #
 # instance                      ms    kB each
-# sg90                        18.5        250
-# torque_motor                20.2        246
-# trivial                      5.6         85
+# sg90                        15.7        248
+# torque_motor                16.8        245
+# trivial                      4.7         85
