@@ -17,6 +17,11 @@ from collections.abc import Mapping, Sequence
 from servo_models.block import Block
 
 _BUILTINS = {"abs", "int", "float", "math"}
+_STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.While, ast.Return, ast.Pass)
+_EXPRESSIONS = (
+    *(ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Tuple),
+    *(ast.Name, ast.Constant, ast.Attribute, ast.Subscript),
+)
 
 
 def inline(
@@ -38,11 +43,27 @@ def inline(
     function = tree.body[0]
     assert isinstance(function, ast.FunctionDef)
     body = function.body[1:]  # the docstring comes first, block.py insists on it
+    _check_subset(block, body)
     rename = _Rename(block, dict(names), prefix, body)
     lines = [f"{rename.names[name]} = {names[name]}" for name in rename.copied]
     for statement in _tail_form(body, targets, block):
         lines += ast.unparse(ast.fix_missing_locations(rename.visit(statement))).splitlines()
     return lines
+
+
+def _check_subset(block: Block, body: Sequence[ast.stmt]) -> None:
+    for node in (node for statement in body for node in ast.walk(statement)):
+        known = _STATEMENTS if isinstance(node, ast.stmt) else _EXPRESSIONS
+        if isinstance(node, (ast.stmt, ast.expr)) and not isinstance(node, known):
+            kind = type(node).__name__
+            raise ValueError(
+                f"block '{block.name}' uses {kind} (line {node.lineno} of its source), which a"
+                " block may not: see the docstring of inline.py"
+            )
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod):
+            left = node.left
+            if not (isinstance(left, ast.Call) and ast.unparse(left.func) == "int"):
+                raise ValueError(f"block '{block.name}' takes % of a float: take it of an int()")
 
 
 def _tail_form(body: Sequence[ast.stmt], targets: Sequence[str], block: Block) -> list[ast.stmt]:

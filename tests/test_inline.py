@@ -7,7 +7,7 @@ from typing import Annotated
 
 import pytest
 
-from servo_models.block import Memory, block
+from servo_models.block import Block, Memory, block
 from servo_models.inline import inline
 
 
@@ -61,3 +61,21 @@ def test_early_returns_become_branches(signal: float) -> None:
 def test_a_power_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match="'cube' uses \\*\\*"):
         inline(cube, {"signal": "u"}, ["y"], "cube")
+
+
+@block("rest")
+def remainder(signal: float) -> float:
+    """A remainder of floats, which numba and CPython round differently."""
+    return signal % 2.0
+
+
+@block("first")
+def listed(signal: float) -> float:
+    """A list, which C has not."""
+    return [signal][0]
+
+
+@pytest.mark.parametrize(("outside", "word"), [(remainder, "% of a float"), (listed, "List")])
+def test_what_is_outside_the_subset_is_refused(outside: Block, word: str) -> None:
+    with pytest.raises(ValueError, match=f"'{outside.name}' .*{word}"):
+        inline(outside, {"signal": "u"}, ["y"], outside.name)

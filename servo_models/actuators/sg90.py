@@ -73,6 +73,7 @@ WIRES = (
     Wire("command_voltage", "V", "voltage of the command", scale=0.6, rest=0.375),
     Wire("feedback_voltage", "V", "voltage of the potentiometer", scale=6.0, rest=3.75),
     Wire("motor_voltage", "V", "voltage on the motor", scale=5.0),
+    Wire("loaded_voltage", "V", "motor voltage left after the load", scale=5.0),
     Wire("motor_speed", "rad/s", "speed of the motor", scale=670.0),
     Wire("saturated", "1", "amplifier at its supply or motor at its top speed", flag=True),
     Wire("supply", "V", "supply under load", scale=5.0, rest=5.0),
@@ -124,7 +125,6 @@ LOOP: tuple[Block | Placement, ...] = (
     servo.error,
     servo.amplifier,
     place("direction_asymmetry", direction_asymmetry, "motor_voltage"),
-    place("thermal_drift", thermal_drift, "motor_voltage"),
     place("hysteresis", hysteresis, "motor_voltage"),
     place("drive_dead_zone", dead_zone, "motor_voltage"),
     place("drive_saturation", saturation, "motor_voltage", params={"limit": _drive}),
@@ -137,16 +137,17 @@ LOOP: tuple[Block | Placement, ...] = (
     place("constant_load", constant_load, "load"),
     place("gravity_load", gravity_load, "load"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
+    place("load_friction", load_friction, "friction"),
     place("viscous_friction", viscous_friction, "load"),
     place("cogging", cogging, "load"),
     servo.load_voltage,
+    place("thermal_drift", thermal_drift, "loaded_voltage"),
     servo.motor_curve,
     servo.saturation_flag,
 )
 SHAFT: tuple[Block | Placement, ...] = (
     place("coulomb_friction", coulomb_friction, "friction"),
     place("stribeck_friction", stribeck_friction, "friction"),
-    place("load_friction", load_friction, "friction"),
     servo.motor_lag,
     shaft_acceleration,
 )
@@ -176,14 +177,17 @@ PLANT = Plant(
     outputs=OUTPUTS,
 )
 
-_SHAFT_ONLY = ("load_inertia", "end_stops")
+_SHAFT_ONLY = ("load_inertia", "end_stops", "load_friction")
 OSCILLATORY_PLANT = Plant(
     inputs=INPUTS,
     wires=WIRES,
     constants=STEP,
     chain=(
-        *(b for b in COMMAND if not (isinstance(b, Placement) and b.name in _SHAFT_ONLY)),
-        *LOOP,
+        *(
+            link
+            for link in (*COMMAND, *LOOP)
+            if not (isinstance(link, Placement) and link.name in _SHAFT_ONLY)
+        ),
         servo.oscillatory_speed,
         servo.jerk,
     ),
@@ -234,7 +238,11 @@ def _sets() -> tuple[Variant, ...]:
     made: list[Variant] = []
     kinds = (
         ("printed", "nonlinear servo as printed", PRINTED),
-        ("linear", "linear servo, gives eq. 7 exactly at K_f = 0.1", LINEAR),
+        (
+            "linear",
+            "linear servo without limits: eq. 7 at K_f = 0.1; the supply does nothing",
+            LINEAR,
+        ),
     )
     for kind, about, values in kinds:
         for unloaded in (False, True):

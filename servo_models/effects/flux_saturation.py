@@ -36,7 +36,7 @@ def flux_saturation(
 ) -> tuple[float, float]:
     """lambda = L I atan(i / I) (1 + curvature theta^2) + K_b theta, 1 / I = inverse_current.
 
-    Both slopes come from this one function, so energy stays consistent.
+    Both slopes are those of this one function; the torque has a bend of its own.
     """
     ratio = inverse_current * current
     flux_current = current

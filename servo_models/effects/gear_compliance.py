@@ -41,6 +41,7 @@ def compliant_load(
     shaft_speed: float,
     load_angle: float,
     load_speed: float,
+    angle_unit: float,
     compliance: Compliance,
     inertia: Inertia,
     damping: Annotated[
@@ -52,7 +53,8 @@ def compliant_load(
     if compliance < RIGID:
         return load, load_acceleration
     drag = 2.0 * damping * math.sqrt(inertia / compliance)
-    spring = (shaft_angle - load_angle) / compliance + drag * (shaft_speed - load_speed)
+    twist = (shaft_angle - load_angle) / angle_unit
+    spring = twist / compliance + drag * (shaft_speed - load_speed)
     return spring, (spring - load) / inertia
 
 

@@ -18,5 +18,5 @@ def gravity_load(
         Param("rad", "angle from hanging at zero", low=-3.15, high=3.15, display="deg"),
     ],
 ) -> float:
-    """Adds torque sin(angle + phase)."""
+    """Adds torque sin(angle + phase), at the output's angle where play is in the loop."""
     return load + torque * math.sin(angle + phase)

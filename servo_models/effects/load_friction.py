@@ -13,5 +13,5 @@ def load_friction(
         float, Param("1", "friction per load torque", high=0.8, switch=True, typical=0.2)
     ],
 ) -> float:
-    """Adds coefficient |load torque| to the friction level."""
+    """Adds coefficient |load torque| to the friction level; drag and cogging do not load."""
     return friction + coefficient * abs(load)

@@ -121,14 +121,15 @@ def supply_load(
         float, Param("Ohm", "resistance of the motor", default=7.0, low=0.1, high=1e3)
     ],
 ) -> tuple[float, float]:
-    """Current [A] that a stiff supply would deliver to the motor, and its slope [S]."""
-    limit = abs(supply_voltage)
-    wanted = abs(motor_voltage)
-    applied = wanted if wanted < limit else limit
+    """Current [A] of a motor that gets all of a stiff supply, and its slope [S].
+
+    The supply under load only matters where the amplifier is at its limit, and there the
+    motor gets all that there is.
+    """
     opposing = motor_speed / motor_gain
     if motor_voltage < 0.0:
         opposing = -opposing
-    current = (applied - opposing) / armature_resistance
+    current = (abs(supply_voltage) - opposing) / armature_resistance
     return current if current > 0.0 else 0.0, 1.0 / armature_resistance
 
 

@@ -258,3 +258,19 @@ def test_a_compliance_too_small_to_matter_is_rigid_and_costs_nothing(name: str) 
     inputs = np.column_stack([np.full(51, float(w.rest)) for w in bare.plant.inputs])
     inputs[:, 0] = bare.actuator.step[1]
     assert np.array_equal(stiff.run(times, inputs), bare.run(times, inputs))
+
+
+@pytest.mark.parametrize("unit", [math.pi / 180.0, 1.0])
+def test_the_resonance_of_a_compliant_servo_does_not_hang_on_its_angle_unit(unit: float) -> None:
+    """The load swings against the slow gearbox with 2 pi sqrt(compliance inertia)."""
+    given = {
+        "angle_unit": unit,
+        "gear_compliance.compliance": 0.2,
+        "gear_compliance.inertia": 1e-4,
+        "gear_compliance.damping": 0.0,
+    }
+    times = np.arange(0.0, 0.3, 2e-4)
+    rate = simulate(model("sg90", "linear", given), times, {"load_torque": 0.01})["rate"]
+    turns = times[1:][np.diff(np.sign(rate)) > 0]
+    expected = 2.0 * math.pi * math.sqrt(0.2 * 1e-4)
+    assert np.mean(np.diff(turns)) == pytest.approx(expected, rel=0.05)
