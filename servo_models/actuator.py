@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from servo_models.block import RESERVED, SIGNAL, Block, Param
+from servo_models.block import SIGNAL, Block, Param
 from servo_models.errors import UserError, did_you_mean
 from servo_models.units import factor
 
@@ -278,19 +278,3 @@ def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") 
     """Sentence about a name nobody knows, with the nearest one that exists."""
     place_ = f" in {where}" if where else ""
     return f"unknown {kind} '{name}'{place_}; {did_you_mean(name, known)}"
-
-
-__all__ = [
-    "RESERVED",
-    "Actuator",
-    "Parameter",
-    "Placement",
-    "Plant",
-    "State",
-    "Variant",
-    "Wire",
-    "check_bounds",
-    "outside",
-    "place",
-    "unknown",
-]

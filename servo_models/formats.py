@@ -141,7 +141,7 @@ def _limit(row: Row) -> str:
 def _figure(value: float | None, unit: str) -> str:
     if value is None:
         return "none"
-    return f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit}"
+    return f"{value:.5g}" if unit == "1" else f"{value:.5g} {unit}"
 
 
 def _title(row: Row) -> str:
