@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 LAYERS = (
     "errors sheets",
-    "files compare reference",
+    "files compare reference recording",
     "units block flat",
     "inline actuator printer plants effects",
     "actuators flatten stepper compiled",

@@ -1,0 +1,72 @@
+"""A measured log in SI, ready to be compared with a simulation.
+
+Readers of files (``logs/``) and log descriptions (``description.py``) make it;
+the audit, the identification and the diagnosis only know this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How a column of a file becomes a signal: SI value = ``scale`` * raw + ``offset``.
+
+    Attributes:
+        signal: name of an input or output of the actuator, or ``"time"``.
+        column: name of the column, or its number as text, 1 for the first.
+        unit: unit of the column in words of its author, for people: ``"deg"``, ``"count"``.
+        scale: SI per number in the file, with unit and sign in it.
+        offset: in SI.
+    """
+
+    signal: str
+    column: str
+    unit: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One recorded run.
+
+    Attributes:
+        name: short and unique within a description.
+        path: the file, and ``sha256`` of its bytes.
+        times: [s], shape (n,), strictly increasing from 0.
+        inputs: SI by name of the input, each (n,); held from its row on.
+        outputs: SI by name of the output, each (n,); measured at its row.
+        channels: by signal, ``"time"`` included.
+        rows: row of the file for each sample, as its author would count, shape (n,).
+        constants: SI values of parameters or inputs that hold in this log only.
+        held_out: True for samples that no fit may see, shape (n,).
+        settle: time [s] for which the first row's inputs are held before the log begins, so
+            that the simulation starts in equilibrium.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    times: Array
+    inputs: Mapping[str, Array]
+    outputs: Mapping[str, Array]
+    channels: Mapping[str, Channel]
+    rows: NDArray[np.int64]
+    held_out: Mask
+    constants: Mapping[str, float] = field(default_factory=dict)
+    settle: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """Length of the log [s]."""
+        return float(self.times[-1])
