@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from servo_models.simulate import model, simulate
 
@@ -37,3 +38,44 @@ def test_warmth_weakens_the_drive_but_never_turns_it_round() -> None:
     moved = simulate(model("sg90", "printed", given), times, {"pulse_width": 2.0e-3})
     assert np.all(moved["angle"] >= 0.0)
     assert moved["angle"][-1] > 0.5
+
+
+FAST = {
+    "angle_unit": 1.0,
+    "motor_time_constant": 0.015,
+    "motor_gain": 50.0,
+    "amplifier_gain": 60.0,
+    "feedback_coefficient": 0.1,
+    "potentiometer_gain": 1.5,
+    "internal_step": 1e-3,
+}
+"""As fast as a real servo: 12 rad/s, 15 ms, 1.65e3 rad per second of pulse."""
+GYRO = {
+    "gyro_lag.time_constant": 0.02,
+    "gyro_gain.error": -0.4,
+    "gyro_offset.value": 0.3,
+    "reading_gain.error": 0.1,
+    "reading_offset.value": -0.05,
+    "reading_quantisation.step": 0.01,
+}
+
+
+def test_a_servo_as_fast_as_a_real_one_and_the_sensors_on_its_horn() -> None:
+    """Angle, rate and lagged gyro by the matrix exponential; no limits, no frame."""
+    times = np.arange(0.0, 0.6, 1.0 / 75.0)
+    pulse = np.where(times % 0.4 < 0.2, 1.7e-3, 1.4e-3)
+    moved = simulate(model("sg90", "linear", {**FAST, **GYRO}), times, {"pulse_width": pulse})
+
+    slowness, per_volt, stiffness = 0.015, 50.0 / 24.0 * 60.0, 0.1 * 1.5
+    a = [[0, 1, 0], [-per_volt * stiffness / slowness, -1 / slowness, 0], [0, 50, -50]]
+    b = [[0], [per_volt / slowness], [0]]
+    volts = 250.0 * (pulse - 1.5e-3)
+    _, expected, _ = lsim((a, b, np.eye(3), np.zeros((3, 1))), volts, times, interp=False)
+    angle, rate, lagged = expected.T
+    assert np.abs(rate).max() > 5.0
+    np.testing.assert_allclose(moved["angle"], angle, atol=1e-5)
+    np.testing.assert_allclose(moved["rate"], rate, atol=1e-4)
+    np.testing.assert_allclose(moved["rate_reading"], 0.6 * lagged + 0.3, atol=2e-3)
+    assert np.abs(moved["angle_reading"] - (1.1 * moved["angle"] - 0.05)).max() <= 0.005 + 1e-12
+    codes = moved["angle_reading"] / 0.01
+    np.testing.assert_allclose(codes, np.round(codes), atol=1e-9)

@@ -216,6 +216,12 @@ def saturation_flag(motor_voltage: float, supply: float, at_top_speed: float) ->
     return at_top_speed
 
 
+@block("angle_reading", "rate_reading")
+def readings(angle: float, rate: float) -> tuple[float, float]:
+    """What a tracker and a gyro on the horn read, apart from the potentiometer in the loop."""
+    return angle, rate
+
+
 @block("acceleration", source=f"{PAPER} eq. 5 (model 1)")
 def oscillatory_speed(shaft_acceleration: float) -> float:
     """Acceleration of the shaft [rad/s^2], a state of model 1."""

@@ -1,15 +1,11 @@
-"""Tower Pro SG90 servo (Kochuk, Nikitin, Hrinchenko, Bahaiev).
-
-Source of all values unless said otherwise: S. Kochuk et al., "Methodology of synthesis
-nonlinear mathematical model of a servo" (the *SG90 paper*).
-"""
+"""The SG90's loop: wires, the chain of blocks between them, and where every effect stands."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 
-from servo_models.actuator import Actuator, Placement, Plant, State, Variant, Wire, place
+from servo_models.actuator import Placement, Plant, State, Wire, place
 from servo_models.block import Block, Param
 from servo_models.effects.backlash import backlash
 from servo_models.effects.cogging import cogging
@@ -75,6 +71,8 @@ WIRES = (
     Wire("motor_voltage", "V", "voltage on the motor", scale=5.0),
     Wire("loaded_voltage", "V", "motor voltage left after the load", scale=5.0),
     Wire("motor_speed", "rad/s", "speed of the motor", scale=670.0),
+    Wire("angle_reading", "rad", "angle as tracked from outside", scale=HALF_RANGE, display="deg"),
+    Wire("rate_reading", "rad/s", "rate as read by a gyro", scale=10.0, display="deg/s"),
     Wire("saturated", "1", "amplifier at its supply or motor at its top speed", flag=True),
     Wire("supply", "V", "supply under load", scale=5.0, rest=5.0),
     Wire("friction", "N.m", "dry friction level", scale=0.18),
@@ -151,6 +149,23 @@ SHAFT: tuple[Block | Placement, ...] = (
     servo.motor_lag,
     shaft_acceleration,
 )
+
+
+def _sensor(name: str, wire: str) -> tuple[Placement, ...]:
+    """What a sensor outside the loop does to its reading."""
+    return (
+        place(f"{name}_lag", lag, wire),
+        place(f"{name}_gain", gain_error, wire),
+        place(f"{name}_offset", offset, wire),
+        place(f"{name}_quantisation", quantisation, wire),
+    )
+
+
+READINGS: tuple[Block | Placement, ...] = (
+    servo.readings,
+    *_sensor("reading", "angle_reading"),
+    *_sensor("gyro", "rate_reading"),
+)
 SECOND_MASS = (
     State(
         Wire("load_angle", "rad", "angle behind the compliance", scale=HALF_RANGE, display="deg"),
@@ -165,13 +180,22 @@ SECOND_MASS = (
 )
 ANGLE = Wire("shaft_angle", "rad", "angle of the gearbox output", scale=HALF_RANGE, display="deg")
 SPEED = Wire("shaft_speed", "rad/s", "speed of the motor over the gear ratio", scale=28.0)
-OUTPUTS = ("angle", "rate", "feedback_voltage", "motor_voltage", "motor_speed", "saturated")
+OUTPUTS = (
+    "angle",
+    "rate",
+    "feedback_voltage",
+    "motor_voltage",
+    "motor_speed",
+    "saturated",
+    "angle_reading",
+    "rate_reading",
+)
 
 PLANT = Plant(
     inputs=INPUTS,
     wires=WIRES,
     constants=STEP,
-    chain=(*COMMAND, *LOOP, *SHAFT),
+    chain=(*COMMAND, *LOOP, *SHAFT, *READINGS),
     states=(State(ANGLE, "shaft_rate"), State(SPEED, "acceleration"), *SECOND_MASS),
     projection=shaft_contact,
     outputs=OUTPUTS,
@@ -190,6 +214,7 @@ OSCILLATORY_PLANT = Plant(
         ),
         servo.oscillatory_speed,
         servo.jerk,
+        *READINGS,
     ),
     states=(
         State(ANGLE, "shaft_rate"),
@@ -198,92 +223,4 @@ OSCILLATORY_PLANT = Plant(
         *SECOND_MASS,
     ),
     outputs=OUTPUTS,
-)
-
-TIME_CONSTANT = 1.0 / 1.307
-DYNAMIC_GAIN = 633.3 / 1.307
-GAIN_LOADED = 7.47
-GAIN_UNLOADED = 5.79
-STATIC_GAIN = 425.64
-LINEAR = {
-    "motor_time_constant": TIME_CONSTANT,
-    "motor_gain": DYNAMIC_GAIN,
-    "amplifier_gain": GAIN_LOADED,
-    "potentiometer_gain": 0.025 * 180.0 / math.pi,
-    "feedback_coefficient": 0.1,
-}
-PRINTED = {
-    **LINEAR,
-    "motor_gain": STATIC_GAIN,
-    "edge_positive": 0.5,
-    "edge_negative": 0.6,
-    "zero_positive": 0.6 - 106.76 / STATIC_GAIN,
-    "zero_negative": 1.5 - 544.0 / STATIC_GAIN,
-    "top_positive": 670.0,
-    "top_negative": 544.0,
-    "supply_limit.share": 1.0,
-    "sample_hold.period": 0.02,
-    "command_quantisation.step": 5.0 / 1024.0,
-    "command_quantisation.rounding": 0.0,
-    "end_stops.half_range": HALF_RANGE,
-}
-SLOW = (
-    "the printed model is about 20 times slower than a real SG90, which turns 60 degrees in"
-    " 0.1 s; use it to reproduce the paper"
-)
-
-
-def _sets() -> tuple[Variant, ...]:
-    """Linear and printed sets for every printed K_f and both amplifier gains."""
-    made: list[Variant] = []
-    kinds = (
-        ("printed", "nonlinear servo as printed", PRINTED),
-        (
-            "linear",
-            "linear servo without limits: eq. 7 at K_f = 0.1; the supply does nothing",
-            LINEAR,
-        ),
-    )
-    for kind, about, values in kinds:
-        for unloaded in (False, True):
-            for k_f in (0.1, 0.18, 0.05):
-                gain = GAIN_UNLOADED if unloaded else GAIN_LOADED
-                name = kind + ("_unloaded" if unloaded else "")
-                name += "" if k_f == 0.1 else f"_kf{k_f:g}".replace("0.", "0")
-                amplifier = "unloaded" if unloaded else "loaded"
-                made.append(
-                    Variant(
-                        name,
-                        f"{about}; K_f = {k_f:g}, {amplifier} amplifier gain {gain:g}",
-                        {**values, "amplifier_gain": gain, "feedback_coefficient": k_f},
-                        "SG90 paper secs. 4 to 6, eq. 7",
-                        warning=SLOW,
-                    )
-                )
-    return tuple(made)
-
-
-OSCILLATORY = Variant(
-    "oscillatory_motor",
-    "model 1 of the motor, rejected by the paper since it does not settle",
-    {**LINEAR, "motor_gain": 686.9 / 2.255},
-    "SG90 paper eq. 5",
-    plant=OSCILLATORY_PLANT,
-    warning="rejected by the paper: the motor is undamped",
-)
-
-ACTUATOR = Actuator(
-    name="sg90",
-    title="Tower Pro SG90 hobby servo",
-    about=(
-        "Element by element: command decoder, comparator, amplifier, DC motor, gearbox 24,"
-        " potentiometer."
-    ),
-    source="Kochuk, Nikitin, Hrinchenko, Bahaiev, Methodology of synthesis nonlinear"
-    " mathematical model of a servo",
-    plant=PLANT,
-    variants=(*_sets(), OSCILLATORY),
-    stop_time=20.0,
-    step_size=0.02,
-    step=("pulse_width", 2.0e-3),
 )

@@ -1,0 +1,84 @@
+"""Parameter sets of the SG90 from its paper.
+
+Source of all values unless said otherwise: S. Kochuk et al., "Methodology of synthesis
+nonlinear mathematical model of a servo" (the *SG90 paper*).
+"""
+
+from __future__ import annotations
+
+import math
+
+from servo_models.actuator import Variant
+from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT
+
+TIME_CONSTANT = 1.0 / 1.307
+DYNAMIC_GAIN = 633.3 / 1.307
+GAIN_LOADED = 7.47
+GAIN_UNLOADED = 5.79
+STATIC_GAIN = 425.64
+LINEAR = {
+    "motor_time_constant": TIME_CONSTANT,
+    "motor_gain": DYNAMIC_GAIN,
+    "amplifier_gain": GAIN_LOADED,
+    "potentiometer_gain": 0.025 * 180.0 / math.pi,
+    "feedback_coefficient": 0.1,
+}
+PRINTED = {
+    **LINEAR,
+    "motor_gain": STATIC_GAIN,
+    "edge_positive": 0.5,
+    "edge_negative": 0.6,
+    "zero_positive": 0.6 - 106.76 / STATIC_GAIN,
+    "zero_negative": 1.5 - 544.0 / STATIC_GAIN,
+    "top_positive": 670.0,
+    "top_negative": 544.0,
+    "supply_limit.share": 1.0,
+    "sample_hold.period": 0.02,
+    "command_quantisation.step": 5.0 / 1024.0,
+    "command_quantisation.rounding": 0.0,
+    "end_stops.half_range": HALF_RANGE,
+}
+SLOW = (
+    "the printed model is about 20 times slower than a real SG90, which turns 60 degrees in"
+    " 0.1 s; use it to reproduce the paper"
+)
+
+
+def published() -> tuple[Variant, ...]:
+    """Linear and printed sets for every printed K_f and both amplifier gains."""
+    made: list[Variant] = []
+    kinds = (
+        ("printed", "nonlinear servo as printed", PRINTED),
+        (
+            "linear",
+            "linear servo without limits: eq. 7 at K_f = 0.1; the supply does nothing",
+            LINEAR,
+        ),
+    )
+    for kind, about, values in kinds:
+        for unloaded in (False, True):
+            for k_f in (0.1, 0.18, 0.05):
+                gain = GAIN_UNLOADED if unloaded else GAIN_LOADED
+                name = kind + ("_unloaded" if unloaded else "")
+                name += "" if k_f == 0.1 else f"_kf{k_f:g}".replace("0.", "0")
+                amplifier = "unloaded" if unloaded else "loaded"
+                made.append(
+                    Variant(
+                        name,
+                        f"{about}; K_f = {k_f:g}, {amplifier} amplifier gain {gain:g}",
+                        {**values, "amplifier_gain": gain, "feedback_coefficient": k_f},
+                        "SG90 paper secs. 4 to 6, eq. 7",
+                        warning=SLOW,
+                    )
+                )
+    return tuple(made)
+
+
+OSCILLATORY = Variant(
+    "oscillatory_motor",
+    "model 1 of the motor, rejected by the paper since it does not settle",
+    {**LINEAR, "motor_gain": 686.9 / 2.255},
+    "SG90 paper eq. 5",
+    plant=OSCILLATORY_PLANT,
+    warning="rejected by the paper: the motor is undamped",
+)
