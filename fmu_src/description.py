@@ -7,7 +7,6 @@ from xml.etree import ElementTree as ET
 
 from fmu_src.slave import Servo
 from fmu_src.variables import Variable, variables
-from servo_models.actuator import Variant
 from servo_models.flat import Flat
 from servo_models.simulate import Model
 from servo_models.units import exponents, factor
@@ -44,7 +43,7 @@ def model_description(model: Model, slave_name: str, tool: str) -> bytes:
     every = variables(model)
     root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=actuator.name)
     root.set("guid", slave_name)
-    root.set("description", _about(actuator.title, actuator.variant(model.variant)))
+    root.set("description", _about(model))
     root.set("generationTool", tool)
     root.set("generationDateAndTime", "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z".format(*BUILT))
     root.set("variableNamingConvention", "structured")
@@ -84,8 +83,11 @@ def direct_inputs(flat: Flat) -> list[list[int]]:
     return [sorted(reach.get(name, ())) for name in flat.outputs]
 
 
-def _about(title: str, variant: Variant) -> str:
-    text = f"{title}, variant {variant.name}: {variant.about}. Source: {variant.source}."
+def _about(model: Model) -> str:
+    variant = model.actuator.variant(model.variant)
+    text = f"{model.actuator.title}, variant {variant.name}: {variant.about}."
+    text += f" Source: {variant.source}."
+    text += f" Parameters changed by: {model.provenance}." if model.provenance else ""
     return text + (f" Warning: {variant.warning}." if variant.warning else "")
 
 

@@ -67,12 +67,14 @@ class Model:
     Attributes:
         actuator, variant: where it comes from.
         values: every parameter in SI by name, in the order of the parameter vector.
+        provenance: where values come from that are not the variant's own, in words.
     """
 
     actuator: Actuator
     variant: str
     values: dict[str, float]
     flat: Flat = field(repr=False)
+    provenance: str = ""
 
     @property
     def plant(self) -> Plant:

@@ -13,14 +13,14 @@ import pytest
 ROOT = Path(__file__).parent.parent
 LAYERS = (
     "errors sheets",
-    "files compare reference recording",
+    "files compare reference recording toml_file",
     "units block flat",
     "inline actuator printer plants effects",
     "actuators flatten stepper compiled",
     "catalogue",
     "simulate",
     "fmu_src experiment tables explain",
-    "build",
+    "build parameter_set",
     "validation",
     "report formats",
     "validate pictures",
