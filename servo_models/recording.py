@@ -70,3 +70,28 @@ class Log:
     def duration(self) -> float:
         """Length of the log [s]."""
         return float(self.times[-1])
+
+
+ROUNDING = 1e-3
+"""Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
+that ticks evenly."""
+
+
+def regular(times: Array) -> Array:
+    """Return times on the regular grid that they only miss by rounding; others as they are.
+
+    Time stamps of a few digits would shift samples against the clocks of a model, and a
+    digital loop that misses a tick now and then is another loop.  The step is the shortest
+    decimal number that fits.
+    """
+    n = len(times)
+    count = np.arange(n)
+    step = (times[-1] - times[0]) / (n - 1)
+    tolerance = ROUNDING * step
+    if np.abs(times - times[0] - step * count).max() > tolerance:
+        return times
+    for digits in range(2, 16):
+        short = float(f"{step:.{digits - 1}e}")
+        if np.abs(times - times[0] - short * count).max() <= tolerance:
+            return np.asarray(times[0] + short * count)
+    return times

@@ -19,7 +19,7 @@ LAYERS = (
     "actuators flatten stepper compiled",
     "catalogue",
     "simulate",
-    "fmu_src experiment tables explain",
+    "fmu_src experiment tables explain identification",
     "build parameter_set",
     "validation",
     "report formats",

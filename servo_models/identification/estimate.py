@@ -1,0 +1,178 @@
+"""How well a log determines what was estimated from it.
+
+Errors of a simulation are coloured, so the white-noise covariance would be far too small:
+the covariance here is the sandwich J+ S J+', with the long-run covariance S of the scores
+(Newey and West), whose lag ends where the residuals' correlation does.
+Sources: Newey, West, Econometrica 55 (1987); Ljung, System Identification, 2nd ed., sec. 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.identification.problem import Problem
+
+Array = NDArray[np.float64]
+
+ALIKE = 0.95
+"""Correlation from which two estimates cannot be told apart."""
+ILL_CONDITIONED = 1e3
+"""Ratio of the largest to the smallest singular value of the slopes with unit columns."""
+UNDETERMINED = 0.5
+"""Standard error over the value from which a log does not determine a parameter."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Uncertainty at the best point, in SI.
+
+    Attributes:
+        standard_errors: of each free parameter, NaN on a bound.
+        correlations: of the estimates, shape (p, p), NaN where one is on a bound.
+        condition: of the slopes with unit columns, over parameters off their bounds.
+        on_bound: ``"low"``, ``"high"`` or ``""`` for each.
+        slopes: effect of one scale of each parameter on the weighted errors, root of the
+            sum of squares.
+    """
+
+    standard_errors: Array
+    correlations: Array
+    condition: float
+    on_bound: tuple[str, ...]
+    slopes: Array
+
+
+def spread(problem: Problem, vector: Array) -> Spread:
+    """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,)."""
+    low, high = problem.bounds
+    edge = 1e-6 * np.maximum(1.0, np.abs(vector))
+    at = tuple(
+        "low" if near_low else "high" if near_high else ""
+        for near_low, near_high in zip(vector - low <= edge, high - vector <= edge)
+    )
+    jacobian = problem.jacobian(vector)
+    residuals = problem.residuals(vector)
+    inner = np.array([not side for side in at])
+    p = len(vector)
+    errors, correlations = np.full(p, np.nan), np.full((p, p), np.nan)
+    slopes = np.sqrt(np.sum(jacobian[: problem.samples] ** 2, axis=0))
+    condition = 1.0
+    moving = inner & (slopes > 0.0)
+    if moving.any():
+        covariance = _sandwich(problem, jacobian[:, moving], residuals)
+        deviation = np.sqrt(np.diag(covariance))
+        errors[moving] = deviation * problem.scales[moving]
+        correlations[np.ix_(moving, moving)] = covariance / np.outer(deviation, deviation)
+        units = jacobian[:, moving] / np.linalg.norm(jacobian[:, moving], axis=0)
+        singular = np.linalg.svd(units, compute_uv=False)
+        condition = float(singular[0] / max(singular[-1], 1e-300))
+    errors[inner & ~moving] = np.inf
+    return Spread(errors, correlations, condition, at, slopes)
+
+
+def _sandwich(problem: Problem, jacobian: Array, residuals: Array) -> Array:
+    """Covariance of the estimates in scales, shape (p, p).
+
+    Priors are scores of their own with the variance that they claim.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
+    count = problem.samples
+    prior = jacobian[count:]
+    middle = prior.T @ prior
+    start = 0
+    for log in problem.logs:
+        kept = int((~log.held_out).sum())
+        stop = start + kept * len(log.outputs)
+        by_output = residuals[start:stop].reshape(len(log.outputs), kept)
+        slopes = jacobian[start:stop].reshape(len(log.outputs), kept, -1)
+        scores = np.einsum("ot,otp->tp", by_output, slopes)
+        lag = max(_memory(errors) for errors in by_output)
+        middle = middle + _long_run(scores, lag)
+        start = stop
+    freedom = count / max(count - jacobian.shape[1], 1)
+    return np.asarray(freedom * inverse @ middle @ inverse)
+
+
+def _memory(errors: Array) -> int:
+    """First lag at which the errors' correlation is no longer significant."""
+    n = len(errors)
+    centred = errors - errors.mean()
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    spectrum = np.fft.rfft(centred, size)
+    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 5 + 1]
+    if correlation[0] <= 0.0:
+        return 0
+    quiet = np.flatnonzero(correlation / correlation[0] < 2.0 / np.sqrt(n))
+    return int(quiet[0]) - 1 if len(quiet) else n // 5
+
+
+def _long_run(scores: Array, lag: int) -> Array:
+    """Newey-West sum of the covariances of the scores up to ``lag``, shape (p, p).
+
+    A long memory is summed over stretches of a twentieth of it, which changes nothing that
+    matters and keeps the cost linear in the log's length.
+    """
+    stretch = max(1, lag // 20)
+    scores = np.add.reduceat(scores, np.arange(0, len(scores), stretch), axis=0)
+    lag = -(-lag // stretch)
+    total = scores.T @ scores
+    for shift in range(1, lag + 1):
+        weight = 1.0 - shift / (lag + 1.0)
+        moved = scores[shift:].T @ scores[:-shift]
+        total = total + weight * (moved + moved.T)
+    return np.asarray(total)
+
+
+def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
+    """Return in words what makes an estimate doubtful, each with its cure."""
+    said: list[str] = []
+    names = [free.name for free in problem.free]
+    for name, side in zip(names, found.on_bound):
+        if side:
+            said.append(
+                f"'{name}' sits on its {side} bound: the data ask for something the model"
+                " does not have, or the parameter is not needed"
+            )
+    for free, value, error, slope in zip(
+        problem.free, vector * problem.scales, found.standard_errors, found.slopes
+    ):
+        if slope == 0.0:
+            said.append(
+                f"'{free.name}' is not excited by these logs: nothing measured depends on it"
+            )
+        elif np.isfinite(error) and free.prior and error > 0.8 * free.prior:
+            said.append(
+                f"'{free.name}' is known from its prior only: these logs say nothing about it"
+            )
+        elif np.isfinite(error) and error > UNDETERMINED * max(abs(value), 1e-300):
+            said.append(
+                f"the data do not determine '{free.name}': its standard error is"
+                f" {100.0 * error / max(abs(value), 1e-300):.0f} % of its value; fix it,"
+                " give it a prior, or excite it more"
+            )
+    said += _alike(names, found.correlations)
+    if found.condition > ILL_CONDITIONED:
+        said.append(
+            f"the fit is ill-conditioned ({found.condition:.0f}): some combination of"
+            " parameters is free; fix one of them"
+        )
+    return said
+
+
+def _alike(names: Sequence[str], correlations: Array) -> list[str]:
+    pairs = [
+        (i, j)
+        for i in range(len(names))
+        for j in range(i)
+        if abs(correlations[i, j]) > ALIKE  # False for NaN
+    ]
+    return [
+        f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
+        f" (correlation {correlations[i, j]:+.3f}): fix one of them or log an experiment"
+        " that moves only one"
+        for i, j in pairs
+    ]

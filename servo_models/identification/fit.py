@@ -1,0 +1,116 @@
+"""Fit any parameters of any actuator, effects included, to any logs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from servo_models.actuator import unknown
+from servo_models.errors import UserError, did_you_mean
+from servo_models.identification.estimate import spread, warnings
+from servo_models.identification.problem import Problem, free_names, free_parameter
+from servo_models.identification.result import Identification, conclude
+from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, search
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+METHODS = {
+    "local": "simulation error, least squares",
+    "global": "simulation error, CMA-ES and least squares",
+}
+
+
+def fit(
+    model: Model,
+    logs: Sequence[Log],
+    free: Sequence[str],
+    priors: Mapping[str, float] | None = None,
+    kind: str = LOCAL,
+    starts: int = 1,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> Identification:
+    """Estimate parameters by least squares of the simulation error over all logs.
+
+    Args:
+        model: nominal values; what is not free stays there.
+        logs: measured runs; samples marked as held out are never fitted.
+        free: parameters, or effects, which means all of their parameters.
+        priors: standard deviations [SI] of nominal values, by parameter.
+        kind: ``"local"`` or ``"global"``.
+        starts: local searches from different starts.
+        seed: of those starts.
+        jobs: runs at once, by default the processors there are.
+        progress: is told what goes on.
+
+    Raises:
+        UserError: no free parameter, an unknown one, one that a log fixes, or logs with
+            fewer samples than there are free parameters.
+    """
+    names = free_names(model.plant, free)
+    _check(model, logs, names, kind)
+    parameters = model.plant.parameters
+    given = priors or {}
+    chosen = [free_parameter(parameters[n], model.values[n], given.get(n)) for n in names]
+    problem = Problem(model, logs, chosen, jobs=jobs or os.cpu_count() or 1)
+    before = _nominal_responses(problem)
+    found = search(problem, kind, starts, seed, progress)
+    if not found.interrupted:
+        found = _reweighted(problem, found, progress)
+    values = problem.values(found.vector)
+    uncertainty = spread(problem, found.vector)
+    said = warnings(problem, found.vector, uncertainty) + _ending(found)
+    fitted = replace(model, values={**model.values, **values})
+    return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
+
+
+def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -> None:
+    if kind not in SEARCHES:
+        raise UserError(f"unknown search '{kind}'; {did_you_mean(kind, SEARCHES)}")
+    if not names:
+        raise UserError("no parameter is free: name some with --free, or give an uncertainty")
+    kept = sum(int((~log.held_out).sum()) for log in logs)
+    if kept <= len(names):
+        raise UserError(
+            f"{kept} samples to fit for {len(names)} free parameters: give a longer log, hold"
+            " out less, or free fewer"
+        )
+    for log in logs:
+        fixed = [name for name in names if name in log.constants]
+        if fixed:
+            raise UserError(f"log '{log.name}' fixes '{fixed[0]}', which is to be free: drop one")
+        for name in log.outputs:
+            if name not in model.plant.outputs:
+                raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
+
+
+def _nominal_responses(problem: Problem) -> list[dict[str, np.ndarray]]:
+    """Responses before anything is estimated; effects to be freed are still off."""
+    return Problem(problem.model, problem.logs, [], sigma=problem.sigma).responses(np.empty(0))
+
+
+def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Found:
+    """Search again with each output weighted by its own error, which is maximum likelihood."""
+    for name in problem.sigma:
+        errors = [
+            (response[name] - log.outputs[name])[~log.held_out]
+            for response, log in zip(problem.responses(found.vector), problem.logs)
+            if name in log.outputs
+        ]
+        rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+        problem.sigma[name] = max(rms, 1e-12 * problem.sigma[name])
+    problem.restart(found.vector)
+    again = search(problem, LOCAL, 1, 0, progress)
+    return replace(again, costs=found.costs, interrupted=again.interrupted)
+
+
+def _ending(found: Found) -> list[str]:
+    if found.interrupted:
+        return ["stopped before it converged: these are the best values so far"]
+    if not found.converged:
+        return ["the search did not converge: give it more starts or fewer free parameters"]
+    return []

@@ -1,0 +1,233 @@
+"""The question of a fit: which parameters are free, what their priors are, which logs count.
+
+Every log is simulated from its own inputs, controller included, and the difference to each
+measured output is weighted by one standard deviation per output.
+Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (priors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuator import Parameter, Plant, unknown
+from servo_models.errors import UserError
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-4
+"""Step of a difference quotient in scales: small against curvature, large against rounding."""
+REFUSED = 1e3
+"""Weighted residual of a run that leaves the finite numbers."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter to be estimated, all figures in SI.
+
+    Attributes:
+        name: of the parameter.
+        low, high: bounds.
+        start: nominal value; a switch that is off starts at its typical size instead, since
+            many effects have no slope at 0.
+        scale: size of a change that matters; the search sees value / scale.
+        nominal: value of the model before the fit.
+        prior: standard deviation of ``nominal``, or None.
+    """
+
+    name: str
+    low: float
+    high: float
+    start: float
+    scale: float
+    nominal: float
+    prior: float | None = None
+
+
+def free_parameter(parameter: Parameter, nominal: float, prior: float | None) -> Free:
+    """Return a free parameter with a scale and a start that suit it; values in SI."""
+    param = parameter.param
+    off = nominal == 0.0 and param.switch
+    size = abs(nominal) or abs(param.typical) or 0.1 * (param.high - param.low)
+    return Free(
+        name=parameter.name,
+        low=param.low,
+        high=param.high,
+        start=param.typical if off else nominal,
+        scale=prior or size,
+        nominal=nominal,
+        prior=prior,
+    )
+
+
+def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
+    """Return parameters for words that are each a parameter or an effect, which means all of it.
+
+    Raises:
+        UserError: a word that is neither.
+    """
+    names: dict[str, None] = {}
+    for word in words:
+        found = [n for n, p in plant.parameters.items() if word in (n, p.owner)]
+        if not found:
+            known = {**plant.parameters, **plant.placements}
+            raise UserError(unknown("parameter", word, known))
+        names.update(dict.fromkeys(found))
+    return tuple(names)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A log as the simulation takes it: the settling time in front, inputs as a matrix."""
+
+    log: Log
+    model: Model
+    times: Array
+    inputs: Array
+    columns: tuple[int, ...]
+
+    def outputs(self, values: Mapping[str, float]) -> Array:
+        """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
+        chosen = replace(self.model, values={**self.model.values, **values})
+        out = chosen.run(self.times, self.inputs)
+        return out[-len(self.log.times) :, self.columns]
+
+
+def _prepare(model: Model, log: Log) -> _Run:
+    plant = model.plant
+    inputs = {wire.name: np.full(len(log.times), float(wire.rest)) for wire in plant.inputs}
+    parameters: dict[str, float] = {}
+    for name, value in log.constants.items():
+        if name in inputs:
+            inputs[name] = np.full(len(log.times), value)
+        else:
+            parameters[name] = value
+    inputs |= log.inputs
+    matrix = np.column_stack([inputs[wire.name] for wire in plant.inputs])
+    times = log.times
+    if log.settle > 0.0:
+        times = np.concatenate([[0.0], times + log.settle])
+        matrix = np.vstack([matrix[:1], matrix])
+    chosen = replace(model, values={**model.values, **parameters})
+    columns = tuple(plant.outputs.index(name) for name in log.outputs)
+    return _Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
+
+
+@dataclass(eq=False)
+class Problem:
+    """Free parameters of one model and the logs that judge them.
+
+    Attributes:
+        model: the nominal model; logs override single parameters of it.
+        logs: measured runs.
+        free: what is estimated; vectors below hold their values over their scales.
+        sigma: standard deviation [SI] that weights each output.
+        jobs: runs that go on at once.
+        start: vector from which a search begins, shape (p,).
+        best: the best vector seen so far and its cost, so that nothing is lost.
+    """
+
+    model: Model
+    logs: Sequence[Log]
+    free: Sequence[Free]
+    sigma: dict[str, float] = field(default_factory=dict)
+    jobs: int = 1
+    start: Array = field(init=False)
+    best: tuple[float, Array] = field(init=False)
+    runs: list[_Run] = field(init=False)
+    evaluations: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self.runs = [_prepare(self.model, log) for log in self.logs]
+        for log in self.logs:
+            for name, values in log.outputs.items():
+                self.sigma.setdefault(name, float(np.std(values)) or 1.0)
+        self.restart(np.array([free.start for free in self.free]) / self.scales)
+
+    def restart(self, vector: Array) -> None:
+        """Begin again from ``vector``; costs so far do not count, weights may have changed."""
+        self.start = vector
+        self.best = (np.inf, vector)
+
+    @property
+    def scales(self) -> Array:
+        """SI value of one unit of a vector, shape (p,)."""
+        return np.array([free.scale for free in self.free])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of a vector, each of shape (p,)."""
+        low = np.array([free.low for free in self.free])
+        high = np.array([free.high for free in self.free])
+        return low / self.scales, high / self.scales
+
+    def values(self, vector: Array) -> dict[str, float]:
+        """Return a vector as SI values by name, inside their bounds to the last bit."""
+        return {
+            free.name: float(min(max(value * free.scale, free.low), free.high))
+            for free, value in zip(self.free, vector)
+        }
+
+    def responses(self, vector: Array) -> list[dict[str, Array]]:
+        """Return the simulated outputs of each log in SI, by name.
+
+        Raises:
+            UserError: a run that leaves the finite numbers.
+        """
+        values = self.values(vector)
+        return [dict(zip(run.log.outputs, run.outputs(values).T)) for run in self.runs]
+
+    def errors(self, run: _Run, values: Mapping[str, float]) -> Array:
+        """Weighted errors of one log at every sample, shape (n, outputs of the log)."""
+        measured = np.column_stack(list(run.log.outputs.values()))
+        weights = np.array([self.sigma[name] for name in run.log.outputs])
+        try:
+            return np.asarray((run.outputs(values) - measured) / weights)
+        except UserError:
+            return np.full(measured.shape, REFUSED)
+
+    def residuals(self, vector: Array) -> Array:
+        """Return weighted errors of all samples that a fit may see, then of the priors."""
+        residuals = self._residuals(vector)
+        cost = 0.5 * float(residuals @ residuals)
+        if cost < self.best[0]:
+            self.best = (cost, vector.copy())
+        return residuals
+
+    def _residuals(self, vector: Array) -> Array:
+        values = self.values(vector)
+        self.evaluations += 1
+        data = [self.errors(run, values)[~run.log.held_out].T.ravel() for run in self.runs]
+        return np.concatenate([*data, self._prior(vector)])
+
+    def _prior(self, vector: Array) -> Array:
+        return np.array(
+            [
+                (value * free.scale - free.nominal) / free.prior
+                for free, value in zip(self.free, vector)
+                if free.prior is not None
+            ]
+        )
+
+    @property
+    def samples(self) -> int:
+        """Number of weighted errors that a fit may see."""
+        return sum(int((~log.held_out).sum()) * len(log.outputs) for log in self.logs)
+
+    def jacobian(self, vector: Array) -> Array:
+        """Return the slope of ``residuals`` per scale, shape (m, p), by one-sided differences.
+
+        The step goes away from the nearer bound.
+        """
+        _, high = self.bounds
+        steps = np.where(vector + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
+        points = [vector] + [vector + d * e for d, e in zip(steps, np.eye(len(vector)))]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            base, *others = pool.map(self._residuals, points)
+        return np.column_stack([(other - base) / d for other, d in zip(others, steps)])

@@ -1,0 +1,157 @@
+"""What a fit by simulation error found: estimates, accuracy before and after, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.identification.estimate import Spread
+from servo_models.identification.problem import Free, Problem
+from servo_models.identification.search import Found
+from servo_models.recording import Log, Mask
+from servo_models.simulate import Model
+
+Array = NDArray[np.float64]
+
+FIT = "fit"
+HELD_OUT = "held out"
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Error of one output in one part of one log.
+
+    Attributes:
+        log, output: names.
+        part: ``"fit"`` or ``"held out"``.
+        samples: how many.
+        before, after: RMS error [SI] of the nominal and of the fitted model.
+        fit: 100 % (1 - |error| / |measured - its mean|), after.
+        column_scale: SI per number in the file; RMS / it is the error in the file's numbers.
+    """
+
+    log: str
+    output: str
+    part: str
+    samples: int
+    before: float
+    after: float
+    fit: float
+    column_scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Outcome of ``identify``; vectors in the order of ``free``.
+
+    Attributes:
+        nominal, fitted: models before and after.
+        logs: as used.
+        free: the estimated parameters.
+        values, standard_errors: [SI], shape (p,); a standard error on a bound is NaN.
+        correlations: shape (p, p).
+        condition: of the slopes; see ``estimate.Spread``.
+        sigma: weight of each output [SI]: its RMS error after the fit.
+        accuracy: rows of errors before and after.
+        before, after: simulated outputs by log, SI by name.
+        method: in words.
+        warnings: in words, each with its cure.
+        converged, interrupted: how the search ended.
+        costs: where every start ended, best first.
+        evaluations: simulations of all logs.
+    """
+
+    nominal: Model
+    fitted: Model
+    logs: Sequence[Log]
+    free: Sequence[Free]
+    values: Array
+    standard_errors: Array
+    correlations: Array
+    condition: float
+    sigma: dict[str, float]
+    accuracy: Sequence[Accuracy]
+    before: Sequence[dict[str, Array]]
+    after: Sequence[dict[str, Array]]
+    method: str
+    warnings: Sequence[str]
+    converged: bool
+    interrupted: bool
+    costs: Sequence[float]
+    evaluations: int
+
+    def rms(self, output: str, part: str) -> float:
+        """Return the RMS error [SI] of an output over all logs of a part, after the fit."""
+        rows = [a for a in self.accuracy if (a.output, a.part) == (output, part)]
+        count = sum(row.samples for row in rows)
+        return float(np.sqrt(sum(row.samples * row.after**2 for row in rows) / count))
+
+
+def accuracy(
+    logs: Sequence[Log], before: Sequence[dict[str, Array]], after: Sequence[dict[str, Array]]
+) -> list[Accuracy]:
+    """Return the errors of every output in every part of every log."""
+    rows: list[Accuracy] = []
+    for log, old, new in zip(logs, before, after):
+        for output, measured in log.outputs.items():
+            for part, mask in ((FIT, ~log.held_out), (HELD_OUT, log.held_out)):
+                if mask.any():
+                    rows.append(_row(log, output, part, mask, measured, old[output], new[output]))
+    return rows
+
+
+def _row(
+    log: Log, output: str, part: str, mask: Mask, measured: Array, old: Array, new: Array
+) -> Accuracy:
+    spread = float(np.std(measured[mask]))
+    after = _rms((new - measured)[mask])
+    return Accuracy(
+        log=log.name,
+        output=output,
+        part=part,
+        samples=int(mask.sum()),
+        before=_rms((old - measured)[mask]),
+        after=after,
+        fit=100.0 * (1.0 - after / spread) if spread > 0.0 else float("nan"),
+        column_scale=abs(log.channels[output].scale),
+    )
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def conclude(
+    problem: Problem,
+    found: Found,
+    spread: Spread,
+    fitted: Model,
+    before: Sequence[dict[str, Array]],
+    method: str,
+    warnings: Sequence[str],
+) -> Identification:
+    """Put together what a search and its uncertainty have found."""
+    after = problem.responses(found.vector)
+    return Identification(
+        nominal=problem.model,
+        fitted=fitted,
+        logs=problem.logs,
+        free=problem.free,
+        values=np.array(list(problem.values(found.vector).values())),
+        standard_errors=spread.standard_errors,
+        correlations=spread.correlations,
+        condition=spread.condition,
+        sigma=dict(problem.sigma),
+        accuracy=accuracy(problem.logs, before, after),
+        before=before,
+        after=after,
+        method=method,
+        warnings=warnings,
+        converged=found.converged,
+        interrupted=found.interrupted,
+        costs=found.costs,
+        evaluations=problem.evaluations,
+    )

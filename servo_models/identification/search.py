@@ -1,0 +1,157 @@
+"""Search for the best parameters: least squares from several starts, or CMA-ES and then that.
+
+A least-squares search needs slopes; CMA-ES does not, and finds its way where an effect with
+a threshold has none.  Whatever ends a search, the best point seen so far is its result.
+Sources: Branch, Coleman, Li, SIAM J. Sci. Comput. 21 (1999), trust region reflective;
+Hansen, The CMA evolution strategy: a tutorial (2016).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.identification.problem import Problem
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+LOCAL = "local"
+GLOBAL = "global"
+SEARCHES = (LOCAL, GLOBAL)
+TOLERANCE = 1e-8
+LIMIT = 60
+"""Steps of one least-squares search."""
+GENERATIONS = 60
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where a search ended.
+
+    Attributes:
+        vector: best point, shape (p,), in scales.
+        cost: half the sum of its squared residuals.
+        converged: the last local search met its tolerance.
+        interrupted: the user stopped it.
+        costs: of every start, sorted.
+    """
+
+    vector: Array
+    cost: float
+    converged: bool
+    interrupted: bool
+    costs: tuple[float, ...]
+
+
+def search(
+    problem: Problem, kind: str, starts: int, seed: int, progress: Progress | None = None
+) -> Found:
+    """Minimise the problem's squared residuals.
+
+    Args:
+        problem: it remembers the best point seen.
+        kind: ``"local"`` or ``"global"``.
+        starts: local searches, the first from the nominal values.
+        seed: of the other starts and of CMA-ES.
+        progress: is told a sentence about each stage.
+    """
+    tell = progress or (lambda _: None)
+    ends: list[tuple[float, Array, bool]] = []
+    stopped = False
+    try:
+        if kind == GLOBAL:
+            tell("global search (CMA-ES)")
+            _evolve(problem, seed, tell)
+            ends.append(_descend(problem, problem.best[1]))
+        for count, start in enumerate(_starts(problem, starts, seed)):
+            tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
+            ends.append(_descend(problem, start))
+    except KeyboardInterrupt:
+        stopped = True
+    cost, vector = problem.best
+    met = any(ok for end, _, ok in ends if end <= cost * (1.0 + 1e-6))
+    return Found(vector, cost, met and not stopped, stopped, tuple(sorted(e[0] for e in ends)))
+
+
+def _so_far(problem: Problem) -> str:
+    cost = problem.best[0]
+    if not np.isfinite(cost):
+        return ""
+    return f", best so far {np.sqrt(2.0 * cost / max(problem.samples, 1)):.4g} sigma"
+
+
+def _starts(problem: Problem, count: int, seed: int) -> Iterator[Array]:
+    """Nominal values first, then draws: from the prior, or from a third to three times."""
+    random = np.random.default_rng(seed)
+    low, high = problem.bounds
+    yield np.clip(problem.start, low, high)
+    for _ in range(count - 1):
+        draw = [
+            free.nominal + free.prior * random.standard_normal()
+            if free.prior is not None
+            else (free.start or free.scale) * 3.0 ** random.uniform(-1.0, 1.0)
+            for free in problem.free
+        ]
+        yield np.clip(np.array(draw) / problem.scales, low, high)
+
+
+def _descend(problem: Problem, start: Array) -> tuple[float, Array, bool]:
+    from scipy.optimize import least_squares
+
+    low, high = problem.bounds
+    margin = 1e-9 * np.maximum(1.0, np.abs(start))
+    inside = np.clip(start, low + margin, high - margin)
+    done = least_squares(
+        problem.residuals,
+        inside,
+        jac=problem.jacobian,
+        bounds=(low, high),
+        ftol=TOLERANCE,
+        xtol=TOLERANCE,
+        gtol=TOLERANCE,
+        max_nfev=LIMIT,
+    )
+    return float(done.cost), done.x, bool(done.status > 0)
+
+
+def _evolve(problem: Problem, seed: int, tell: Progress) -> None:
+    """CMA-ES over the box of plausible values; the problem remembers the best point."""
+    import cma
+
+    low, high = _box(problem)
+    width = high - low
+    options = {
+        "bounds": [0.0, 1.0],
+        "seed": seed + 1,
+        "verbose": -9,
+        "maxiter": GENERATIONS,
+        "tolfun": 1e-6,
+    }
+    middle = np.clip((problem.start - low) / width, 0.05, 0.95)
+    strategy = cma.CMAEvolutionStrategy(middle, 0.25, options)
+    with ThreadPoolExecutor(problem.jobs) as pool:
+        while not strategy.stop():
+            points = strategy.ask()
+            vectors = [low + width * np.asarray(point) for point in points]
+            errors = list(pool.map(problem.residuals, vectors))
+            strategy.tell(points, [0.5 * float(e @ e) for e in errors])
+            tell(f"global search, generation {strategy.countiter}{_so_far(problem)}")
+
+
+def _box(problem: Problem) -> tuple[Array, Array]:
+    """Where a global search looks: four prior deviations, or up to ten times the start."""
+    low, high = problem.bounds
+    for i, free in enumerate(problem.free):
+        if free.prior is not None:
+            around = free.nominal - 4.0 * free.prior, free.nominal + 4.0 * free.prior
+        else:
+            reach = 10.0 * max(abs(free.start), free.scale)
+            around = -reach, reach
+        low[i] = max(low[i], around[0] / free.scale)
+        high[i] = min(high[i], around[1] / free.scale)
+    return low, high
