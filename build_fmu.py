@@ -14,6 +14,7 @@ import bootstrap
 EXAMPLES = """examples:
   python build_fmu.py
   python build_fmu.py --actuator sg90 --variant linear --set feedback_coefficient=0.18
+  python build_fmu.py --params identified.toml
 
 exit codes: 0 built and within tolerance, 1 not within tolerance, 2 could not run
 """
@@ -26,6 +27,9 @@ def options() -> argparse.Namespace:
     parser.add_argument("--out", metavar="DIR", default="fmus", help="folder of FMUs and report")
     parser.add_argument("--actuator", metavar="NAME", help="build this one only")
     parser.add_argument("--variant", metavar="NAME", help="parameter set of that actuator")
+    parser.add_argument(
+        "--params", metavar="FILE", help="parameter file in place of an actuator and a variant"
+    )
     parser.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -42,15 +46,18 @@ def main() -> int:
     bootstrap.ensure("", needs="pythonfmu")
     from servo_models.catalogue import actuators
     from servo_models.cli import main as command
+    from servo_models.parameter_set import read_parameters
 
     build = ["build", "--out", chosen.out]
     build += [chosen.actuator] if chosen.actuator else []
     build += ["--variant", chosen.variant] if chosen.variant else []
+    build += ["--params", chosen.params] if chosen.params else []
     for setting in chosen.set:
         build += ["--set", setting]
     if code := command(build):
         return code
-    names = [chosen.actuator] if chosen.actuator else list(actuators())
+    named = read_parameters(chosen.params).actuator if chosen.params else chosen.actuator
+    names = [named] if named else list(actuators())
     folder = Path(chosen.out)
     report = folder / "report.html"
     fmus = [str(folder / f"{name}.fmu") for name in names]

@@ -62,9 +62,10 @@ def summary(result: Result, chosen: Model, stepped: bool) -> Sheet:
     main = chosen.plant.wire[chosen.plant.outputs[0]]
     measures = (_measures(main, step_metrics(result.times, result[main.name])),) if stepped else ()
     warning = chosen.actuator.variant(chosen.variant).warning
+    texts = {"Warning": warning, "Parameters changed by": chosen.provenance}
     return Sheet(
         f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
-        (f"Warning: {warning}.",) if warning else (),
+        tuple(f"{key}: {text}." for key, text in texts.items() if text),
         (signals, *measures),
     )
 

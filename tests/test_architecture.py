@@ -21,7 +21,7 @@ LAYERS = (
     "simulate",
     "fmu_src experiment tables explain identification",
     "build parameter_set",
-    "validation",
+    "validation parameter_sheet",
     "report formats",
     "validate pictures",
     "demonstration",

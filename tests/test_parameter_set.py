@@ -6,12 +6,15 @@ import datetime
 import math
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.build import build
 from servo_models.catalogue import actuator
+from servo_models.cli import main
 from servo_models.errors import UserError
 from servo_models.parameter_set import (
     Estimate,
@@ -172,3 +175,40 @@ def test_a_parameter_set_is_a_model() -> None:
     changed = {"torque_constant": 5.2277, "transport_delay.time": 0.0011, "resistance": 4000.0}
     assert chosen.values == {**nominal, **changed}
     assert "simulation error, least squares; 2026-01-31; then set: resistance" in chosen.provenance
+
+
+def test_an_fmu_starts_from_the_file_and_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    write_parameters(FULL, file)
+    words = ["build", "--params", str(file), "--set", "stiffness=1.2", "--out", str(tmp_path)]
+    assert main(words) == 0
+    found = fmpy.read_model_description(str(tmp_path / "torque_motor.fmu"))
+    start = {v.name: float(v.start) for v in found.modelVariables if v.causality == "parameter"}
+    assert start == read_parameters(file).model({"stiffness": 1.2}).values
+    assert "mine.toml; simulation error, least squares; 2026-01-31" in found.description
+    assert "then set: stiffness" in found.description
+
+
+def test_a_file_builds_the_same_bytes_again(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    write_parameters(FULL, file)
+    made = [build(read_parameters(file).model(), tmp_path / name) for name in ("a.fmu", "b.fmu")]
+    assert made[0].read_bytes() == made[1].read_bytes()
+
+
+def test_commands_take_the_file_in_place_of_a_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The static gain K_t / (R K_s) is that of the file."""
+    file = tmp_path / "mine.toml"
+    write_parameters(FULL, file)
+    assert main(["simulate", "--params", str(file), "--step", "voltage=10", "--stop", "1"]) == 0
+    out = capsys.readouterr().out
+    final = next(line for line in out.splitlines() if line.startswith("final value"))
+    gain = 5.2277 / (3630.0 * 1.1)
+    assert float(final.split()[-2]) == pytest.approx(math.degrees(10.0 * gain), rel=1e-3)
+    assert "mine.toml" in out
+    assert main(["explain", "--params", str(file)]) == 0
+    out = capsys.readouterr().out
+    for said in ("5.2277", "6.432", "sha256:0a", "not excited", "0.011 deg"):
+        assert said in out

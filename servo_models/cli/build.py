@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Settings, Variant, assignments, complete_actuator
+from servo_models.cli.options import Params, Settings, Variant, chosen_model, complete_actuator
 from servo_models.errors import UserError
 
 
@@ -18,6 +18,7 @@ def build(
     ] = None,
     variant: Variant = None,
     set_: Settings = None,
+    params: Params = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the FMUs.")] = Path("fmus"),
 ) -> None:
     """Build FMUs (FMI 2.0 co-simulation).
@@ -27,17 +28,20 @@ def build(
     servo-models build
 
     servo-models build sg90 --variant linear --set feedback_coefficient=0.15 --out mine
+
+    servo-models build --params identified.toml
     """
     from servo_models.build import build as write
     from servo_models.catalogue import actuators
     from servo_models.cli.console import progress
     from servo_models.simulate import model
 
-    if not actuator and (variant or set_):
+    if actuator or params:
+        models = [chosen_model(actuator, variant, set_, params)]
+    elif variant or set_:
         raise UserError("--variant and --set belong to one actuator: name it")
-    names = [actuator] if actuator else list(actuators())
-    settings = assignments("--set", set_ or ())
-    models = [model(name, variant, settings) for name in names]
+    else:
+        models = [model(name) for name in actuators()]
     with progress("building") as report:
         for done, chosen in enumerate(models):
             report(done, len(models), f"building {chosen.actuator.name}")

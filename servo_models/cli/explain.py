@@ -7,30 +7,46 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import complete_name
+from servo_models.cli.options import Params, complete_name
+from servo_models.errors import UserError
 
 
 def explain(
     name: Annotated[
-        str,
+        str | None,
         typer.Argument(help="Name of an actuator or an effect.", autocompletion=complete_name),
-    ],
+    ] = None,
+    params: Params = None,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw its response to .svg, .png or .pdf.", metavar="FILE"),
     ] = None,
 ) -> None:
-    """Explain an actuator or an effect: equations, parameters, sources, a picture.
+    """Explain an actuator, an effect or a parameter file.
+
+    Equations, parameters, sources, a picture; of a file its values, their origin and what
+    the fit reached.
 
     Examples:
 
     servo-models explain torque_motor
 
     servo-models explain backlash --picture backlash.svg
+
+    servo-models explain --params identified.toml
     """
     from servo_models.cli.console import progress, show
     from servo_models.explain import explain as sheet_of
+    from servo_models.parameter_set import read_parameters
+    from servo_models.parameter_sheet import parameter_sheet
 
+    if params:
+        if name or picture:
+            raise UserError("--params is explained alone: leave out the name and --picture")
+        show(parameter_sheet(read_parameters(params)))
+        return
+    if not name:
+        raise UserError("nothing to explain: name an actuator or an effect, see 'list'")
     show(sheet_of(name))
     if picture:
         from servo_models.demonstration import portrait

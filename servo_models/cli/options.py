@@ -3,11 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from servo_models.errors import UserError
+
+if TYPE_CHECKING:
+    from servo_models.simulate import Model
+
+
+def chosen_model(
+    actuator: str | None,
+    variant: str | None,
+    settings: list[str] | None,
+    params: Path | None,
+) -> Model:
+    """Return the model of ``ACTUATOR --variant`` or ``--params``, with ``--set`` on top.
+
+    Raises:
+        UserError: neither or both of them, or see ``simulate.model``.
+    """
+    from servo_models.parameter_set import read_parameters
+    from servo_models.simulate import model
+
+    overrides = assignments("--set", settings or ())
+    if params:
+        if actuator or variant:
+            raise UserError("--params names actuator and variant itself: leave them out")
+        return read_parameters(params).model(overrides)
+    if not actuator:
+        raise UserError("no actuator: name one, see 'servo-models list', or give --params FILE")
+    return model(actuator, variant, overrides)
 
 
 def assignments(option: str, texts: Iterable[str]) -> dict[str, str]:
@@ -66,7 +94,12 @@ def _typed(ctx: typer.Context) -> list[Any]:
 
 
 Actuator = Annotated[
-    str, typer.Argument(help="Name of an actuator, see 'list'.", autocompletion=complete_actuator)
+    str | None,
+    typer.Argument(help="Name of an actuator, see 'list'.", autocompletion=complete_actuator),
+]
+Params = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Parameter file, .toml, in place of a name and variant."),
 ]
 Variant = Annotated[
     str | None,

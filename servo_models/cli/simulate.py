@@ -7,14 +7,23 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Actuator, Settings, Variant, assignments, complete_input
+from servo_models.cli.options import (
+    Actuator,
+    Params,
+    Settings,
+    Variant,
+    assignments,
+    chosen_model,
+    complete_input,
+)
 from servo_models.errors import UserError
 
 
 def simulate(
-    actuator: Actuator,
+    actuator: Actuator = None,
     variant: Variant = None,
     set_: Settings = None,
+    params: Params = None,
     step: Annotated[
         list[str] | None,
         typer.Option(
@@ -52,7 +61,6 @@ def simulate(
     """
     from servo_models import experiment, tables
     from servo_models.cli.console import progress, show
-    from servo_models.simulate import model
     from servo_models.simulate import simulate as run
 
     if inputs and (step or stop or dt):
@@ -63,8 +71,8 @@ def simulate(
         from servo_models import pictures
 
         pictures.check_suffix(plot)
-    chosen = model(actuator, variant, assignments("--set", set_ or ()))
-    with progress(f"simulating {actuator}"):
+    chosen = chosen_model(actuator, variant, set_, params)
+    with progress(f"simulating {chosen.actuator.name}"):
         if inputs:
             result = run(chosen, *tables.read_inputs(inputs, chosen.plant))
         else:
@@ -74,5 +82,5 @@ def simulate(
         signals = {**result.inputs, **result.outputs}
         tables.write_signals(out, result.times, signals, chosen.plant.wire)
     if plot:
-        title = f"{actuator}, variant {chosen.variant}"
+        title = f"{chosen.actuator.name}, variant {chosen.variant}"
         pictures.save(pictures.response(result, chosen.plant, title), plot)

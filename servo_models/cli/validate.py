@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import date
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,6 +22,10 @@ def validate(
     fmus: Annotated[
         list[Path] | None,
         typer.Argument(metavar="[FMU]...", help="FMUs to validate; default: all actuators."),
+    ] = None,
+    params: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Parameter file, .toml: validate its FMU as well."),
     ] = None,
     junit: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the result as JUnit XML.")
@@ -48,10 +52,14 @@ def validate(
     """
     from servo_models import formats
     from servo_models.cli.console import progress, show
+    from servo_models.parameter_set import read_parameters
     from servo_models.validate import validate as run
 
+    subjects: list[Any] = [*(fmus or ())]
+    if params:
+        subjects.append(read_parameters(params).model())
     with progress("validating") as on_progress:
-        result = run(fmus or None, on_progress=on_progress)
+        result = run(subjects or None, on_progress=on_progress)
     if format_ is Format.JSON:
         print(formats.as_json(result))
     elif format_ is Format.GITHUB:
