@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 LAYERS = (
     "errors sheets",
     "files compare reference recording toml_file",
-    "units block flat",
+    "units block flat logs",
     "inline actuator printer plants effects",
     "actuators flatten stepper compiled",
     "catalogue",

@@ -1,0 +1,78 @@
+"""MAT files of MATLAB, v4 to v7 and v7.3.
+
+A vector is a column.  Of a matrix the vectors along its longer side are, named as MATLAB
+would: ``data(:,2)``.  Fields of structures are named by dots.  Rows count from 1.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from servo_models.errors import UserError
+from servo_models.logs.columns import Source, Tables, array_column, extra
+
+if TYPE_CHECKING:
+    import polars as pl
+
+SUFFIXES = (".mat",)
+VERSION_73 = b"MATLAB 7.3"
+
+
+def read(source: Source) -> Tables:
+    """Read a MAT file.
+
+    Raises:
+        UserError: it is damaged, or has no vector of numbers.
+    """
+    source.wanted([""])
+    read_ = _read_73 if source.content.startswith(VERSION_73) else _read_5
+    columns = [column for name, value in read_(source) for column in _columns(name, value)]
+    if not columns:
+        raise UserError(
+            f"'{source.path}' has no vector of numbers: save arrays or a struct of them,"
+            " no table or timeseries"
+        )
+    return Tables({"": columns})
+
+
+def _read_5(source: Source) -> list[tuple[str, Any]]:
+    import scipy.io
+
+    try:
+        return list(scipy.io.loadmat(io.BytesIO(source.content), simplify_cells=True).items())
+    except Exception as error:  # scipy raises many kinds
+        raise source.damaged("MAT") from error
+
+
+def _read_73(source: Source) -> list[tuple[str, Any]]:
+    h5py = extra("mat73", "h5py")
+
+    def value(item: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {key: value(inner) for key, inner in item.items()}
+        if item.attrs.get("MATLAB_class") == b"char":
+            return None
+        return np.squeeze(item[()].T)  # MATLAB counts by columns, HDF5 by rows
+
+    try:
+        with h5py.File(io.BytesIO(source.content)) as file:
+            return [(key, value(item)) for key, item in file.items() if key != "#refs#"]
+    except (OSError, RuntimeError, KeyError) as error:
+        raise source.damaged("MAT") from error
+
+
+def _columns(name: str, value: Any) -> Iterator[pl.Series]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _columns(f"{name}.{key}", inner)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        if value.ndim == 1:
+            yield array_column(name, value)
+        elif value.ndim == 2:
+            long_first = value.shape[0] >= value.shape[1]
+            for i, vector in enumerate(value.T if long_first else value, start=1):
+                yield array_column(f"{name}(:,{i})" if long_first else f"{name}({i},:)", vector)
