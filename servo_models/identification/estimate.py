@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.identification.problem import Problem
+from servo_models.identification.problem import Free, Problem
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,13 @@ ILL_CONDITIONED = 1e3
 """Ratio of the largest to the smallest singular value of the slopes with unit columns."""
 UNDETERMINED = 0.5
 """Standard error over the value from which a log does not determine a parameter."""
+PRIOR_ONLY = 0.8
+"""Standard error over the prior from which a log says nothing about a parameter."""
+
+ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
+NOT_EXCITED = "not excited"
+FROM_PRIOR = "from its prior only"
+NOT_DETERMINED = "not determined"
 
 
 @dataclass(frozen=True)
@@ -90,24 +97,31 @@ def _sandwich(problem: Problem, jacobian: Array, residuals: Array) -> Array:
         by_output = residuals[start:stop].reshape(len(log.outputs), kept)
         slopes = jacobian[start:stop].reshape(len(log.outputs), kept, -1)
         scores = np.einsum("ot,otp->tp", by_output, slopes)
-        lag = max(_memory(errors) for errors in by_output)
+        lag = max(memory(errors) for errors in by_output)
         middle = middle + _long_run(scores, lag)
         start = stop
     freedom = count / max(count - jacobian.shape[1], 1)
     return np.asarray(freedom * inverse @ middle @ inverse)
 
 
-def _memory(errors: Array) -> int:
-    """First lag at which the errors' correlation is no longer significant."""
+def autocorrelation(errors: Array) -> Array:
+    """Return the correlation of errors with themselves, at lags of 0 to a fifth of their length.
+
+    Empty for errors that do not move.
+    """
     n = len(errors)
     centred = errors - errors.mean()
     size = 2 ** int(np.ceil(np.log2(2 * n)))
     spectrum = np.fft.rfft(centred, size)
     correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 5 + 1]
-    if correlation[0] <= 0.0:
-        return 0
-    quiet = np.flatnonzero(correlation / correlation[0] < 2.0 / np.sqrt(n))
-    return int(quiet[0]) - 1 if len(quiet) else n // 5
+    return correlation / correlation[0] if correlation[0] > 0.0 else correlation[:0]
+
+
+def memory(errors: Array) -> int:
+    """Return the first lag at which the errors' correlation is no longer significant."""
+    correlation = autocorrelation(errors)
+    quiet = np.flatnonzero(correlation < 2.0 / np.sqrt(len(errors)))
+    return int(quiet[0]) - 1 if len(quiet) else max(len(correlation) - 1, 0)
 
 
 def _long_run(scores: Array, lag: int) -> Array:
@@ -127,6 +141,17 @@ def _long_run(scores: Array, lag: int) -> Array:
     return np.asarray(total)
 
 
+def doubt(free: Free, value: float, error: float) -> str:
+    """Return in a few words why an estimate is doubtful, "" if it is not; figures in SI."""
+    if np.isnan(error):
+        return ON_LOW if value - free.low <= free.high - value else ON_HIGH
+    if np.isinf(error):
+        return NOT_EXCITED
+    if free.prior and error > PRIOR_ONLY * free.prior:
+        return FROM_PRIOR
+    return NOT_DETERMINED if error > UNDETERMINED * abs(value) else ""
+
+
 def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
     """Return in words what makes an estimate doubtful, each with its cure."""
     said: list[str] = []
@@ -140,15 +165,16 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
     for free, value, error, slope in zip(
         problem.free, vector * problem.scales, found.standard_errors, found.slopes
     ):
+        reason = doubt(free, value, error)
         if slope == 0.0:
             said.append(
                 f"'{free.name}' is not excited by these logs: nothing measured depends on it"
             )
-        elif np.isfinite(error) and free.prior and error > 0.8 * free.prior:
+        elif reason == FROM_PRIOR:
             said.append(
                 f"'{free.name}' is known from its prior only: these logs say nothing about it"
             )
-        elif np.isfinite(error) and error > UNDETERMINED * max(abs(value), 1e-300):
+        elif reason == NOT_DETERMINED:
             said.append(
                 f"the data do not determine '{free.name}': its standard error is"
                 f" {100.0 * error / max(abs(value), 1e-300):.0f} % of its value; fix it,"
