@@ -22,6 +22,8 @@ ALIKE = 0.95
 """Correlation from which two estimates cannot be told apart."""
 ILL_CONDITIONED = 1e3
 """Ratio of the largest to the smallest singular value of the slopes with unit columns."""
+NOTHING = 1e-6
+"""Share of the largest singular value below which the data say nothing of a combination."""
 UNDETERMINED = 0.5
 """Standard error over the value from which a log does not determine a parameter."""
 PRIOR_ONLY = 0.8
@@ -70,13 +72,15 @@ def spread(problem: Problem, vector: Array) -> Spread:
     condition = 1.0
     moving = inner & (slopes > 0.0)
     if moving.any():
-        covariance = _sandwich(problem, jacobian[:, moving], residuals)
-        deviation = np.sqrt(np.diag(covariance))
-        errors[moving] = deviation * problem.scales[moving]
-        correlations[np.ix_(moving, moving)] = covariance / np.outer(deviation, deviation)
         units = jacobian[:, moving] / np.linalg.norm(jacobian[:, moving], axis=0)
-        singular = np.linalg.svd(units, compute_uv=False)
+        _, singular, axes = np.linalg.svd(units, full_matrices=False)
         condition = float(singular[0] / max(singular[-1], 1e-300))
+        lost = np.any((axes**2)[singular < NOTHING * singular[0]] > 1e-3, axis=0)
+        covariance = _sandwich(problem, jacobian[:, moving], residuals)
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            correlations[np.ix_(moving, moving)] = covariance / np.outer(deviation, deviation)
+        errors[moving] = np.where(lost, np.inf, deviation * problem.scales[moving])
     errors[inner & ~moving] = np.inf
     return Spread(errors, correlations, condition, at, slopes)
 
