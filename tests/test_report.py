@@ -12,8 +12,9 @@ import pytest
 
 from servo_models.errors import UserError
 from servo_models.report import sg90, torque_motor, verdict, write_report
+from servo_models.report.claim import share
 from servo_models.report.paper import DIGITS
-from servo_models.report.parts import number, share
+from servo_models.report.parts import number
 from servo_models.report.style import PALETTE
 from servo_models.validation.rows import (
     IMPLEMENTATION,

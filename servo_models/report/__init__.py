@@ -1,4 +1,4 @@
-"""The report of a validation: one file = one section, one self-contained HTML page."""
+"""Reports: one file = one section, one self-contained HTML page each."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ def write_report(validation: Validation, path: str | Path, date: str = "") -> No
         UserError: the folder cannot be made or written.
     """
     from servo_models.files import write_whole
-    from servo_models.report.page import page
+    from servo_models.report.validation import validation_page
 
-    write_whole(Path(path), page(validation, date).encode())
+    write_whole(Path(path), validation_page(validation, date).encode())

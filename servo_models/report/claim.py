@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from servo_models.report.parts import (
-    Line,
-    Table,
-    by_run,
-    judgement,
-    number,
-    quantity,
-    run_of,
-    share,
-)
+from servo_models.report.parts import NONE, Line, Table, number, quantity
 from servo_models.validation.rows import Row, tightest
 
 WORDS = {True: "passed", False: "failed", None: "for information"}
@@ -86,3 +77,34 @@ def _summary(group: Sequence[Row]) -> Line:
 def _everything(rows: Sequence[Row], actuator: str) -> Table:
     lines = tuple(line(row) for row in rows)
     return Table(f"All {len(rows)} figures of {actuator}", FIGURE, lines, NUMBERS, folded=True)
+
+
+def share(row: Row) -> str:
+    """Return how much of its limit a row uses."""
+    if row.value is None or not row.limit:
+        return NONE
+    used = row.value / row.limit
+    if used >= 10.0:
+        return f"{number(float(f'{used:.2g}'))} times"
+    return "< 1 %" if 0.0 < used < 0.01 else f"{100.0 * used:.0f} %"
+
+
+def by_run(rows: Sequence[Row]) -> tuple[list[Row], ...]:
+    """Return rows grouped by actuator, variant and what was run, in their order."""
+    groups: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.actuator, row.variant, row.subject), []).append(row)
+    return tuple(groups.values())
+
+
+def run_of(row: Row) -> str:
+    """Return what was run: an FMU, or the simulation."""
+    return row.subject or "simulation"
+
+
+def judgement(rows: Iterable[Row]) -> bool | None:
+    """Return False if any row failed, True if some were judged, else None."""
+    verdicts = {row.passed for row in rows}
+    if False in verdicts:
+        return False
+    return True if True in verdicts else None

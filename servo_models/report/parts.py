@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from servo_models.report.style import Picture
-from servo_models.validation.rows import Row
 
 MARKS = {True: "✓", False: "✗", None: "○"}
 """A sign beside each verdict, so that it does not hang on colour."""
@@ -22,13 +20,13 @@ class Line:
 
     Attributes:
         cells: one text per column after the verdict.
-        verdict: the judgement in words.
+        verdict: the judgement in words, "" in a table without verdicts.
         passed: the judgement; None where nothing is judged.
     """
 
     cells: tuple[str, ...]
-    verdict: str
-    passed: bool | None
+    verdict: str = ""
+    passed: bool | None = None
 
     @property
     def mark(self) -> str:
@@ -38,7 +36,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose first column is the verdict.
+    """A table; its first column is the verdict, if its lines have one.
 
     Attributes:
         caption: what it lists.
@@ -54,10 +52,45 @@ class Table:
     numbers: tuple[str, ...] = ()
     folded: bool = False
 
+    @property
+    def judged(self) -> bool:
+        """Whether the lines have a verdict."""
+        return any(line.verdict for line in self.lines)
+
+
+@dataclass(frozen=True)
+class Count:
+    """A card below the verdict: one claim in one line.
+
+    Attributes:
+        anchor: of the section that tells more, "" if there is none.
+        title, text: in words.
+        passed: the judgement; None where nothing is judged.
+    """
+
+    anchor: str
+    title: str
+    text: str
+    passed: bool | None
+
+    @property
+    def mark(self) -> str:
+        """The sign of the judgement."""
+        return MARKS[self.passed]
+
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the report; a section without content is left out by returning None."""
+    """A section of the report; a section without content is left out by returning None.
+
+    Attributes:
+        anchor: its id on the page.
+        title: heading.
+        lead: paragraph below it.
+        tables, pictures: below it, in this order.
+        facts: pairs of a name and what is to be said about it.
+        items: sentences, as a list.
+    """
 
     anchor: str
     title: str
@@ -65,6 +98,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
+    items: tuple[str, ...] = ()
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -80,34 +114,3 @@ def number(value: float | None, digits: int = 4) -> str:
 def quantity(value: float | None, unit: str) -> str:
     """Return a number with its unit."""
     return number(value) + (f" {unit}" if unit != "1" and value is not None else "")
-
-
-def share(row: Row) -> str:
-    """Return how much of its limit a row uses."""
-    if row.value is None or not row.limit:
-        return NONE
-    used = row.value / row.limit
-    if used >= 10.0:
-        return f"{number(float(f'{used:.2g}'))} times"
-    return "< 1 %" if 0.0 < used < 0.01 else f"{100.0 * used:.0f} %"
-
-
-def by_run(rows: Sequence[Row]) -> tuple[list[Row], ...]:
-    """Return rows grouped by actuator, variant and what was run, in their order."""
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row.actuator, row.variant, row.subject), []).append(row)
-    return tuple(groups.values())
-
-
-def run_of(row: Row) -> str:
-    """Return what was run: an FMU, or the simulation."""
-    return row.subject or "simulation"
-
-
-def judgement(rows: Iterable[Row]) -> bool | None:
-    """Return False if any row failed, True if some were judged, else None."""
-    verdicts = {row.passed for row in rows}
-    if False in verdicts:
-        return False
-    return True if True in verdicts else None

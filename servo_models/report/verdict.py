@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from servo_models.report import claim
-from servo_models.report.parts import Section, Table, judgement
+from servo_models.report.claim import judgement
+from servo_models.report.parts import Count, Section, Table
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Validation
 
 TITLES = {
@@ -13,16 +12,6 @@ TITLES = {
     MODEL: "Responses equal references",
     PAPER: "Figures of the papers",
 }
-
-
-@dataclass(frozen=True)
-class Count:
-    """A claim in one line: how many of its checks passed."""
-
-    anchor: str
-    title: str
-    text: str
-    passed: bool | None
 
 
 def sentence(validation: Validation) -> str:
