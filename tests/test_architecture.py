@@ -13,15 +13,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 LAYERS = (
     "errors sheets",
-    "files compare reference recording toml_file",
+    "files compare reference recording toml_file linear_model",
     "units block flat logs",
     "inline actuator printer plants effects",
     "actuators flatten stepper compiled",
     "catalogue",
     "simulate",
     "fmu_src experiment tables explain identification",
-    "build parameter_set",
-    "validation parameter_sheet",
+    "build parameter_set linearise",
+    "validation parameter_sheet description",
     "report formats",
     "validate pictures",
     "demonstration",

@@ -1,0 +1,206 @@
+"""Log descriptions: which actuator, what is known of it, and what the columns of its logs are.
+
+A description is a TOML file beside the logs::
+
+    actuator = "torque_motor"             # or "mine.py", a file that defines ACTUATOR
+    variant = "measured"                  # default: the actuator's first
+    params = "PARAMS.toml"                # values identified before, instead of a variant
+    free = ["torque_constant"]            # what to estimate: parameters, or effects
+    method = "least squares"
+
+    [parameters]                          # overrides, a number in SI or a text with a unit
+    torque_constant = 6.432
+    [uncertainty]                         # standard deviation of nominal values (prior)
+    torque_constant = "25 %"              # of the nominal value, or absolute with a unit
+    null_shift.angle = "0.1 deg"
+
+    [[logs]]
+    file = "log.csv"                      # relative to this file
+    name = "sweep"                        # default: the file's name
+    table = "topic"                       # of a file with several
+    header = false                        # only where it is not found out by itself
+    time = { column = "t", unit = "ms", repeats = "drop" }
+    inputs.voltage = { column = "u", unit = "V", scale = 0.1, offset = 2.5, sign = -1 }
+    outputs.angle = { column = 3, unit = "deg" }
+    constants = { load_torque = "5 mN.m" }  # parameters and inputs that hold in this log only
+    window = ["8 s", "20 s"]              # since the first row of the file, as is held_out
+    held_out = { from = "12 s", to = "20 s" }
+    settle = "2 s"                        # for which the first row is held before the log
+
+A signal is sign * scale * number + offset, in ``unit``; a column in SI may be given by its
+name alone.  ``held_out`` may also be true, or ``{ input = "voltage", levels = "even" }``:
+every second level of that input, from the moment it is commanded to the next one.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from servo_models.actuator import Actuator, unknown
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.description.log import read_log
+from servo_models.description.own_actuator import load_actuator
+from servo_models.description.values import flattened, quantity, setting
+from servo_models.errors import UserError
+from servo_models.logs import read_columns
+from servo_models.parameter_set import ParameterSet, read_parameters
+from servo_models.recording import Log
+from servo_models.simulate import Model, model
+from servo_models.toml_file import Section, read_toml
+
+KEYS = ("actuator", "variant", "params", "free", "method", "parameters", "uncertainty", "logs")
+RECORDS = ("sweeps", "elements")
+"""Records other than logs, which those who use them read from ``Description.document``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """What a description says.
+
+    Attributes:
+        path: the file, and ``document`` what stands in it.
+        model: the actuator with its nominal values.
+        parameters: overrides of the variant's values [SI] by name.
+        uncertainty: standard deviation [SI] of nominal values, by name; of the variant
+            where the description is silent.
+        logs: at least one, unless there are other records.
+        free: parameters or effects to be estimated.
+        method: how, None if not told.
+    """
+
+    path: Path
+    document: Section
+    model: Model
+    parameters: Mapping[str, float]
+    uncertainty: Mapping[str, float]
+    logs: tuple[Log, ...]
+    free: tuple[str, ...] = ()
+    method: str | None = None
+
+    @property
+    def actuator(self) -> Actuator:
+        return self.model.actuator
+
+    @property
+    def variant(self) -> str:
+        return self.model.variant
+
+
+def read_description(path: str | Path) -> Description:
+    """Read a description and its logs.
+
+    Raises:
+        UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
+            that does not convert; a value out of bounds; a log that cannot be read or used,
+            see ``description.log.read_log``.  It names the file, and the key or row and column.
+    """
+    document = read_toml(Path(path))
+    document.check_keys((*KEYS, *RECORDS))
+    chosen, parameters = _model(document)
+    return Description(
+        path=document.file,
+        document=document,
+        model=chosen,
+        parameters=parameters,
+        uncertainty=_uncertainty(document.section("uncertainty"), chosen),
+        logs=_logs(document, chosen),
+        free=_free(document, chosen),
+        method=document.text("method") or None,
+    )
+
+
+def _model(document: Section) -> tuple[Model, dict[str, float]]:
+    """The nominal model, and the overrides that made it of its variant."""
+    known = _known_before(document)
+    actuator = _actuator(document, known)
+    given = document.text("variant", known.variant if known else actuator.default_variant)
+    try:
+        variant = actuator.variant(given).name
+    except UserError as error:
+        document.fail("variant", error)
+    if known and (actuator.name, variant) != (known.actuator, known.variant):
+        document.fail(
+            "params",
+            f"'{known.file}' is of actuator '{known.actuator}', variant '{known.variant}', not of"
+            f" '{actuator.name}', '{variant}'; leave out actuator and variant here",
+        )
+    section = flattened(document.section("parameters"))
+    plant = actuator.plant_of(variant)
+    for name in section:
+        if name not in plant.parameters:
+            where = f"actuator '{actuator.name}'"
+            section.fail(name, unknown("parameter", name, plant.parameters, where))
+    overrides = {name: setting(section, name, plant.parameters[name]) for name in section}
+    if known:
+        return known.model(overrides), {**known.settings(), **overrides}
+    return model(actuator, variant, overrides), overrides
+
+
+def _known_before(document: Section) -> ParameterSet | None:
+    if "params" not in document:
+        return None
+    return read_parameters(document.file.parent / document.text("params"))
+
+
+def _actuator(document: Section, known: ParameterSet | None) -> Actuator:
+    if "actuator" not in document and not known:
+        document.fail("actuator", "missing; name the actuator that made the logs")
+    name = document.text("actuator", known.actuator if known else "")
+    if name.endswith(".py"):
+        return load_actuator(document.file.parent / name)
+    try:
+        return find_actuator(name)
+    except UserError as error:
+        document.fail("actuator", error)
+
+
+def _uncertainty(given: Section, chosen: Model) -> dict[str, float]:
+    """Standard deviations [SI] by name."""
+    variant = chosen.actuator.variant(chosen.variant)
+    relative = {
+        name: share * abs(chosen.values[name]) for name, share in variant.uncertainty.items()
+    }
+    spread = {name: size for name, size in relative.items() if size > 0.0}
+    section, known = flattened(given), chosen.plant.parameters
+    for name in section:
+        if name not in known:
+            where = f"actuator '{chosen.actuator.name}'"
+            section.fail(name, unknown("parameter", name, known, where))
+        text = section.content[name]
+        if isinstance(text, str) and text.strip().endswith("%"):
+            spread[name] = quantity(section, name, "1") * abs(chosen.values[name])
+            cure = "it is a share of the nominal value; give a size with a unit"
+        else:
+            spread[name] = quantity(section, name, known[name].param.unit)
+            cure = "give a size above 0"
+        if not spread[name] > 0.0:
+            section.fail(name, f"a standard deviation of {spread[name]:g}: {cure}")
+    return spread
+
+
+def _free(document: Section, chosen: Model) -> tuple[str, ...]:
+    known = {**chosen.plant.parameters, **chosen.plant.placements}
+    for name in document.texts("free"):
+        if name not in known:
+            document.fail("free", unknown("parameter or effect", name, known))
+    return document.texts("free")
+
+
+def _logs(document: Section, chosen: Model) -> tuple[Log, ...]:
+    entries = document.content.get("logs", [])
+    if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
+        document.fail("logs", "no list of tables; write [[logs]]")
+    if not entries and not any(key in document for key in RECORDS):
+        document.fail("logs", "missing; add [[logs]] with file, time and outputs")
+    read = functools.cache(read_columns)
+    logs: list[Log] = []
+    for number, content in enumerate(entries, start=1):
+        entry = Section(document.file, f"logs[{number}]", content)
+        log = read_log(entry, chosen, read)
+        if log.name in (other.name for other in logs):
+            entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
+        logs.append(log)
+    return tuple(logs)

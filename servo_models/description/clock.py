@@ -1,0 +1,144 @@
+"""Which rows of a file belong to a log, and when they were sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.description.values import quantity
+from servo_models.errors import UserError
+from servo_models.logs import Columns
+from servo_models.toml_file import Section
+from servo_models.units import factor
+
+Array = NDArray[np.float64]
+KEYS = ("column", "unit", "table", "repeats")
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """The rows kept of a table, with their times.
+
+    Attributes:
+        columns: the table; its column ``column`` holds the times in ``unit``.
+        stamps: times of the rows kept as they stand in the file, shape (n,).
+        rows: their places in the table, counted from 0, shape (n,).
+        begin: time in the file's first row, in ``unit``.
+    """
+
+    columns: Columns
+    column: str | int
+    unit: str
+    stamps: Array
+    rows: NDArray[np.int64]
+    begin: float
+
+    @property
+    def scale(self) -> float:
+        return factor(self.unit, "s")
+
+    @property
+    def since(self) -> Array:
+        """Times since the file's first row [s], shape (n,)."""
+        return (self.stamps - self.begin) * self.scale
+
+    def cut(self, first: int, last: int) -> Clock:
+        """Keep rows ``first`` to ``last`` - 1 of the ones kept."""
+        return replace(self, stamps=self.stamps[first:last], rows=self.rows[first:last])
+
+    def numbers(self, column: str | int) -> Array:
+        """Return a column of the table in the rows kept, shape (n,); see ``Columns.numbers``."""
+        first = int(self.rows[0])
+        found = self.columns.numbers(column, slice(first, int(self.rows[-1]) + 1))
+        return found[self.rows - first]
+
+
+def time_table(entry: Section) -> str | None:
+    """Return the name of the table that the log's times are in, None if there is but one."""
+    given = entry.content.get("time")
+    own = given.get("table") if isinstance(given, Mapping) else None
+    name = own if isinstance(own, str) else entry.text("table")
+    return name or None
+
+
+def read_clock(entry: Section, columns: Columns, repeats: str | None = None) -> Clock:
+    """Read the times of a table as ``entry`` describes them.
+
+    Args:
+        entry: the description of the log.
+        columns: the table.
+        repeats: ``"drop"`` keeps the first row of those with the same time; None does as
+            the description says.
+
+    Raises:
+        UserError: no column for the time, a unit that is none of time, time that runs
+            backward or repeats.
+    """
+    time = _section(entry)
+    column, unit = column_key(time), time.text("unit", "s")
+    try:
+        scale = factor(unit, "s")
+    except UserError as error:
+        time.fail("unit", error)
+    drop = repeats or time.text("repeats", "keep")
+    if drop not in ("drop", "keep"):
+        time.fail("repeats", f"'{drop}' is unknown; write repeats = \"drop\" or leave it out")
+    stamps = columns.numbers(column)
+    columns.check_order(column, scale * stamps)
+    rows = np.flatnonzero(np.diff(stamps, prepend=-np.inf) > 0.0)
+    if drop == "keep" and len(rows) < len(stamps):
+        row = int(np.flatnonzero(np.diff(stamps) == 0.0)[0]) + 1
+        raise UserError(
+            f"{columns.where(column, row)}: time {scale * stamps[row]:.9g} s repeats; remove the"
+            ' row or set time.repeats = "drop"'
+        )
+    return Clock(columns, column, unit, stamps[rows], rows, float(stamps[0]))
+
+
+def _section(entry: Section) -> Section:
+    """The description of the time; a column in seconds may be given by its name alone."""
+    given = entry.content.get("time")
+    if isinstance(given, (str, int)) and not isinstance(given, bool):
+        return Section(entry.file, f"{entry.name}.time", {"column": given})
+    time = entry.section("time")
+    if not time.content:
+        entry.fail("time", 'missing; write time = { column = "...", unit = "s" }')
+    time.check_keys(KEYS)
+    return time
+
+
+def column_key(section: Section) -> str | int:
+    """Return the name or number of the column that a table of a description names."""
+    found: Any = section.content.get("column")
+    if isinstance(found, bool) or not isinstance(found, (str, int)):
+        section.fail("column", "missing; give the column's name, or its number from 1")
+    return found
+
+
+def cut_window(entry: Section, clock: Clock) -> Clock:
+    """Return the rows inside the log's window, ends included; all where it has none."""
+    if "window" not in entry:
+        return clock
+    ends = entry.content["window"]
+    if not (isinstance(ends, list) and len(ends) == 2):
+        entry.fail("window", 'no pair of times; write window = ["8 s", "20 s"]')
+    pair = Section(entry.file, f"{entry.name}.window", {"from": ends[0], "to": ends[1]})
+    inside = span(pair, clock.since)
+    if not inside.any():
+        entry.fail("window", f"no row inside; the file lasts {clock.since[-1]:g} s")
+    kept = np.flatnonzero(inside)
+    return clock.cut(int(kept[0]), int(kept[-1]) + 1)
+
+
+def span(section: Section, since: Array) -> NDArray[np.bool_]:
+    """Mark times [s] between ``from`` and ``to``, ends included; either may be left out."""
+    ends = [quantity(section, key, "s") if key in section else None for key in ("from", "to")]
+    begin, end = -np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1]
+    if begin >= end:
+        section.fail("to", f"{end:g} s is not after {begin:g} s")
+    marked: NDArray[np.bool_] = (since >= begin) & (since <= end)
+    return marked

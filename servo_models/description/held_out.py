@@ -1,0 +1,59 @@
+"""Which samples no fit may see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuator import unknown
+from servo_models.description.clock import span
+from servo_models.recording import Mask
+from servo_models.toml_file import Section
+
+Array = NDArray[np.float64]
+LEVELS = {"odd": 0, "even": 1}
+
+
+def held_out(entry: Section, since: Array, inputs: Mapping[str, Array]) -> Mask:
+    """Return the samples that a log holds out, shape (n,).
+
+    Args:
+        entry: the description of the log.
+        since: times since the file's first row [s], shape (n,).
+        inputs: SI by name, each (n,).
+
+    Raises:
+        UserError: neither true nor false, a span of time, nor levels of an input.
+    """
+    given = entry.content.get("held_out", False)
+    if isinstance(given, bool):
+        return np.full(len(since), given)
+    section = entry.section("held_out")
+    if "levels" in section or "input" in section:
+        section.check_keys(("input", "levels"))
+        return _levels(section, inputs)
+    section.check_keys(("from", "to"))
+    return span(section, since)
+
+
+def _levels(section: Section, inputs: Mapping[str, Array]) -> Mask:
+    """Every second level, from where it is commanded to where the next excursion starts.
+
+    The level of the first row is where excursions come from and belongs to none.
+    """
+    name, which = section.text("input"), section.text("levels")
+    if name not in inputs:
+        section.fail("input", unknown("input with a column", name, inputs))
+    if which not in LEVELS:
+        section.fail("levels", f'\'{which}\' is unknown; write "even" or "odd"')
+    values = inputs[name]
+    levels = np.unique(values[values != values[0]])
+    if len(levels) < 2:
+        section.fail("input", f"'{name}' has {len(levels)} levels to choose from; use from and to")
+    starts = (np.diff(values, prepend=values[0]) != 0.0) & (values != values[0])
+    latest = np.maximum.accumulate(np.where(starts, np.arange(len(values)), -1))
+    chosen = np.isin(values, levels[LEVELS[which] :: 2])
+    marked: Mask = (latest >= 0) & chosen[latest]
+    return marked

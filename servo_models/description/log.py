@@ -1,0 +1,229 @@
+"""One log of a description: from the columns of its file to signals in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuator import Parameter, Wire, outside, unknown
+from servo_models.description.clock import Clock, column_key, cut_window, read_clock, time_table
+from servo_models.description.held_out import held_out
+from servo_models.description.values import flattened, is_outside, quantity, setting
+from servo_models.errors import UserError
+from servo_models.logs import Columns
+from servo_models.recording import Channel, Log
+from servo_models.simulate import Model
+from servo_models.toml_file import Section
+from servo_models.units import factor
+
+Array = NDArray[np.float64]
+Read = Callable[[Path, str | None, bool | None], Columns]
+
+KEYS = (
+    "file",
+    "name",
+    "table",
+    "header",
+    "time",
+    "inputs",
+    "outputs",
+    "constants",
+    "window",
+    "held_out",
+    "settle",
+)
+SIGNAL_KEYS = ("column", "unit", "scale", "offset", "sign", "table")
+LEAST_SAMPLES = 16
+AT_REST = 1e-3
+"""An input within this share of its scale from rest counts as at rest."""
+
+
+class Mapped(NamedTuple):
+    """A signal with the column and the table it is in."""
+
+    channel: Channel
+    column: str | int
+    table: str | None
+
+
+def read_log(entry: Section, chosen: Model, read: Read) -> Log:
+    """Read a log as a description's ``[[logs]]`` says.
+
+    Args:
+        entry: the description of the log.
+        chosen: the model of the actuator that made it.
+        read: ``logs.read_columns``, which may remember what it has read.
+
+    Raises:
+        UserError: an unknown key, signal, parameter, table or column; a unit that does not
+            convert; cells that are empty, no number or not finite; time that runs backward
+            or repeats; an input out of its bounds; no output, or one that never changes;
+            fewer than ``LEAST_SAMPLES`` samples.  It names the file, and the key or row and
+            column.
+    """
+    entry.check_keys(KEYS)
+    if "file" not in entry:
+        entry.fail("file", "missing; name the file of the log")
+    path = entry.file.parent / entry.text("file")
+    header = entry.content.get("header")
+    if header is not None and not isinstance(header, bool):
+        entry.fail("header", "neither true nor false")
+    main = time_table(entry)
+    plant = chosen.plant
+    wires = {wire.name: wire for wire in plant.inputs}
+    inputs = _mapped(entry.section("inputs"), "input", wires, main)
+    readings = {name: plant.wire[name] for name in plant.outputs}
+    outputs = _mapped(entry.section("outputs"), "output", readings, main)
+    if not outputs:
+        entry.fail("outputs", 'missing; write outputs.NAME = { column = "...", unit = "..." }')
+    for name, mapped in outputs.items():
+        if mapped.table != main:
+            entry.section("outputs").fail(
+                name,
+                f"it is in table '{mapped.table}', the time in '{main or ''}'; take the time from"
+                " the output's table (only inputs can be held over from another)",
+            )
+
+    def table(name: str | None) -> Columns:
+        return read(path, name, header)
+
+    columns = table(main)
+    clock = cut_window(entry, read_clock(entry, columns))
+    others = {
+        mapped.table: read_clock(entry, table(mapped.table), repeats="drop")
+        for mapped in inputs.values()
+        if mapped.table != main
+    }
+    first = max(
+        (int(np.searchsorted(clock.stamps, o.stamps[0])) for o in others.values()), default=0
+    )
+    clock = clock.cut(first, len(clock.stamps))
+    if len(clock.stamps) < LEAST_SAMPLES:
+        raise UserError(
+            f"'{path}' has {len(clock.stamps)} samples to use: at least {LEAST_SAMPLES} are"
+            " needed; record longer or widen the window"
+        )
+    fed = {name: _input(m, clock, others.get(m.table), wires[name]) for name, m in inputs.items()}
+    measured = {name: _output(m, clock, readings[name]) for name, m in outputs.items()}
+    constants = _constants(entry, chosen, inputs)
+    times = (clock.stamps - clock.stamps[0]) * clock.scale
+    origin = -float(clock.stamps[0]) * clock.scale
+    time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
+    return Log(
+        name=entry.text("name") or path.stem,
+        path=path,
+        sha256=columns.sha256,
+        times=times,
+        inputs=fed,
+        outputs=measured,
+        channels={"time": time} | {n: m.channel for n, m in (inputs | outputs).items()},
+        rows=clock.rows + columns.first_row,
+        held_out=held_out(entry, clock.since, fed),
+        constants=constants,
+        settle=_settle(entry, chosen, fed, constants, float(times[-1])),
+    )
+
+
+def _mapped(
+    section: Section, kind: str, wires: Mapping[str, Wire], table: str | None
+) -> dict[str, Mapped]:
+    """How the columns become signals, by name of the signal."""
+    for name in section:
+        if name not in wires:
+            section.fail(name, unknown(kind, name, wires))
+    return {name: _signal(section, name, wires[name], table) for name in section}
+
+
+def _signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
+    given = section.content[name]
+    if isinstance(given, (str, int)) and not isinstance(given, bool):
+        return Mapped(Channel(name, str(given), wire.unit), given, table)
+    signal = section.section(name)
+    signal.check_keys(SIGNAL_KEYS)
+    column, unit = column_key(signal), signal.text("unit", wire.unit)
+    try:
+        to_si = factor(unit, wire.unit)
+    except UserError as error:
+        signal.fail("unit", error)
+    scale = signal.number("scale") if "scale" in signal else 1.0
+    sign = signal.number("sign") if "sign" in signal else 1.0
+    if scale == 0.0:
+        signal.fail("scale", "0 makes every number the same; give the size of one")
+    if sign not in (1.0, -1.0):
+        signal.fail("sign", f"{sign:g} is no sign; write 1 or -1, and a size in scale")
+    offset = quantity(signal, "offset", unit) if "offset" in signal else 0.0
+    words = unit if scale == 1.0 else f"{scale:g} {unit}"
+    channel = Channel(name, str(column), words, sign * scale * to_si, offset * to_si)
+    return Mapped(channel, column, signal.text("table") or table)
+
+
+def _si(mapped: Mapped, numbers: Array) -> Array:
+    return mapped.channel.scale * numbers + mapped.channel.offset
+
+
+def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Array:
+    """An input in SI at the times of the log; from another table each value is held."""
+    if other is None:
+        own, held = clock, np.arange(len(clock.rows))
+    else:
+        own = other
+        held = np.searchsorted(other.stamps, clock.stamps, side="right") - 1
+    values = _si(mapped, own.numbers(mapped.column))
+    bad = [i for i in np.unique(held) if is_outside(values[i], wire.low, wire.high)]
+    if bad:
+        place = own.columns.where(mapped.column, int(own.rows[bad[0]]))
+        raise UserError(
+            f"{place}: {outside('input', wire.name, values[bad[0]], wire)}, or correct the"
+            " column's unit and scale"
+        )
+    return values[held]
+
+
+def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
+    values = _si(mapped, clock.numbers(mapped.column))
+    if not wire.flag and np.all(values == values[0]):
+        raise UserError(
+            f"{clock.columns.where(mapped.column)} is constant over the log: output"
+            f" '{wire.name}' says nothing; leave it out or record one that moves"
+        )
+    return values
+
+
+def _constants(entry: Section, chosen: Model, inputs: Mapping[str, Mapped]) -> dict[str, float]:
+    section = flattened(entry.section("constants"))
+    known: dict[str, Parameter | Wire] = {wire.name: wire for wire in chosen.plant.inputs}
+    known |= chosen.plant.parameters
+    for name in section:
+        if name not in known:
+            section.fail(name, unknown("parameter or input", name, known))
+        if name in inputs:
+            section.fail(name, "also an input with a column; keep one")
+    return {name: setting(section, name, known[name]) for name in section}
+
+
+def _settle(
+    entry: Section,
+    chosen: Model,
+    inputs: Mapping[str, Array],
+    constants: Mapping[str, float],
+    duration: float,
+) -> float:
+    """Time to hold the first row [s]: none from rest, else what the actuator needs to settle.
+
+    It is then no longer than the log, so that it at most doubles the cost of a run.
+    """
+    if "settle" in entry:
+        settle = quantity(entry, "settle", "s")
+        if settle < 0.0:
+            entry.fail("settle", "below 0; give a time to hold the first row for")
+        return settle
+    first = {name: values[0] for name, values in inputs.items()}
+    for wire in chosen.plant.inputs:
+        value = first.get(wire.name, constants.get(wire.name, wire.rest))
+        if abs(float(value) - float(wire.rest)) > AT_REST * wire.scale:
+            return min(chosen.actuator.stop_time, duration)
+    return 0.0
