@@ -10,8 +10,9 @@ import pytest
 
 import servo_models.validation.paper_sg90 as of_sg90
 import servo_models.validation.paper_torque_motor as of_motor
+from servo_models.linear_model import transfer_function
+from servo_models.linearise import linearise
 from servo_models.simulate import Model, model
-from servo_models.validation.linearise import linearise, transfer_function
 from servo_models.validation.paper import figure
 from servo_models.validation.rows import Row
 
@@ -104,10 +105,10 @@ def test_a_figure_is_judged_against_what_is_printed() -> None:
 
 
 def test_linearisation_finds_poles_and_feed_through() -> None:
-    system = linearise(model("sg90", "linear", {"feedback_coefficient": 0.2}), "angle", 0.1)
-    _, poles = transfer_function(system)
+    found = linearise(model("sg90", "linear", {"feedback_coefficient": 0.2}))
+    _, poles = transfer_function(found.channel("pulse_width", "angle"))
     assert poles == pytest.approx([1.0, 1.307, 2.0 * 0.4927865625], rel=1e-8)
-    volts = linearise(model("sg90", "linear"), "motor_voltage", 0.1)
-    np.testing.assert_allclose(volts.d, [[7.47 * 250.0]], rtol=1e-9)
-    gain = volts.c[0, 0]
+    _, _, c, d = linearise(model("sg90", "linear")).channel("pulse_width", "motor_voltage")
+    np.testing.assert_allclose(d, [[7.47 * 250.0]], rtol=1e-9)
+    gain = c[0, 0]
     assert gain == pytest.approx(-7.47 * 0.1 * 0.025 * 180.0 / math.pi, rel=1e-9)

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.compare import overshoot, rise_time, settling_time, time_to
+from servo_models.linear_model import transfer_function
+from servo_models.linearise import linearise
 from servo_models.reference.sg90 import GEAR, K_FS, LOADED, POLE, UNLOADED
 from servo_models.simulate import Result, model, simulate
 from servo_models.validation.cases import grid
-from servo_models.validation.linearise import linearise, transfer_function
 from servo_models.validation.paper import figure, not_reproducible
 from servo_models.validation.rows import PAPER, Row
 
@@ -129,7 +130,9 @@ def _shape(times: Array) -> list[Row]:
 
 
 def _equation_7() -> list[Row]:
-    gain, poles = transfer_function(linearise(model("sg90", "linear"), "angle", 0.1))
+    gain, poles = transfer_function(
+        linearise(model("sg90", "linear")).channel("pulse_width", "angle")
+    )
     per_volt = gain * DEGREE / 250.0
     where = ("sg90", "linear", "state space of the flattened model")
     loop = LOOP * LOADED * 0.1
@@ -192,7 +195,7 @@ def _smallest_error(variant: str, k_f: float, side: float) -> float | None:
 def _rejected() -> list[Row]:
     """Model 1: poles of the motor alone, and the closed loop that never settles."""
     chosen = model("sg90", "oscillatory_motor")
-    motor: Any = np.linalg.eigvals(linearise(chosen, "angle", 0.1).a[1:, 1:])
+    motor: Any = np.linalg.eigvals(linearise(chosen).matrices()[0][1:, 1:])
     angle = simulate(chosen, grid(20.0, 0.01), {"pulse_width": 2e-3})["angle"]
     half = len(angle) // 2
     growth = float(np.ptp(angle[half:]) / np.ptp(angle[:half]))

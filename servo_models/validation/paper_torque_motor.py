@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from servo_models.actuators.torque_motor import EQ_12, grey_box
 from servo_models.compare import time_to
+from servo_models.linear_model import transfer_function
+from servo_models.linearise import linearise
 from servo_models.reference import torque_motor as reference
 from servo_models.simulate import model, simulate
 from servo_models.validation.cases import NO_STOPS, grid
-from servo_models.validation.linearise import linearise, transfer_function
 from servo_models.validation.paper import figure, not_reproducible
 from servo_models.validation.rows import Row
 
@@ -49,8 +50,8 @@ def current_at(frequency: float) -> complex:
 
 
 def _equation_12() -> list[Row]:
-    undelayed = {**NO_STOPS, "transport_delay.time": 0.0, "internal_step": 1e-5}
-    system = linearise(model("torque_motor", IDENTIFIED, undelayed), "angle", 1e-5)
+    found = linearise(model("torque_motor", IDENTIFIED, NO_STOPS))
+    system = found.channel("voltage", "angle")
     gain, poles = transfer_function(system)
     where = ("torque_motor", IDENTIFIED, "state space of the flattened model")
     printed, (_, *coefficients) = reference.EQ_12
@@ -64,7 +65,7 @@ def _equation_12() -> list[Row]:
         made.append(
             figure(where, quantity, poles[k + 1], 1e-6 * want, unit, printed=want, note=note)
         )
-    pair = max(np.linalg.eigvals(system.a), key=lambda pole: abs(pole.imag))
+    pair = max(np.linalg.eigvals(system[0]), key=lambda pole: abs(pole.imag))
     recomputed = reference.EQ_12[1][1] - 120.0
     made.append(
         not_reproducible(
