@@ -91,7 +91,7 @@ class Printer:
             if self.modes:
                 lines += [f"back_{n} = back_d_{n} = 0.0" for n in names]
             lines += [f"{name} = 0.0" for name in self.flat.carried]
-            lines += ["half = sixth = elapsed = 0.0"]
+            lines += ["half = sixth = elapsed = dt = cut = target = 0.0"]
         return lines
 
     def store(self) -> list[str]:
@@ -129,7 +129,7 @@ class Printer:
             for k in range(1, STAGES):
                 lines += self.stage(k)
         else:
-            lines += ["last = 1 if size <= 0.0 else 5", *self.cut()]
+            lines += ["last = 1 if size <= 0.0 else 5"]
             lines += ["for k in range(first, last):", *indent(self.stage(None))]
             lines += ["if size <= 0.0:", "    break"]
         lines += [*self.retry(), *self.lines(self.flat.stage_commits)]
@@ -187,7 +187,8 @@ class Printer:
         text: list[str] = []
         for j in range(STAGES):
             test = f"if k == {j}:" if j == 0 else f"elif k == {j}:" if j < 4 else "else:"
-            text += [test, *indent(self.move(j))]
+            cut = self.cut() if j == 1 else []  # a clock may just have been set, at k = 0
+            text += [test, *indent([*cut, *self.move(j)])]
         chunks = zip(self.flat.stage, self.kept(self.slopes), self.kept(at_ends))
         for needed, group in itertools.groupby(chunks, key=lambda entry: entry[1]):
             lines = list(self.lines(chunk for chunk, _, kept in group if kept))
