@@ -83,11 +83,14 @@ class Identification:
     costs: Sequence[float]
     evaluations: int
 
-    def rms(self, output: str, part: str) -> float:
-        """Return the RMS error [SI] of an output over all logs of a part, after the fit."""
+    def rms(self, output: str, part: str, stage: str = "after") -> float:
+        """Return the RMS error [SI] of an output over all logs of a part.
+
+        ``stage`` is ``"before"`` or ``"after"`` the fit.
+        """
         rows = [a for a in self.accuracy if (a.output, a.part) == (output, part)]
         count = sum(row.samples for row in rows)
-        return float(np.sqrt(sum(row.samples * row.after**2 for row in rows) / count))
+        return float(np.sqrt(sum(row.samples * getattr(row, stage) ** 2 for row in rows) / count))
 
 
 def accuracy(
