@@ -1,9 +1,6 @@
 """How well a log determines what was estimated from it.
 
-Errors of a simulation are coloured, so the white-noise covariance would be far too small:
-the covariance here is the sandwich J+ S J+', with the long-run covariance S of the scores
-(Newey and West), whose lag ends where the residuals' correlation does.
-Sources: Newey, West, Econometrica 55 (1987); Ljung, System Identification, 2nd ed., sec. 9.
+Standard errors, what cannot be told apart, what no log excites, and what to do about it.
 """
 
 from __future__ import annotations
@@ -14,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.identification.covariance import covariance
 from servo_models.identification.problem import Free, Problem
 
 Array = NDArray[np.float64]
@@ -41,7 +39,8 @@ class Spread:
 
     Attributes:
         standard_errors: of each free parameter, NaN on a bound.
-        correlations: of the estimates, shape (p, p), NaN where one is on a bound.
+        correlations: of the estimates in white noise, shape (p, p), NaN where one is on a
+            bound.
         condition: of the slopes with unit columns, over parameters off their bounds.
         on_bound: ``"low"``, ``"high"`` or ``""`` for each.
         slopes: effect of one scale of each parameter on the weighted errors, root of the
@@ -76,73 +75,20 @@ def spread(problem: Problem, vector: Array) -> Spread:
         _, singular, axes = np.linalg.svd(units, full_matrices=False)
         condition = float(singular[0] / max(singular[-1], 1e-300))
         lost = np.any((axes**2)[singular < NOTHING * singular[0]] > 1e-3, axis=0)
-        covariance = _sandwich(problem, jacobian[:, moving], residuals)
-        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            correlations[np.ix_(moving, moving)] = covariance / np.outer(deviation, deviation)
+        correlations[np.ix_(moving, moving)] = _correlations(axes, singular)
+        variance = np.diag(covariance(problem, jacobian[:, moving], residuals))
+        deviation = np.sqrt(np.maximum(variance, 0.0))
         errors[moving] = np.where(lost, np.inf, deviation * problem.scales[moving])
     errors[inner & ~moving] = np.inf
     return Spread(errors, correlations, condition, at, slopes)
 
 
-def _sandwich(problem: Problem, jacobian: Array, residuals: Array) -> Array:
-    """Covariance of the estimates in scales, shape (p, p).
-
-    Priors are scores of their own with the variance that they claim.
-    """
-    inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
-    count = problem.samples
-    prior = jacobian[count:]
-    middle = prior.T @ prior
-    start = 0
-    for log in problem.logs:
-        kept = int((~log.held_out).sum())
-        stop = start + kept * len(log.outputs)
-        by_output = residuals[start:stop].reshape(len(log.outputs), kept)
-        slopes = jacobian[start:stop].reshape(len(log.outputs), kept, -1)
-        scores = np.einsum("ot,otp->tp", by_output, slopes)
-        lag = max(memory(errors) for errors in by_output)
-        middle = middle + _long_run(scores, lag)
-        start = stop
-    freedom = count / max(count - jacobian.shape[1], 1)
-    return np.asarray(freedom * inverse @ middle @ inverse)
-
-
-def autocorrelation(errors: Array) -> Array:
-    """Return the correlation of errors with themselves, at lags of 0 to a fifth of their length.
-
-    Empty for errors that do not move.
-    """
-    n = len(errors)
-    centred = errors - errors.mean()
-    size = 2 ** int(np.ceil(np.log2(2 * n)))
-    spectrum = np.fft.rfft(centred, size)
-    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 5 + 1]
-    return correlation / correlation[0] if correlation[0] > 0.0 else correlation[:0]
-
-
-def memory(errors: Array) -> int:
-    """Return the first lag at which the errors' correlation is no longer significant."""
-    correlation = autocorrelation(errors)
-    quiet = np.flatnonzero(correlation < 2.0 / np.sqrt(len(errors)))
-    return int(quiet[0]) - 1 if len(quiet) else max(len(correlation) - 1, 0)
-
-
-def _long_run(scores: Array, lag: int) -> Array:
-    """Newey-West sum of the covariances of the scores up to ``lag``, shape (p, p).
-
-    A long memory is summed over stretches of a twentieth of it, which changes nothing that
-    matters and keeps the cost linear in the log's length.
-    """
-    stretch = max(1, lag // 20)
-    scores = np.add.reduceat(scores, np.arange(0, len(scores), stretch), axis=0)
-    lag = -(-lag // stretch)
-    total = scores.T @ scores
-    for shift in range(1, lag + 1):
-        weight = 1.0 - shift / (lag + 1.0)
-        moved = scores[shift:].T @ scores[:-shift]
-        total = total + weight * (moved + moved.T)
-    return np.asarray(total)
+def _correlations(axes: Array, singular: Array) -> Array:
+    """Correlations of the estimates in white noise, which belong to the experiment alone."""
+    floored = np.maximum(singular, 0.1 * NOTHING * singular[0])
+    inverse = (axes.T / floored**2) @ axes
+    deviation = np.sqrt(np.diag(inverse))
+    return np.asarray(inverse / np.outer(deviation, deviation))
 
 
 def doubt(free: Free, value: float, error: float) -> str:

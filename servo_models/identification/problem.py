@@ -147,7 +147,7 @@ class Problem:
         self.runs = [_prepare(self.model, log) for log in self.logs]
         for log in self.logs:
             for name, values in log.outputs.items():
-                self.sigma.setdefault(name, float(np.std(values)) or 1.0)
+                self.sigma.setdefault(name, float(np.std(values[~log.held_out])) or 1.0)
         self.restart(np.array([free.start for free in self.free]) / self.scales)
 
     def restart(self, vector: Array) -> None:

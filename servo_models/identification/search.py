@@ -27,6 +27,8 @@ TOLERANCE = 1e-8
 LIMIT = 60
 """Steps of one least-squares search."""
 GENERATIONS = 60
+RUNS = 3
+"""Runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)."""
 
 
 @dataclass(frozen=True)
@@ -120,27 +122,36 @@ def _descend(problem: Problem, start: Array) -> tuple[float, Array, bool]:
 
 
 def _evolve(problem: Problem, seed: int, tell: Progress) -> None:
-    """CMA-ES over the box of plausible values; the problem remembers the best point."""
+    """CMA-ES over the box of plausible values, again with twice the population from elsewhere.
+
+    The problem remembers the best point.
+    """
     import cma
 
     low, high = _box(problem)
-    width = high - low
-    options = {
-        "bounds": [0.0, 1.0],
-        "seed": seed + 1,
-        "verbose": -9,
-        "maxiter": GENERATIONS,
-        "tolfun": 1e-6,
-    }
-    middle = np.clip((problem.start - low) / width, 0.05, 0.95)
-    strategy = cma.CMAEvolutionStrategy(middle, 0.25, options)
+    p = len(problem.free)
+    random = np.random.default_rng(seed)
+    middle = np.full(max(p, 2), 0.5)  # cma wants two dimensions; a second one may be idle
+    middle[:p] = np.clip((problem.start - low) / (high - low), 0.05, 0.95)
+    population = 4 + int(3.0 * np.log(p))
     with ThreadPoolExecutor(problem.jobs) as pool:
-        while not strategy.stop():
-            points = strategy.ask()
-            vectors = [low + width * np.asarray(point) for point in points]
-            errors = list(pool.map(problem.residuals, vectors))
-            strategy.tell(points, [0.5 * float(e @ e) for e in errors])
-            tell(f"global search, generation {strategy.countiter}{_so_far(problem)}")
+        for run in range(RUNS):
+            options = {
+                "bounds": [0.0, 1.0],
+                "seed": seed + run + 1,
+                "verbose": -9,
+                "popsize": population * 2**run,
+                "maxiter": GENERATIONS,
+                "tolfun": 1e-6,
+            }
+            strategy = cma.CMAEvolutionStrategy(middle, 0.25, options)
+            while not strategy.stop():
+                points = strategy.ask()
+                vectors = [low + (high - low) * np.asarray(point)[:p] for point in points]
+                errors = list(pool.map(problem.residuals, vectors))
+                strategy.tell(points, [0.5 * float(e @ e) for e in errors])
+                tell(f"global search {run + 1}, generation {strategy.countiter}{_so_far(problem)}")
+            middle = random.uniform(0.05, 0.95, max(p, 2))
 
 
 def _box(problem: Problem) -> tuple[Array, Array]:
