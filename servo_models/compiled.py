@@ -2,7 +2,7 @@
 
 Numba's own cache cannot see edits in other files and cannot hold closures, so the text is
 written once to the user's cache folder under its hash and imported from there.  Set
-``SERVO_MODELS_CACHE`` to keep the cache elsewhere.
+``SERVO_MODELS_CACHE`` to keep the cache elsewhere.  A run lets other threads run.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numba import njit
 '''
 _TAIL = """
 
-run = njit(cache=True, error_model="numpy")(run)
+run = njit(cache=True, nogil=True, error_model="numpy")(run)
 """
 
 
@@ -44,7 +44,7 @@ def compiled_run(text: str) -> Callable[..., Any]:
 
 
 def plain_make(text: str) -> Callable[..., Any]:
-    """Return ``make`` of a text printed by ``stepper.step_text``, in plain Python."""
+    """Return ``make`` of a text printed by ``step_text`` or ``start_text``, in plain Python."""
     namespace: dict[str, Any] = {}
     exec(compile(text, "<flat text>", "exec"), namespace)  # our own text, never a user's
     make: Callable[..., Any] = namespace["make"]

@@ -21,7 +21,7 @@ from servo_models.compiled import compiled_run, plain_make
 from servo_models.errors import UserError
 from servo_models.flat import Flat, neutral_effects, trouble
 from servo_models.flatten import flatten
-from servo_models.stepper import run_text, step_text
+from servo_models.stepper import run_text, start_text, step_text
 from servo_models.units import parse
 
 Array = NDArray[np.float64]
@@ -60,6 +60,11 @@ def _compiled(plant: Plant, name: str) -> Callable[..., Any]:
     return compiled_run(run_text(flat_of(plant, name)))
 
 
+@functools.cache
+def _starter(plant: Plant, name: str) -> Callable[..., Any]:
+    return plain_make(start_text(flat_of(plant, name)))
+
+
 @dataclass(frozen=True)
 class Model:
     """An actuator with all parameters chosen: what a simulation and an FMU are made of.
@@ -94,7 +99,10 @@ class Model:
 
     def start(self) -> Array:
         """State at rest, shape (flat.size,)."""
-        return np.array(self.stepper()[0]())
+        begin = _starter(self.plant, self.actuator.name)(list(self.values.values()))
+        state = np.zeros(self.flat.size)
+        state[: len(begin)] = begin
+        return state
 
     def run(self, times: Array, inputs: Array, state: Array | None = None) -> Array:
         """Return the outputs, shape (n, outputs), for inputs of shape (n, inputs), SI.

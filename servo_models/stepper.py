@@ -90,3 +90,10 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
         "return start, step",
     ]
     return "\n".join(["import math", "", "", "def make(p):", *indent(body), ""])
+
+
+def start_text(flat: Flat) -> str:
+    """Print ``make(p) -> x``: the state at rest without its queues, in plain Python."""
+    text = Printer(flat, dropped=set(), guarded=False)
+    body = [*text.unpack(), f"return [{', '.join(text.start_values())}]"]
+    return "\n".join(["import math", "", "", "def make(p):", *indent(body), ""])
