@@ -133,7 +133,7 @@ def _evolve(problem: Problem, seed: int, tell: Progress) -> None:
     random = np.random.default_rng(seed)
     middle = np.full(max(p, 2), 0.5)  # cma wants two dimensions; a second one may be idle
     middle[:p] = np.clip((problem.start - low) / (high - low), 0.05, 0.95)
-    population = 4 + int(3.0 * np.log(p))
+    population = 8 + int(3.0 * np.log(p))
     with ThreadPoolExecutor(problem.jobs) as pool:
         for run in range(RUNS):
             options = {
