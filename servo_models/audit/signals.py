@@ -1,0 +1,174 @@
+"""The signals of a log: outputs as they were read, inputs as they were commanded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servo_models.actuator import Wire
+from servo_models.audit.sensor import (
+    clipped_share,
+    difference_noise,
+    reading_step,
+    spread_of_repeats,
+    stale_share,
+)
+from servo_models.recording import Array, Log
+
+QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
+SAME_CLOCK = 1.5
+"""Intervals below this many shortest ones are one period of a command's clock."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Noise floor of an output [SI]: the largest of what three methods see.
+
+    Attributes:
+        quantum: reading step over the root of 12 (Widrow, Kollar, Quantization Noise, 2008,
+            ch. 5), 0 for none.
+        repeats: spread of the responses to repeated identical commands, None without any.
+        residual: what differences of neighbouring samples leave of a smooth signal.
+    """
+
+    quantum: float
+    repeats: float | None
+    residual: float
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Each method's figure by name."""
+        return {QUANTUM: self.quantum, REPEATS: self.repeats or 0.0, RESIDUAL: self.residual}
+
+    @property
+    def value(self) -> float:
+        return max(self.parts.values())
+
+    @property
+    def origin(self) -> str:
+        """Name of the method that gave the floor."""
+        return max(self.parts, key=lambda name: self.parts[name])
+
+
+@dataclass(frozen=True)
+class Reading:
+    """An output as it was read.
+
+    Attributes:
+        low, high: range.
+        step: smallest common step of the readings, 0 where they have none.
+        between: share of the readings between those steps: not 0 if they were resampled.
+        clipped: share of the samples held at an extreme while the command moved on.
+        stale: share of the moving samples that repeat the one before.
+        floor: noise floor.
+    """
+
+    name: str
+    low: float
+    high: float
+    step: float
+    between: float
+    clipped: float
+    stale: float
+    floor: Floor
+
+
+@dataclass(frozen=True)
+class Command:
+    """An input as it was commanded.
+
+    Attributes:
+        low, high: range.
+        levels: number of different values.
+        changes: how often it changes.
+        reversals: how often its direction of change turns.
+        clock: shortest time between changes if the others are multiples of it, else None.
+        at_limit: share of the samples at a limit of the actuator's input.
+        band: lowest and highest frequency [Hz] at which it would move an output above its
+            noise floor, or None.
+    """
+
+    name: str
+    low: float
+    high: float
+    levels: int
+    changes: int
+    reversals: int
+    clock: float | None
+    at_limit: float
+    band: tuple[float, float] | None
+
+
+def read_output(log: Log, name: str) -> Reading:
+    """Return how an output was read."""
+    values = log.outputs[name]
+    step, between = reading_step(values)
+    quantum, residual = step / math.sqrt(12.0), difference_noise(values)
+    command = np.column_stack([np.zeros(len(values)), *log.inputs.values()])
+    floor = Floor(quantum, spread_of_repeats(values, command), residual)
+    return Reading(
+        name=name,
+        low=float(values.min()),
+        high=float(values.max()),
+        step=step,
+        between=between,
+        clipped=clipped_share(values, command, floor.value),
+        stale=stale_share(values, floor.value),
+        floor=floor,
+    )
+
+
+def read_input(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -> Command:
+    """Return how an input was commanded, sampled every ``step`` [s] on the whole."""
+    values = log.inputs[wire.name]
+    change = np.diff(values)
+    moves = np.sign(change[change != 0.0])
+    low, high = (np.nan if bound is None else bound for bound in (wire.low, wire.high))
+    return Command(
+        name=wire.name,
+        low=float(values.min()),
+        high=float(values.max()),
+        levels=len(np.unique(values)),
+        changes=len(moves),
+        reversals=int(np.count_nonzero(np.diff(moves))),
+        clock=_clock(log.times[1:][change != 0.0], step),
+        at_limit=float(np.mean((values <= low) | (values >= high))) if np.ptp(values) else 0.0,
+        band=_band(log, values, step, readings),
+    )
+
+
+def _clock(changes: Array, step: float) -> float | None:
+    """Shortest interval between changes if nearly all are multiples of it within a sample."""
+    intervals = np.diff(changes)
+    if len(intervals) < 3:
+        return None
+    shortest = float(np.percentile(intervals, 5.0))
+    base = float(np.median(intervals[intervals < SAME_CLOCK * shortest]))
+    off = np.abs(intervals - base * np.round(intervals / base))
+    return base if np.mean(off <= 1.01 * step) > 0.9 else None
+
+
+def _band(
+    log: Log, values: Array, step: float, readings: Sequence[Reading]
+) -> tuple[float, float] | None:
+    """Where the input's power density, brought to the scale of an output, is above its floor.
+
+    Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967); the floor is taken as white.
+    """
+    from scipy.signal import welch
+
+    if not np.ptp(values):
+        return None
+    grid = np.arange(0.0, log.duration + 0.5 * step, step)
+    held = values[np.searchsorted(log.times, grid + 1e-9 * step, side="right") - 1]
+    rate, length = 1.0 / step, min(len(grid), 2048)
+    frequencies, power = welch(held, rate, nperseg=length)
+    above = np.zeros(len(frequencies), dtype=bool)
+    for reading in readings:
+        gain = np.var(log.outputs[reading.name]) / np.var(values)
+        above |= power * gain > 2.0 * reading.floor.value**2 / rate
+    covered = frequencies[above & (frequencies > 0.0)]
+    return (float(covered[0]), float(covered[-1])) if len(covered) else None
