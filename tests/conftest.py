@@ -1,7 +1,8 @@
-"""FMUs built once per test session, in a folder with spaces in its name."""
+"""FMUs built once per test session, in a folder with spaces in its name; measured logs."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,3 +47,13 @@ def fmu_folder(
         return folder
 
     return extracted
+
+
+@pytest.fixture(scope="session")
+def logs_folder() -> Path:
+    """Return the folder of the measured logs, which are no part of the repository."""
+    beside = Path(__file__).parent.parent.parent / "shared" / "data"
+    folder = Path(os.environ.get("SERVO_MODELS_DATA", beside))
+    if not folder.is_dir():
+        pytest.skip(f"no measured logs in '{folder}': set SERVO_MODELS_DATA to their folder")
+    return folder

@@ -116,17 +116,18 @@ def _model(document: Section) -> tuple[Model, dict[str, float]]:
     """The nominal model, and the overrides that made it of its variant."""
     known = _known_before(document)
     actuator = _actuator(document, known)
-    given = document.text("variant", known.variant if known else actuator.default_variant)
+    own = known.variant if known else actuator.default_variant
+    given = document.text("variant", own)
+    if known and (actuator.name, given) != (known.actuator, own):
+        document.fail(
+            "params",
+            f"'{known.file}' is of actuator '{known.actuator}', variant '{own}', not of"
+            f" '{actuator.name}', '{given}'; leave out actuator and variant here",
+        )
     try:
         variant = actuator.variant(given).name
     except UserError as error:
         document.fail("variant", error)
-    if known and (actuator.name, variant) != (known.actuator, known.variant):
-        document.fail(
-            "params",
-            f"'{known.file}' is of actuator '{known.actuator}', variant '{known.variant}', not of"
-            f" '{actuator.name}', '{variant}'; leave out actuator and variant here",
-        )
     section = flattened(document.section("parameters"))
     plant = actuator.plant_of(variant)
     for name in section:

@@ -126,7 +126,7 @@ def _cells(rows: Sequence[str], separator: str, names: Sequence[str]) -> list[pl
         return [pl.Series(name, [], dtype=pl.String) for name in names]
     text = "\n".join(rows)
     frame = pl.read_csv(
-        io.StringIO(text),
+        io.BytesIO(text.encode()),
         has_header=False,
         separator=separator,
         infer_schema=False,

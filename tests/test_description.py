@@ -1,0 +1,512 @@
+"""Log descriptions: what the author of a log says becomes SI, and every fault has a place."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from servo_models.description import Description, read_description
+from servo_models.errors import UserError
+from servo_models.parameter_set import Estimate, ParameterSet, write_parameters
+from servo_models.simulate import simulate
+
+DEGREE = math.pi / 180.0
+HEAD = 'actuator = "torque_motor"\nvariant = "measured"\n'
+LOG = """
+[[logs]]
+file = "log.csv"
+time = { column = "time_ms", unit = "ms" }
+inputs.voltage = { column = "u", unit = "V" }
+outputs.angle = { column = "angle_deg", unit = "deg" }
+"""
+TABLE = [(100.0 + 5.0 * i, float(i % 3), 0.1 * i) for i in range(20)]
+
+
+def text_of(rows: Sequence[Sequence[object]], header: str = "time_ms,u,angle_deg") -> str:
+    return "\n".join([header, *(",".join(str(cell) for cell in row) for row in rows)])
+
+
+def describe(
+    folder: Path, log: str = LOG, head: str = HEAD, data: str | None = None
+) -> Description:
+    """Write a description beside its log, and read it."""
+    (folder / "log.csv").write_text(text_of(TABLE) if data is None else data)
+    path = folder / "description.toml"
+    path.write_text(head + log)
+    return read_description(path)
+
+
+def complaint(folder: Path, **options: Any) -> str:
+    """The sentence about a fault, which is one line."""
+    with pytest.raises(UserError) as caught:
+        describe(folder, **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_columns_become_signals_in_si(tmp_path: Path) -> None:
+    found = describe(tmp_path)
+    (log,) = found.logs
+    assert (found.actuator.name, found.variant) == ("torque_motor", "measured")
+    assert log.name == "log"
+    assert log.times == pytest.approx(5e-3 * np.arange(20), rel=1e-12, abs=1e-15)
+    assert list(log.inputs["voltage"]) == [row[1] for row in TABLE]
+    assert log.outputs["angle"] == pytest.approx([row[2] * DEGREE for row in TABLE], rel=1e-12)
+    assert list(log.rows) == list(range(2, 22))
+    assert not log.held_out.any()
+    channel = log.channels["time"]
+    assert channel.scale * 105.0 + channel.offset == pytest.approx(5e-3)
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    scale=st.floats(1e-6, 1e6),
+    offset=st.floats(-100.0, 100.0),
+    sign=st.sampled_from([1, -1]),
+    degrees=st.booleans(),
+)
+def test_scale_sign_and_offset(
+    tmp_path_factory: pytest.TempPathFactory, scale: float, offset: float, sign: int, degrees: bool
+) -> None:
+    unit, size = ("deg", DEGREE) if degrees else ("rad", 1.0)
+    signal = f'{{ column = 3, unit = "{unit}", scale = {scale}, offset = {offset}, sign = {sign} }}'
+    log_ = LOG.replace('{ column = "angle_deg", unit = "deg" }', signal)
+    (log,) = describe(tmp_path_factory.getbasetemp(), log_).logs
+    expected = [size * (sign * scale * row[2] + offset) for row in TABLE]
+    size_ = size * (scale * TABLE[-1][2] + abs(offset))
+    assert log.outputs["angle"] == pytest.approx(expected, rel=1e-12, abs=1e-12 * size_)
+
+
+def test_short_forms(tmp_path: Path) -> None:
+    log_ = """
+    [[logs]]
+    file = "log.csv"
+    name = "short"
+    time = 1
+    inputs = { voltage = "u" }
+    outputs.angle = { column = "angle_deg", unit = "deg", offset = "20 mrad" }
+    constants = { load_torque = "5 mN.m", null_shift.angle = "0.1 deg", stiffness = 1.2 }
+    """
+    (log,) = describe(tmp_path, log_).logs
+    assert (log.name, log.duration) == ("short", 95.0)
+    assert log.outputs["angle"][0] == pytest.approx(0.02)
+    expected = {"load_torque": 5e-3, "null_shift.angle": 0.1 * DEGREE, "stiffness": 1.2}
+    assert log.constants == pytest.approx(expected)
+
+
+def test_parameters_and_their_uncertainty(tmp_path: Path) -> None:
+    head = HEAD + (
+        'free = ["torque_constant", "null_shift"]\nmethod = "least squares"\n'
+        '[parameters]\ntorque_constant = 6.0\nnull_shift.angle = "0.5 deg"\n'
+        '"transport_delay.time" = "1.1 ms"\n'
+        '[uncertainty]\ntorque_constant = "10 %"\nnull_shift.angle = "0.1 deg"\n'
+        "resistance = 20.0\n"
+    )
+    found = describe(tmp_path, head=head)
+    assert found.free == ("torque_constant", "null_shift")
+    assert found.method == "least squares"
+    given_ = {
+        "torque_constant": 6.0,
+        "null_shift.angle": 0.5 * DEGREE,
+        "transport_delay.time": 1.1e-3,
+    }
+    assert found.parameters == pytest.approx(given_)
+    assert {name: found.model.values[name] for name in given_} == pytest.approx(given_)
+    said = {
+        "torque_constant": 0.6,
+        "null_shift.angle": 0.1 * DEGREE,
+        "resistance": 20.0,
+        "inductance": 0.25 * 34.0,  # the variant's own, relative to Table 1
+        "rotor_inertia": 0.01 * 7.246e-7,
+    }
+    assert {name: found.uncertainty[name] for name in said} == pytest.approx(said)
+
+
+def test_values_identified_before(tmp_path: Path) -> None:
+    known = ParameterSet("torque_motor", "estimated", (Estimate("stiffness", 1.3),))
+    write_parameters(known, tmp_path / "before.toml")
+    found = describe(tmp_path, head='params = "before.toml"\n[parameters]\nresistance = 3600\n')
+    assert (found.actuator.name, found.variant) == ("torque_motor", "estimated")
+    assert found.parameters == {"stiffness": 1.3, "resistance": 3600.0}
+    assert found.model.values["stiffness"] == 1.3
+    assert "before.toml" in found.model.provenance
+    message = complaint(tmp_path, head='params = "before.toml"\nactuator = "sg90"\n')
+    assert "is of actuator 'torque_motor', variant 'estimated'" in message
+
+
+OWN = '''
+"""A joint that follows its goal with a lag."""
+from __future__ import annotations
+from typing import Annotated
+from servo_models.actuator import Actuator, Plant, State, Variant, Wire
+from servo_models.block import Param, block
+
+@block("speed", source="first-order lag")
+def follow(
+    goal: float,
+    enabled: float,
+    angle: float,
+    time_constant: Annotated[float, Param("s", "lag", default=0.2, low=0.01, high=10.0)],
+) -> float:
+    """The speed is the error over the time constant, while the joint is enabled."""
+    return enabled * (goal - angle) / time_constant
+
+ACTUATOR = Actuator(
+    name="joint",
+    title="A joint",
+    about="",
+    source="",
+    plant=Plant(
+        inputs=(
+            Wire("goal", "rad", "goal", low=-4.0, high=4.0),
+            Wire("enabled", "1", "on", rest=1.0, low=0.0, high=1.0, flag=True),
+        ),
+        wires=(Wire("speed", "rad/s", "speed"), ),
+        constants={"internal_step": Param("s", "step", default=1e-3, low=1e-6, high=1e-2)},
+        chain=(follow,),
+        states=(State(Wire("angle", "rad", "angle"), "speed"),),
+        outputs=("angle", "speed"),
+    ),
+    variants=(Variant("plain", "", {}, ""),),
+    stop_time=2.0,
+    step_size=0.01,
+    step=("goal", 1.0),
+)
+'''
+JOINT = """
+[[logs]]
+file = "log.csv"
+time = { column = "time_ms", unit = "ms" }
+inputs.goal = "u"
+outputs.angle = { column = "angle_deg", unit = "deg" }
+"""
+
+
+def test_an_actuator_of_ones_own(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    found = describe(tmp_path, JOINT, 'actuator = "mine.py"\nfree = ["time_constant"]\n')
+    times = np.linspace(0.0, 1.0, 11)
+    response = simulate(found.model, times, {"goal": 1.0})["angle"]
+    assert response == pytest.approx(1.0 - np.exp(-times / 0.2), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (None, "cannot read"),
+        ("x = 1\n", "defines no ACTUATOR"),
+        ("ACTUATOR = 1\n", "defines no ACTUATOR"),
+        ("import nothing_like_this\n", "does not run: ModuleNotFoundError"),
+        ("def\n", "does not run: SyntaxError"),
+    ],
+)
+def test_faults_of_an_own_actuator(tmp_path: Path, content: str | None, said: str) -> None:
+    if content:
+        (tmp_path / "mine.py").write_text(content)
+    message = complaint(tmp_path, log=JOINT, head='actuator = "mine.py"\n')
+    assert "mine.py'" in message
+    assert said in message
+
+
+# Which samples
+
+
+def test_a_window_and_a_span_count_from_the_first_row_of_the_file(tmp_path: Path) -> None:
+    more = 'window = ["10 ms", 0.090]\nheld_out = { from = "50 ms", to = "70 ms" }\n'
+    (log,) = describe(tmp_path, LOG + more).logs
+    assert log.times == pytest.approx(5e-3 * np.arange(17), abs=1e-12)
+    assert list(log.rows) == list(range(4, 21))
+    assert list(np.flatnonzero(log.held_out)) == [8, 9, 10, 11, 12]
+    assert log.outputs["angle"][0] == pytest.approx(0.2 * DEGREE)
+
+
+def test_what_is_outside_the_window_may_be_broken(tmp_path: Path) -> None:
+    rows = [*TABLE, (200.0, "off", "nan")]
+    assert "row 22, column 'u'" in complaint(tmp_path, data=text_of(rows))
+    (log,) = describe(tmp_path, LOG + 'window = [0, "95 ms"]', data=text_of(rows)).logs
+    assert len(log.times) == 20
+
+
+@pytest.mark.parametrize(
+    ("held_out", "expected"),
+    [
+        ("true", [1] * 20),
+        ("false", [0] * 20),
+        ('{ from = "85 ms" }', [0] * 17 + [1] * 3),
+        ('{ to = "10 ms" }', [1] * 3 + [0] * 17),
+        # excursions from 1 to 3, to 2, to 0 and on to 2 and 3; the levels are 0, 2, 3
+        (
+            '{ input = "voltage", levels = "odd" }',
+            [0] * 3 + [1] * 5 + [0] * 4 + [1] * 2 + [0] * 2 + [1] * 4,
+        ),
+        ('{ input = "voltage", levels = "even" }', [0] * 8 + [1] * 4 + [0] * 2 + [1] * 2 + [0] * 4),
+    ],
+)
+def test_what_is_held_out(tmp_path: Path, held_out: str, expected: list[int]) -> None:
+    command = [1, 1, 1, 3, 3, 3, 1, 1, 2, 2, 1, 1, 0, 0, 2, 2, 3, 3, 1, 1]
+    rows = [(row[0], u, row[2]) for row, u in zip(TABLE, command)]
+    (log,) = describe(tmp_path, f"{LOG}held_out = {held_out}\n", data=text_of(rows)).logs
+    assert list(log.held_out) == expected
+
+
+def test_repeated_rows_can_be_dropped(tmp_path: Path) -> None:
+    rows = [*TABLE[:5], TABLE[4], TABLE[4], *TABLE[5:]]
+    said = complaint(tmp_path, data=text_of(rows))
+    assert "log.csv', row 7, column 'time_ms': time 0.12 s repeats" in said
+    assert 'time.repeats = "drop"' in said
+    log_ = LOG.replace('unit = "ms" }', 'unit = "ms", repeats = "drop" }')
+    (log,) = describe(tmp_path, log_, data=text_of(rows)).logs
+    assert log.outputs["angle"] == pytest.approx([row[2] * DEGREE for row in TABLE])
+    assert list(log.rows) == [2, 3, 4, 5, 6, *range(9, 24)]
+
+
+@pytest.mark.parametrize(
+    ("first", "more", "expected"),
+    [
+        (0.0, "", 0.0),
+        (0.04, "", 0.0),  # below a thousandth of the scale of 50 V
+        (5.0, "", 0.095),  # stop_time is 0.2 s, the log is shorter
+        (5.0, 'settle = "30 ms"', 0.03),
+        (0.0, "constants = { load_torque = 0.01 }", 0.095),
+    ],
+)
+def test_a_log_that_begins_away_from_rest_settles_first(
+    tmp_path: Path, first: float, more: str, expected: float
+) -> None:
+    rows = [(TABLE[0][0], first, TABLE[0][2]), *TABLE[1:]]
+    (log,) = describe(tmp_path, LOG + more, data=text_of(rows)).logs
+    assert log.settle == pytest.approx(expected)
+
+
+def test_inputs_of_another_table_are_held(tmp_path: Path) -> None:
+    reads = [{"t": 10.0 * i, "angle": 0.1 * i} for i in range(20)]
+    drive = [{"t": 15.0, "u": 1.0}, {"t": 15.0, "u": 9.0}, {"t": 40.0, "u": 2.0}]
+    (tmp_path / "log.json").write_text(json.dumps({"reads": reads, "drive": drive}))
+    log_ = """
+    [[logs]]
+    file = "log.json"
+    table = "reads"
+    time = { column = "t", unit = "ms" }
+    inputs.voltage = { column = "u", table = "drive" }
+    outputs.angle = "angle"
+    """
+    (log,) = describe(tmp_path, log_).logs
+    assert list(log.rows) == list(range(3, 21))  # the first command comes at 15 ms
+    assert list(log.inputs["voltage"]) == [1.0, 1.0] + [2.0] * 16
+    assert log.times[0] == 0.0
+    other = log_.replace('table = "reads"', 'table = "drive"').replace(
+        'outputs.angle = "angle"', 'outputs.angle = { column = "angle", table = "reads" }'
+    )
+    assert "it is in table 'reads', the time in 'drive'" in complaint(tmp_path, log=other)
+
+
+# Faults
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"torque_motor"', '"torque_moto"', ["actuator", "did you mean 'torque_motor'"]),
+        ('"measured"', '"measurd"', ["variant", "did you mean 'measured'"]),
+        ("variant", "varaint", ["unknown key 'varaint'; did you mean 'variant'"]),
+        (HEAD, "", ["actuator: missing"]),
+        ('"measured"\n', '"measured"\nfree = ["mass"]\n', ["free", "'mass'"]),
+        ('"measured"\n', '"measured\n', ["no TOML", "line 2"]),
+        (LOG, "", ["logs: missing", "[[logs]]"]),
+        (LOG, LOG + LOG, ["logs[2].name", "a second log 'log'"]),
+        ("[[logs]]", "[logs]", ["write [[logs]]"]),
+        ('file = "log.csv"', "", ["logs[1].file: missing"]),
+        ('"log.csv"', '"absent.csv"', ["cannot read", "absent.csv"]),
+        ('file = "log.csv"', 'file = "log.csv"\nnmae = "a"', ["logs[1].nmae", "'name'"]),
+        ('file = "log.csv"', 'file = "log.csv"\nheader = 1', ["header", "true nor false"]),
+        ('file = "log.csv"', 'file = "log.csv"\ntable = "a"', ["no table 'a'"]),
+        ('time = { column = "time_ms", unit = "ms" }', "", ["logs[1].time: missing"]),
+        ('column = "time_ms", ', "", ["logs[1].time.column: missing"]),
+        ('"ms"', '"deg"', ["logs[1].time.unit", "'deg' does not convert to 's'"]),
+        ('unit = "ms"', 'unit = "ms", repeats = "x"', ["logs[1].time.repeats", '"drop"']),
+        ('"time_ms"', '"time"', ["log.csv' has no column 'time'; did you mean 'time_ms'"]),
+        ("inputs.voltage", "inputs.volage", ["logs[1].inputs.volage", "'voltage'"]),
+        ("outputs.angle", "outputs.angel", ["logs[1].outputs.angel", "did you mean 'angle'"]),
+        ("outputs.angle", "outputs.rate", ["rate.unit", "'deg' does not convert to 'rad/s'"]),
+        ('outputs.angle = { column = "angle_deg", unit = "deg" }', "", ["outputs: missing"]),
+        ('unit = "deg"', 'unit = "V"', ["outputs.angle.unit", "'V' does not convert to 'rad'"]),
+        ('unit = "deg"', 'unit = "dge"', ["outputs.angle.unit", "unknown unit 'dge'"]),
+        ('unit = "deg"', 'unti = "deg"', ["outputs.angle.unti", "did you mean 'unit'"]),
+        ('unit = "deg"', "scale = 0", ["outputs.angle.scale"]),
+        ('unit = "deg"', "sign = 2", ["outputs.angle.sign", "1 or -1"]),
+        ('unit = "deg"', 'offset = "1 V"', ["outputs.angle.offset", "'V' does not convert"]),
+        ('unit = "deg"', "offset = true", ["outputs.angle.offset", "no number"]),
+        ('unit = "V"', "scale = 1e3", ["log.csv', row 3, column 'u'", "outside", "scale"]),
+        ('"u"', "9", ["log.csv' has no column 9"]),
+    ],
+)
+def test_a_fault_of_the_description_is_named(
+    tmp_path: Path, old: str, new: str, said: list[str]
+) -> None:
+    whole = HEAD + LOG
+    assert old in whole
+    message = complaint(tmp_path, log=whole.replace(old, new, 1), head="")
+    for words in said:
+        assert words in message
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("constants = { voltage = 1 }", ["constants.voltage", "keep one"]),
+        ("constants = { stifness = 1 }", ["constants.stifness", "did you mean 'stiffness'"]),
+        ('constants = { stiffness = "1 V" }', ["constants.stiffness", "does not convert"]),
+        ("constants = { load_torque = 1e9 }", ["constants.load_torque", "outside"]),
+        ("constants = { stiffness = -1 }", ["constants.stiffness", "outside"]),
+        ('window = "1 s"', ["logs[1].window", "no pair"]),
+        ("window = [1, 2]", ["logs[1].window: no row inside; the file lasts 0.095 s"]),
+        ("window = [2, 1]", ["logs[1].window.to", "not after"]),
+        ('window = [0, "1 V"]', ["logs[1].window.to", "does not convert"]),
+        ("window = [0, 0.05]", ["11 samples", "at least 16"]),
+        ("held_out = 3", ["logs[1].held_out"]),
+        ("held_out = { form = 1 }", ["logs[1].held_out.form", "did you mean 'from'"]),
+        ('held_out = { input = "u", levels = "odd" }', ["held_out.input", "'u'"]),
+        ('held_out = { input = "voltage", levels = "all" }', ["held_out.levels", '"even"']),
+        ("settle = -1", ["logs[1].settle", "below 0"]),
+        (
+            "[parameters]\nnull_shift.angel = 1",
+            ["parameters.null_shift.angel", "'null_shift.angle'"],
+        ),
+        ("[parameters]\nstiffness = [1]", ["parameters.stiffness: no number"]),
+        ("[parameters]\nstiffness = -1", ["parameters.stiffness", "outside"]),
+        ('[parameters]\n"null_shift.angle" = 0\nnull_shift.angle = 0', ["given twice"]),
+        ("[uncertainty]\nmass = 1", ["uncertainty.mass", "unknown parameter"]),
+        ("[uncertainty]\nstiffness = 0", ["uncertainty.stiffness", "above 0"]),
+        ('[uncertainty]\nnull_shift.angle = "5 %"', ["uncertainty.null_shift.angle", "share"]),
+        ('[uncertainty]\nstiffness = "x %"', ["uncertainty.stiffness", "'x %' is not a number"]),
+    ],
+)
+def test_a_fault_of_what_may_be_added_is_named(tmp_path: Path, more: str, said: list[str]) -> None:
+    message = complaint(tmp_path, log=f"{LOG}{more}\n")
+    assert "description.toml'" in message or "log.csv'" in message
+    for words in said:
+        assert words in message
+
+
+@pytest.mark.parametrize(
+    ("row", "cells", "said"),
+    [
+        (4, (120, "", 0), "row 6, column 'u' is empty"),
+        (4, (120, "nan", 0), "row 6, column 'u': 'nan' is not finite"),
+        (4, (120, 1, "up"), "row 6, column 'angle_deg': 'up' is not a number"),
+        (4, ("late", 1, 1), "row 6, column 'time_ms': 'late' is not a number"),
+        (4, (90, 1, 1), "row 6, column 'time_ms': time runs backward from 0.115 s to 0.09 s"),
+        (4, (115, 1, 1), "row 6, column 'time_ms': time 0.115 s repeats"),
+        (4, (120, 1), "row 6 has 2 cells"),
+        (4, (120, -900, 1), "row 6, column 'u': input 'voltage' = -900 V is outside"),
+    ],
+)
+def test_a_fault_of_the_log_is_named(
+    tmp_path: Path, row: int, cells: tuple[object, ...], said: str
+) -> None:
+    rows: list[Sequence[object]] = [*TABLE[:row], cells, *TABLE[row + 1 :]]
+    message = complaint(tmp_path, data=text_of(rows))
+    assert f"log.csv', {said}" in message
+
+
+def test_a_reading_that_never_changes_and_a_log_too_short(tmp_path: Path) -> None:
+    still = [(row[0], row[1], 1.25) for row in TABLE]
+    assert "column 'angle_deg' is constant" in complaint(tmp_path, data=text_of(still))
+    assert "15 samples" in complaint(tmp_path, data=text_of(TABLE[:15]))
+    assert len(describe(tmp_path, data=text_of(TABLE[:16])).logs[0].times) == 16
+
+
+# Logs of real actuators, as their authors recorded them
+
+
+def log_of(
+    folder: Path, tmp_path: Path, actuator: str, name: str, body: str, **options: str
+) -> Description:
+    path = tmp_path / "description.toml"
+    file = (folder / name).as_posix()
+    path.write_text(f'actuator = "{actuator}"\n[[logs]]\nfile = "{file}"\n{body}')
+    return read_description(path)
+
+
+def test_emps(logs_folder: Path, tmp_path: Path) -> None:
+    body = """
+    time = "t"
+    inputs.reference = "qg"
+    inputs.disturbance = "pulses_N"
+    outputs = { position = "qm", drive = "vir" }
+    settle = 0
+    """
+    found = log_of(logs_folder, tmp_path, "linear_drive", "emps/DATA_EMPS_PULSES.mat", body)
+    (log,) = found.logs
+    assert len(log.times) == 24841
+    assert log.duration == pytest.approx(24.84, rel=1e-4)
+    assert np.max(np.abs(log.outputs["position"] - log.inputs["reference"])) < 1e-3
+    assert log.settle == 0.0
+
+
+def test_sg90_steps(logs_folder: Path, tmp_path: Path) -> None:
+    body = """
+    time = { column = 1, unit = "ms" }
+    inputs.pulse_width = { column = 2, unit = "us", scale = 10, offset = 600 }
+    outputs.rate_reading = { column = 3, unit = "deg/s", scale = 7.75 }
+    held_out = { input = "pulse_width", levels = "even" }
+    """
+    (log,) = log_of(logs_folder, tmp_path, "sg90", "sg90_steps/log.csv", body).logs
+    command = log.inputs["pulse_width"]
+    away = command != command[0]
+    starts = away & (np.diff(command, prepend=command[0]) != 0.0)
+    assert np.count_nonzero(starts) == 26  # and as many steps back
+    levels = np.unique(command[away])
+    assert levels[-1] == pytest.approx(600e-6 + 135 * 10e-6)
+    held = [bool(log.held_out[command == level].all()) for level in levels]
+    assert held == [i % 2 == 1 for i in range(len(levels))]
+    turned = np.cumsum(log.outputs["rate_reading"][:-1] * np.diff(log.times))
+    assert np.max(np.abs(turned)) > 1.0  # the last steps are of more than 2 rad
+
+
+def test_sg90_video(logs_folder: Path, tmp_path: Path) -> None:
+    body = """
+    time = "t_s"
+    inputs.pulse_width = { column = "cmd_rad", unit = "us", scale = 600, offset = 600 }
+    outputs.angle_reading = { column = "theta_rad", unit = "rad" }
+    """
+    (log,) = log_of(logs_folder, tmp_path, "sg90", "sg90_video/sg90_square180.csv", body).logs
+    assert np.median(np.diff(log.times)) == pytest.approx(1 / 29.9, rel=0.01)
+    assert np.ptp(log.outputs["angle_reading"]) == pytest.approx(math.pi, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["rotation-multisine", "wrist_roll-trapezoidal_profile"])
+def test_so101(logs_folder: Path, tmp_path: Path, name: str) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    body = """
+    time = "time_s"
+    inputs.goal = "command_rad"
+    outputs = { angle = "position_rad", speed = "velocity_rad_s" }
+    """
+    (log,) = log_of(logs_folder, tmp_path, "mine.py", f"so101/{name}.csv", body).logs
+    assert np.median(np.diff(log.times)) == pytest.approx(0.0201, rel=0.01)
+    assert np.corrcoef(log.inputs["goal"], log.outputs["angle"])[0, 1] > 0.9
+
+
+def test_xl330(logs_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    body = """
+    time = "timestamp"
+    inputs = { goal = "goal_position", enabled = "torque_enable" }
+    outputs.angle = "position"
+    """
+    for path in sorted((logs_folder / "bam_xl330").glob("*.json")):
+        (log,) = log_of(logs_folder, tmp_path, "mine.py", f"bam_xl330/{path.name}", body).logs
+        assert log.duration == pytest.approx(6.0, rel=0.01)
+        assert set(np.unique(log.inputs["enabled"])) <= {0.0, 1.0}
+        document = json.loads(path.read_text())
+        row = int(log.rows[100]) - 1
+        assert document["entries"][row]["position"] == log.outputs["angle"][100]
