@@ -50,6 +50,8 @@ class Log:
         rows: row of the file for each sample, as its author would count, shape (n,).
         constants: SI values of parameters or inputs that hold in this log only.
         held_out: True for samples that no fit may see, shape (n,).
+        skipped: True for samples that neither count in a fit nor in a score, such as long rests
+            that would thin out every figure; None for no such samples.
         settle: time [s] for which the first row's inputs are held before the log begins, so
             that the simulation starts in equilibrium.
     """
@@ -65,11 +67,25 @@ class Log:
     held_out: Mask
     constants: Mapping[str, float] = field(default_factory=dict)
     settle: float = 0.0
+    skipped: Mask | None = None
 
     @property
     def duration(self) -> float:
         """Length of the log [s]."""
         return float(self.times[-1])
+
+    @property
+    def fitted(self) -> Mask:
+        """Samples that a fit sees, shape (n,)."""
+        return self._counted(~self.held_out)
+
+    @property
+    def checked(self) -> Mask:
+        """Samples held out, that a score sees, shape (n,)."""
+        return self._counted(self.held_out)
+
+    def _counted(self, mask: Mask) -> Mask:
+        return mask if self.skipped is None else mask & ~self.skipped
 
 
 ROUNDING = 1e-3

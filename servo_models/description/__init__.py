@@ -25,6 +25,7 @@ A description is a TOML file beside the logs::
     constants = { load_torque = "5 mN.m" }  # parameters and inputs that hold in this log only
     window = ["8 s", "20 s"]              # since the first row of the file, as is held_out
     held_out = { from = "12 s", to = "20 s" }
+    judged = { input = "voltage", after_change = "0.8 s" }  # nothing else counts in an error
     settle = "2 s"                        # for which the first row is held before the log
 
 A signal is sign * scale * number + offset, in ``unit``; a column in SI may be given by its

@@ -1,4 +1,4 @@
-"""Which samples no fit may see."""
+"""Which samples no fit may see, and which count at all."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from servo_models.actuator import unknown
 from servo_models.description.clock import span
+from servo_models.description.values import quantity
 from servo_models.recording import Mask
 from servo_models.toml_file import Section
 
@@ -36,6 +37,34 @@ def held_out(entry: Section, since: Array, inputs: Mapping[str, Array]) -> Mask:
         return _levels(section, inputs)
     section.check_keys(("from", "to"))
     return span(section, since)
+
+
+def skipped(entry: Section, times: Array, inputs: Mapping[str, Array]) -> Mask | None:
+    """Return the samples that do not count, shape (n,), None where all do.
+
+    ``judged = { input = "pulse_width", after_change = "0.8 s" }`` counts those within that
+    time after a change of the input.
+
+    Raises:
+        UserError: another key, an unknown input, or one that never changes.
+    """
+    if "judged" not in entry:
+        return None
+    section = entry.section("judged")
+    section.check_keys(("input", "after_change"))
+    name = section.text("input")
+    if name not in inputs:
+        section.fail("input", unknown("input with a column", name, inputs))
+    if "after_change" not in section:
+        section.fail("after_change", 'missing; write after_change = "0.8 s"')
+    span_after = quantity(section, "after_change", "s")
+    changes = np.flatnonzero(np.diff(inputs[name]) != 0.0) + 1
+    if not len(changes):
+        section.fail("input", f"'{name}' never changes; leave out judged")
+    latest = np.searchsorted(times[changes], times, side="right") - 1
+    since = times - times[changes][np.maximum(latest, 0)]
+    counted: Mask = (latest >= 0) & (since < span_after)
+    return ~counted
 
 
 def _levels(section: Section, inputs: Mapping[str, Array]) -> Mask:

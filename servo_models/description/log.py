@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from servo_models.actuator import Parameter, Wire, outside, unknown
 from servo_models.description.clock import Clock, column_key, cut_window, read_clock, time_table
-from servo_models.description.held_out import held_out
+from servo_models.description.held_out import held_out, skipped
 from servo_models.description.values import flattened, is_outside, quantity, setting
 from servo_models.errors import UserError
 from servo_models.logs import Columns
-from servo_models.recording import Channel, Log
+from servo_models.recording import Channel, Log, regular
 from servo_models.simulate import Model
 from servo_models.toml_file import Section
 from servo_models.units import factor
@@ -34,6 +34,7 @@ KEYS = (
     "constants",
     "window",
     "held_out",
+    "judged",
     "settle",
 )
 SIGNAL_KEYS = ("column", "unit", "scale", "offset", "sign", "table")
@@ -110,7 +111,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     fed = {name: _input(m, clock, others.get(m.table), wires[name]) for name, m in inputs.items()}
     measured = {name: _output(m, clock, readings[name]) for name, m in outputs.items()}
     constants = _constants(entry, chosen, inputs)
-    times = (clock.stamps - clock.stamps[0]) * clock.scale
+    times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
     origin = -float(clock.stamps[0]) * clock.scale
     time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
     return Log(
@@ -125,6 +126,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
         held_out=held_out(entry, clock.since, fed),
         constants=constants,
         settle=_settle(entry, chosen, fed, constants, float(times[-1])),
+        skipped=skipped(entry, times, fed),
     )
 
 

@@ -30,7 +30,7 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array) -> Array:
     middle = prior.T @ prior
     start = 0
     for log in problem.logs:
-        kept = int((~log.held_out).sum())
+        kept = int(log.fitted.sum())
         for _ in log.outputs:
             part = slice(start, start + kept)
             middle = middle + _scatter(jacobian[part], residuals[part])

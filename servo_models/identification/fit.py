@@ -73,7 +73,7 @@ def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -
         raise UserError(f"unknown search '{kind}'; {did_you_mean(kind, SEARCHES)}")
     if not names:
         raise UserError("no parameter is free: name some with --free, or give an uncertainty")
-    kept = sum(int((~log.held_out).sum()) for log in logs)
+    kept = sum(int(log.fitted.sum()) for log in logs)
     if kept <= len(names):
         raise UserError(
             f"{kept} samples to fit for {len(names)} free parameters: give a longer log, hold"
@@ -97,7 +97,7 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
     """Search again with each output weighted by its own error, which is maximum likelihood."""
     for name in problem.sigma:
         errors = [
-            (response[name] - log.outputs[name])[~log.held_out]
+            (response[name] - log.outputs[name])[log.fitted]
             for response, log in zip(problem.responses(found.vector), problem.logs)
             if name in log.outputs
         ]

@@ -147,7 +147,7 @@ class Problem:
         self.runs = [_prepare(self.model, log) for log in self.logs]
         for log in self.logs:
             for name, values in log.outputs.items():
-                self.sigma.setdefault(name, float(np.std(values[~log.held_out])) or 1.0)
+                self.sigma.setdefault(name, float(np.std(values[log.fitted])) or 1.0)
         self.restart(np.array([free.start for free in self.free]) / self.scales)
 
     def restart(self, vector: Array) -> None:
@@ -203,7 +203,7 @@ class Problem:
     def _residuals(self, vector: Array) -> Array:
         values = self.values(vector)
         self.evaluations += 1
-        data = [self.errors(run, values)[~run.log.held_out].T.ravel() for run in self.runs]
+        data = [self.errors(run, values)[run.log.fitted].T.ravel() for run in self.runs]
         return np.concatenate([*data, self._prior(vector)])
 
     def _prior(self, vector: Array) -> Array:
@@ -218,7 +218,7 @@ class Problem:
     @property
     def samples(self) -> int:
         """Number of weighted errors that a fit may see."""
-        return sum(int((~log.held_out).sum()) * len(log.outputs) for log in self.logs)
+        return sum(int(log.fitted.sum()) * len(log.outputs) for log in self.logs)
 
     def jacobian(self, vector: Array) -> Array:
         """Return the slope of ``residuals`` per scale, shape (m, p), by one-sided differences.

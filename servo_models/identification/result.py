@@ -100,7 +100,7 @@ def accuracy(
     rows: list[Accuracy] = []
     for log, old, new in zip(logs, before, after):
         for output, measured in log.outputs.items():
-            for part, mask in ((FIT, ~log.held_out), (HELD_OUT, log.held_out)):
+            for part, mask in ((FIT, log.fitted), (HELD_OUT, log.checked)):
                 if mask.any():
                     rows.append(_row(log, output, part, mask, measured, old[output], new[output]))
     return rows
