@@ -60,13 +60,14 @@ def summary(result: Result, chosen: Model, stepped: bool) -> Sheet:
     )
     end = f"{len(result.times)} points, {result.times[0]:g} to {result.times[-1]:g} s"
     main = chosen.plant.wire[chosen.plant.outputs[0]]
-    measures = (_measures(main, step_metrics(result.times, result[main.name])),) if stepped else ()
+    metrics = step_metrics(result.times, result[main.name])
+    title = f"Step response of {main.name}"
     warning = chosen.actuator.variant(chosen.variant).warning
     texts = {"Warning": warning, "Parameters changed by": chosen.provenance}
     return Sheet(
         f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
         tuple(f"{key}: {text}." for key, text in texts.items() if text),
-        (signals, *measures),
+        (signals, measures(main, metrics, title)) if stepped else (signals,),
     )
 
 
@@ -105,13 +106,14 @@ def _grid(stop: float, dt: float) -> NDArray[np.float64]:
 
 
 def _range(wire: Wire, values: NDArray[np.float64]) -> tuple[str, ...]:
-    scale, unit = _display(wire)
+    scale, unit = display(wire)
     figures = (values[0], values[-1], values.min(), values.max())
     return (wire.name, *(f"{scale * figure:.6g}" for figure in figures), unit)
 
 
-def _measures(wire: Wire, metrics: StepMetrics) -> Table:
-    scale, unit = _display(wire)
+def measures(wire: Wire, metrics: StepMetrics, title: str) -> Table:
+    """Return the measures of a step response [SI] in the unit that a person reads."""
+    scale, unit = display(wire)
     share = None if metrics.overshoot is None else 100.0 * metrics.overshoot
     rows = (
         ("final value, the last one", scale * metrics.final, unit),
@@ -122,7 +124,7 @@ def _measures(wire: Wire, metrics: StepMetrics) -> Table:
         ("settling to +-2 %", metrics.settling_2, "s"),
     )
     return Table(
-        f"Step response of {wire.name}",
+        title,
         ("measure", "value", "unit"),
         tuple(
             (name, "not reached" if figure is None else f"{figure:.4g}", unit)
@@ -131,6 +133,7 @@ def _measures(wire: Wire, metrics: StepMetrics) -> Table:
     )
 
 
-def _display(wire: Wire) -> tuple[float, str]:
+def display(wire: Wire) -> tuple[float, str]:
+    """Return the factor from SI to the unit that a person reads, and that unit, "" for none."""
     unit = wire.display or wire.unit
     return (factor(wire.unit, unit) if wire.display else 1.0), "" if unit == "1" else unit

@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 
 from servo_models.cli.build import build
 from servo_models.cli.explain import explain
+from servo_models.cli.figures import figures
 from servo_models.cli.list_ import list_
 from servo_models.cli.simulate import simulate
 from servo_models.cli.validate import validate
@@ -51,6 +52,7 @@ app = typer.Typer(
 app.command(name="list")(list_)
 app.command()(explain)
 app.command()(simulate)
+app.command()(figures)
 app.command()(build)
 app.command()(validate)
 

@@ -1,0 +1,74 @@
+"""servo-models figures"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import (
+    Actuator,
+    Params,
+    Settings,
+    Variant,
+    assignments,
+    chosen_model,
+    complete_input,
+)
+
+
+def figures(
+    actuator: Actuator = None,
+    variant: Variant = None,
+    set_: Settings = None,
+    params: Params = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="INPUT=VALUE",
+            help="Input at the working point; may be repeated. Default: at rest.",
+            autocompletion=complete_input,
+        ),
+    ] = None,
+    amplitude: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUE",
+            help="Size of the command, as input or as output; default a tenth of the standard"
+            " step.",
+        ),
+    ] = None,
+    frequency: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="VALUE", help="Frequency to tell gain and phase lag at; may be repeated."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write figures and A, B, C, D: .json, .mat or .npz."),
+    ] = None,
+) -> None:
+    """Measure slew rate, bandwidth, delay, phase lag; linear state space A, B, C, D.
+
+    Examples:
+
+    servo-models figures torque_motor --amplitude "1 deg" --frequency "10 Hz"
+
+    servo-models figures sg90 --at "pulse_width=1.6 ms" --amplitude "20 deg" --out sg90.mat
+
+    servo-models figures --params identified.toml
+    """
+    from servo_models.cli.console import progress, show
+    from servo_models.figures import figures as measure
+    from servo_models.figures_sheet import check_suffix, figures_sheet, write_figures
+
+    if out:
+        check_suffix(out)
+    chosen = chosen_model(actuator, variant, set_, params)
+    with progress(f"measuring {chosen.actuator.name}"):
+        found = measure(chosen, assignments("--at", at or ()), amplitude, frequency or ())
+    show(figures_sheet(found))
+    if out:
+        write_figures(found, out)
