@@ -192,7 +192,9 @@ outputs.angle = { column = "angle_deg", unit = "deg" }
 
 def test_an_actuator_of_ones_own(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OWN)
-    found = describe(tmp_path, JOINT, 'actuator = "mine.py"\nfree = ["time_constant"]\n')
+    log_ = JOINT + "constants = { enabled = false }\n"
+    found = describe(tmp_path, log_, 'actuator = "mine.py"\nfree = ["time_constant"]\n')
+    assert found.logs[0].constants == {"enabled": 0.0}
     times = np.linspace(0.0, 1.0, 11)
     response = simulate(found.model, times, {"goal": 1.0})["angle"]
     assert response == pytest.approx(1.0 - np.exp(-times / 0.2), abs=1e-9)
@@ -257,6 +259,16 @@ def test_what_is_held_out(tmp_path: Path, held_out: str, expected: list[int]) ->
     assert list(log.held_out) == expected
 
 
+def test_only_what_follows_a_command_counts(tmp_path: Path) -> None:
+    command = [1, 1, 1, 3, 3, 3, 3, 3, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3]
+    rows = [(row[0], u, row[2]) for row, u in zip(TABLE, command)]
+    judged = 'judged = { input = "voltage", after_change = "12 ms" }\n'
+    held = 'held_out = { from = "50 ms" }\n'
+    (log,) = describe(tmp_path, LOG + judged + held, data=text_of(rows)).logs
+    assert list(np.flatnonzero(log.fitted)) == [3, 4, 5, 9]
+    assert list(np.flatnonzero(log.checked)) == [10, 11, 12]
+
+
 def test_repeated_rows_can_be_dropped(tmp_path: Path) -> None:
     rows = [*TABLE[:5], TABLE[4], TABLE[4], *TABLE[5:]]
     said = complaint(tmp_path, data=text_of(rows))
@@ -300,12 +312,27 @@ def test_inputs_of_another_table_are_held(tmp_path: Path) -> None:
     """
     (log,) = describe(tmp_path, log_).logs
     assert list(log.rows) == list(range(3, 21))  # the first command comes at 15 ms
-    assert list(log.inputs["voltage"]) == [1.0, 1.0] + [2.0] * 16
+    assert list(log.inputs["voltage"]) == [9.0, 9.0] + [2.0] * 16
     assert log.times[0] == 0.0
     other = log_.replace('table = "reads"', 'table = "drive"').replace(
         'outputs.angle = "angle"', 'outputs.angle = { column = "angle", table = "reads" }'
     )
     assert "it is in table 'reads', the time in 'drive'" in complaint(tmp_path, log=other)
+
+
+def test_columns_that_were_not_sampled_together(tmp_path: Path) -> None:
+    document = {"t": list(range(20)), "u": [1.0] * 20, "angle": [0.1] * 19, "none": []}
+    (tmp_path / "log.json").write_text(json.dumps(document))
+    log_ = """
+    [[logs]]
+    file = "log.json"
+    time = "t"
+    inputs.voltage = "u"
+    outputs.angle = "angle"
+    """
+    assert "column 'angle' has 19 rows, the time 20" in complaint(tmp_path, log=log_)
+    no_time = log_.replace('"t"', '"none"')
+    assert "column 'none' has no rows" in complaint(tmp_path, log=no_time)
 
 
 # Faults
@@ -376,6 +403,9 @@ def test_a_fault_of_the_description_is_named(
         ('held_out = { input = "u", levels = "odd" }', ["held_out.input", "'u'"]),
         ('held_out = { input = "voltage", levels = "all" }', ["held_out.levels", '"even"']),
         ("settle = -1", ["logs[1].settle", "below 0"]),
+        ('judged = { input = "voltag", after_change = 1 }', ["judged.input", "'voltage'"]),
+        ('judged = { input = "voltage" }', ["judged.after_change: missing"]),
+        ('judged = { input = "voltage", after = 1 }', ["judged.after", "'after_change'"]),
         (
             "[parameters]\nnull_shift.angel = 1",
             ["parameters.null_shift.angel", "'null_shift.angle'"],

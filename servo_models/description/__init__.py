@@ -44,7 +44,7 @@ from servo_models.actuator import Actuator, unknown
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.description.log import read_log
 from servo_models.description.own_actuator import load_actuator
-from servo_models.description.values import flattened, quantity, setting
+from servo_models.description.values import named, quantity, setting
 from servo_models.errors import UserError
 from servo_models.logs import read_columns
 from servo_models.parameter_set import ParameterSet, read_parameters
@@ -129,13 +129,9 @@ def _model(document: Section) -> tuple[Model, dict[str, float]]:
         variant = actuator.variant(given).name
     except UserError as error:
         document.fail("variant", error)
-    section = flattened(document.section("parameters"))
-    plant = actuator.plant_of(variant)
-    for name in section:
-        if name not in plant.parameters:
-            where = f"actuator '{actuator.name}'"
-            section.fail(name, unknown("parameter", name, plant.parameters, where))
-    overrides = {name: setting(section, name, plant.parameters[name]) for name in section}
+    parameters = actuator.plant_of(variant).parameters
+    section = named(document.section("parameters"), "parameter", parameters)
+    overrides = {name: setting(section, name, parameters[name]) for name in section}
     if known:
         return known.model(overrides), {**known.settings(), **overrides}
     return model(actuator, variant, overrides), overrides
@@ -166,11 +162,9 @@ def _uncertainty(given: Section, chosen: Model) -> dict[str, float]:
         name: share * abs(chosen.values[name]) for name, share in variant.uncertainty.items()
     }
     spread = {name: size for name, size in relative.items() if size > 0.0}
-    section, known = flattened(given), chosen.plant.parameters
+    known = chosen.plant.parameters
+    section = named(given, "parameter", known)
     for name in section:
-        if name not in known:
-            where = f"actuator '{chosen.actuator.name}'"
-            section.fail(name, unknown("parameter", name, known, where))
         text = section.content[name]
         if isinstance(text, str) and text.strip().endswith("%"):
             spread[name] = quantity(section, name, "1") * abs(chosen.values[name])

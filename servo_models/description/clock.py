@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from servo_models.description.values import quantity
 from servo_models.errors import UserError
 from servo_models.logs import Columns
+from servo_models.recording import Array, Mask
 from servo_models.toml_file import Section
 from servo_models.units import factor
 
-Array = NDArray[np.float64]
 KEYS = ("column", "unit", "table", "repeats")
 
 
@@ -51,7 +51,17 @@ class Clock:
         return replace(self, stamps=self.stamps[first:last], rows=self.rows[first:last])
 
     def numbers(self, column: str | int) -> Array:
-        """Return a column of the table in the rows kept, shape (n,); see ``Columns.numbers``."""
+        """Return a column of the table in the rows kept, shape (n,).
+
+        Raises:
+            UserError: see ``Columns.numbers``; or a column not as long as that of the times.
+        """
+        lengths = [len(self.columns.cells[self.columns.index(c)]) for c in (column, self.column)]
+        if lengths[0] != lengths[1]:
+            raise UserError(
+                f"{self.columns.where(column)} has {lengths[0]} rows, the time {lengths[1]}: name"
+                " columns that were sampled together, or the table of each"
+            )
         first = int(self.rows[0])
         found = self.columns.numbers(column, slice(first, int(self.rows[-1]) + 1))
         return found[self.rows - first]
@@ -65,14 +75,13 @@ def time_table(entry: Section) -> str | None:
     return name or None
 
 
-def read_clock(entry: Section, columns: Columns, repeats: str | None = None) -> Clock:
+def read_clock(entry: Section, columns: Columns, held: bool = False) -> Clock:
     """Read the times of a table as ``entry`` describes them.
 
     Args:
         entry: the description of the log.
         columns: the table.
-        repeats: ``"drop"`` keeps the first row of those with the same time; None does as
-            the description says.
+        held: the values of the table are held, so that a time may repeat: the last row counts.
 
     Raises:
         UserError: no column for the time, a unit that is none of time, time that runs
@@ -84,18 +93,21 @@ def read_clock(entry: Section, columns: Columns, repeats: str | None = None) -> 
         scale = factor(unit, "s")
     except UserError as error:
         time.fail("unit", error)
-    drop = repeats or time.text("repeats", "keep")
-    if drop not in ("drop", "keep"):
-        time.fail("repeats", f"'{drop}' is unknown; write repeats = \"drop\" or leave it out")
+    repeats = time.text("repeats")
+    if repeats not in ("", "drop"):
+        time.fail("repeats", f"'{repeats}' is unknown; write repeats = \"drop\" or leave it out")
     stamps = columns.numbers(column)
+    if not len(stamps):
+        raise UserError(f"{columns.where(column)} has no rows: name another column")
     columns.check_order(column, scale * stamps)
-    rows = np.flatnonzero(np.diff(stamps, prepend=-np.inf) > 0.0)
-    if drop == "keep" and len(rows) < len(stamps):
-        row = int(np.flatnonzero(np.diff(stamps) == 0.0)[0]) + 1
+    again = np.diff(stamps, prepend=-np.inf) == 0.0
+    if again.any() and not (held or repeats):
+        row = int(np.argmax(again))
         raise UserError(
             f"{columns.where(column, row)}: time {scale * stamps[row]:.9g} s repeats; remove the"
             ' row or set time.repeats = "drop"'
         )
+    rows = np.arange(len(stamps)) if held else np.flatnonzero(~again)
     return Clock(columns, column, unit, stamps[rows], rows, float(stamps[0]))
 
 
@@ -134,11 +146,11 @@ def cut_window(entry: Section, clock: Clock) -> Clock:
     return clock.cut(int(kept[0]), int(kept[-1]) + 1)
 
 
-def span(section: Section, since: Array) -> NDArray[np.bool_]:
+def span(section: Section, since: Array) -> Mask:
     """Mark times [s] between ``from`` and ``to``, ends included; either may be left out."""
     ends = [quantity(section, key, "s") if key in section else None for key in ("from", "to")]
     begin, end = -np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1]
     if begin >= end:
         section.fail("to", f"{end:g} s is not after {begin:g} s")
-    marked: NDArray[np.bool_] = (since >= begin) & (since <= end)
+    marked: Mask = (since >= begin) & (since <= end)
     return marked

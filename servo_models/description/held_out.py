@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models.actuator import unknown
 from servo_models.description.clock import span
 from servo_models.description.values import quantity
-from servo_models.recording import Mask
+from servo_models.recording import Array, Mask
 from servo_models.toml_file import Section
 
-Array = NDArray[np.float64]
 LEVELS = {"odd": 0, "even": 1}
 
 

@@ -7,20 +7,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models.actuator import Parameter, Wire, outside, unknown
 from servo_models.description.clock import Clock, column_key, cut_window, read_clock, time_table
 from servo_models.description.held_out import held_out, skipped
-from servo_models.description.values import flattened, is_outside, quantity, setting
+from servo_models.description.values import is_outside, named, quantity, setting
 from servo_models.errors import UserError
 from servo_models.logs import Columns
-from servo_models.recording import Channel, Log, regular
+from servo_models.recording import Array, Channel, Log, regular
 from servo_models.simulate import Model
 from servo_models.toml_file import Section
 from servo_models.units import factor
 
-Array = NDArray[np.float64]
 Read = Callable[[Path, str | None, bool | None], Columns]
 
 KEYS = (
@@ -95,7 +93,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     columns = table(main)
     clock = cut_window(entry, read_clock(entry, columns))
     others = {
-        mapped.table: read_clock(entry, table(mapped.table), repeats="drop")
+        mapped.table: read_clock(entry, table(mapped.table), held=True)
         for mapped in inputs.values()
         if mapped.table != main
     }
@@ -175,11 +173,11 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
         own = other
         held = np.searchsorted(other.stamps, clock.stamps, side="right") - 1
     values = _si(mapped, own.numbers(mapped.column))
-    bad = [i for i in np.unique(held) if is_outside(values[i], wire.low, wire.high)]
-    if bad:
+    bad = held[is_outside(values[held], wire)]
+    if len(bad):
         place = own.columns.where(mapped.column, int(own.rows[bad[0]]))
         raise UserError(
-            f"{place}: {outside('input', wire.name, values[bad[0]], wire)}, or correct the"
+            f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
             " column's unit and scale"
         )
     return values[held]
@@ -196,12 +194,10 @@ def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
 
 
 def _constants(entry: Section, chosen: Model, inputs: Mapping[str, Mapped]) -> dict[str, float]:
-    section = flattened(entry.section("constants"))
     known: dict[str, Parameter | Wire] = {wire.name: wire for wire in chosen.plant.inputs}
     known |= chosen.plant.parameters
+    section = named(entry.section("constants"), "parameter or input", known)
     for name in section:
-        if name not in known:
-            section.fail(name, unknown("parameter or input", name, known))
         if name in inputs:
             section.fail(name, "also an input with a column; keep one")
     return {name: setting(section, name, known[name]) for name in section}

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from servo_models.actuator import Parameter, Wire, outside
+import numpy as np
+
+from servo_models.actuator import Parameter, Wire, outside, unknown
+from servo_models.block import Param
 from servo_models.errors import UserError
+from servo_models.recording import Array, Mask
 from servo_models.toml_file import Section
 from servo_models.units import parse
 
@@ -27,30 +31,37 @@ def quantity(section: Section, key: str, unit: str) -> float:
 
 
 def setting(section: Section, name: str, what: Parameter | Wire) -> float:
-    """Return the value [SI] of a parameter or an input.
+    """Return the value [SI] of a parameter or an input; true or false for one that is a flag.
 
     Raises:
         UserError: see ``quantity``; or a value out of bounds.
     """
+    if isinstance(what, Wire) and what.flag and isinstance(section.content[name], bool):
+        return float(section.content[name])
     kind, bounds = ("parameter", what.param) if isinstance(what, Parameter) else ("input", what)
     value = quantity(section, name, bounds.unit)
-    if is_outside(value, bounds.low, bounds.high):
+    if is_outside(np.array(value), bounds):
         section.fail(name, outside(kind, name, value, bounds))
     return value
 
 
-def is_outside(value: float, low: float | None, high: float | None) -> bool:
-    return (low is not None and value < low) or (high is not None and value > high)
+def is_outside(values: Array, bounds: Param | Wire) -> Mask:
+    """Mark values [SI] out of the bounds of a parameter or a wire; same shape as ``values``."""
+    low = -np.inf if bounds.low is None else bounds.low
+    high = np.inf if bounds.high is None else bounds.high
+    return np.asarray((values < low) | (values > high))
 
 
-def flattened(section: Section) -> Section:
+def named(section: Section, kind: str, known: Mapping[str, object]) -> Section:
     """Return a table with what TOML makes of dotted keys under their dotted names.
 
     Raises:
-        UserError: a name given twice, quoted and nested.
+        UserError: a name that is not ``known``, or one given twice, quoted and nested.
     """
     content: dict[str, Any] = {}
     for name, value in _leaves("", section.content):
+        if name not in known:
+            section.fail(name, unknown(kind, name, known))
         if name in content:
             section.fail(name, "given twice, quoted and nested; keep one")
         content[name] = value
