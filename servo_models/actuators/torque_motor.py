@@ -201,18 +201,24 @@ TABLE_2 = {
 }
 
 
-def grey_box(gain: float, s2: float, s1: float, s0: float) -> dict[str, float]:
-    """Torque motor constants from the coefficients of eq. 12, with R, J, K_s of Table 1.
+def grey_box(
+    gain: float,
+    s2: float,
+    s1: float,
+    s0: float,
+    resistance: float = TABLE_1["resistance"],
+    rotor_inertia: float = TABLE_1["rotor_inertia"],
+    stiffness: float = TABLE_1["stiffness"],
+) -> dict[str, float]:
+    """Torque motor constants from the coefficients of eq. 12, with R, J, K_s known.
 
     Solves eq. 9 = gain / (s^3 + s2 s^2 + s1 s + s0) for L, K_t, K_f, K_b in this order.
     Source: valve paper sec. 5, the four linear equations behind Table 2.
     """
-    resistance, inertia = TABLE_1["resistance"], TABLE_1["rotor_inertia"]
-    stiffness = TABLE_1["stiffness"]
-    inductance = resistance * stiffness / (inertia * s0)
-    torque_constant = gain * inertia * inductance
-    friction = inertia * (s2 - resistance / inductance)
-    rest = s1 * inertia * inductance - resistance * friction - stiffness * inductance
+    inductance = resistance * stiffness / (rotor_inertia * s0)
+    torque_constant = gain * rotor_inertia * inductance
+    friction = rotor_inertia * (s2 - resistance / inductance)
+    rest = s1 * rotor_inertia * inductance - resistance * friction - stiffness * inductance
     return {
         "inductance": inductance,
         "torque_constant": torque_constant,

@@ -1,0 +1,23 @@
+"""Transfer functions from measured records: estimate, compare, choose."""
+
+from __future__ import annotations
+
+from servo_models.transfer.evidence import Record, Sweep
+from servo_models.transfer.functions import STRUCTURES, Structure, TransferFunction
+from servo_models.transfer.identify import Candidate, TransferResult, identify_transfer
+from servo_models.transfer.sheet import sheet
+from servo_models.transfer.sweeps import read_sweeps, sweep_of_sines
+
+__all__ = [
+    "STRUCTURES",
+    "Candidate",
+    "Record",
+    "Structure",
+    "Sweep",
+    "TransferFunction",
+    "TransferResult",
+    "identify_transfer",
+    "read_sweeps",
+    "sheet",
+    "sweep_of_sines",
+]
