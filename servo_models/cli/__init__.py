@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from servo_models.cli.build import build
+from servo_models.cli.check import check
 from servo_models.cli.explain import explain
 from servo_models.cli.figures import figures
 from servo_models.cli.list_ import list_
@@ -53,6 +54,7 @@ app.command(name="list")(list_)
 app.command()(explain)
 app.command()(simulate)
 app.command()(figures)
+app.command()(check)
 app.command()(build)
 app.command()(validate)
 

@@ -1,0 +1,65 @@
+"""servo-models check"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import complete_actuator
+from servo_models.errors import UserError
+
+
+def check(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A description, .toml; with --init a log.")
+    ],
+    init: Annotated[
+        bool, typer.Option("--init", help="Write a first description of a log, to be edited.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where to write it; default: beside the log, .toml."),
+    ] = None,
+    actuator: Annotated[
+        str | None,
+        typer.Option(help="What made the log, see 'list'.", autocompletion=complete_actuator),
+    ] = None,
+) -> int:
+    """Check logs: sampling, readings, noise floor, and what they can and cannot determine.
+
+    Exit code 0: usable, 1: usable with the warnings printed, 2: could not run.
+
+    Examples:
+
+    servo-models check log.csv --init --actuator torque_motor
+
+    servo-models check log.toml
+    """
+    if init:
+        return _init(file, out, actuator)
+    if out or actuator:
+        raise UserError("--out and --actuator say how a description is begun: add --init")
+    if file.suffix.lower() != ".toml":
+        raise UserError(
+            f"'{file}' is no description; begin one with 'servo-models check {file} --init'"
+        )
+    from servo_models.check import check as run
+    from servo_models.check import check_sheet
+    from servo_models.cli.console import show
+    from servo_models.description import read_description
+
+    found = run(read_description(file))
+    show(check_sheet(found))
+    return 1 if found.warnings else 0
+
+
+def _init(file: Path, out: Path | None, actuator: str | None) -> int:
+    from servo_models.drafting import draft, write_draft
+
+    made = draft(file, actuator)
+    path = out or file.with_suffix(".toml")
+    write_draft(made, path)
+    print(f"wrote {path}: {made.next_step(path)}")
+    return 0
