@@ -135,23 +135,23 @@ def _case_job(case: Case, subject: Subject) -> Callable[[], list[Row]]:
 
 def _actuator_jobs(opened: list[Subject]) -> list[Job]:
     from servo_models.validation import paper_sg90, paper_torque_motor
-    from servo_models.validation.cost import CASES
+    from servo_models.validation.cases import all_cases
 
     papers = {"sg90": paper_sg90.rows, "torque_motor": paper_torque_motor.rows}
     names = list(dict.fromkeys(subject.model.actuator.name for subject in opened))
     jobs: list[Job] = [
         (f"{name}: figures of the paper", papers[name]) for name in names if name in papers
     ]
-    for name in names:
-        if name in CASES:
-            jobs.append((f"{name}: error against step size", _cost_job(name)))
+    for case in all_cases():
+        if case.cost and case.actuator in names:
+            jobs.append((f"{case.actuator}: error against step size", _cost_job(case)))
     return jobs
 
 
-def _cost_job(name: str) -> Callable[[], CostCurve]:
+def _cost_job(case: Case) -> Callable[[], CostCurve]:
     from servo_models.validation.cost import cost_curve
 
-    return lambda: cost_curve(name)
+    return lambda: cost_curve(case)
 
 
 __all__ = [

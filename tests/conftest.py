@@ -18,6 +18,7 @@ MODELS = {
     "oscillatory": ("sg90", "oscillatory_motor"),
     "torque_motor": ("torque_motor", None),
     "measured": ("torque_motor", "measured"),
+    "linear_drive": ("linear_drive", None),
 }
 
 

@@ -93,7 +93,7 @@ def test_schedules_hold_and_grids_end() -> None:
     assert schedule(times, (0.0, 5.0), (0.2, 7.0)).tolist() == [5.0, 5.0, 7.0, 7.0]
 
 
-@pytest.mark.parametrize("name", ["sg90", "oscillatory", "torque_motor"])
+@pytest.mark.parametrize("name", ["sg90", "oscillatory", "torque_motor", "linear_drive"])
 def test_an_fmu_equals_its_simulation(name: str, fmu_file: FmuFile) -> None:
     subject = Subject(fmu_file(name))
     rows = implementation_rows(subject)
@@ -211,8 +211,8 @@ def test_an_fmu_that_stops_says_why(fmu_file: FmuFile) -> None:
 
 
 def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("servo_models.validation.cases._sg90_steps", list)
-    monkeypatch.setattr("servo_models.validation.cost.CASES", {})
+    monkeypatch.setattr("servo_models.validation.cases.sg90._steps", list)
+    monkeypatch.setattr("servo_models.validation.cost.FACTORS", (1.0,))
     told: list[tuple[int, int, str]] = []
     result = validate([model("sg90")], lambda *now: told.append(now))
     jobs = told[-1][1]
@@ -255,7 +255,7 @@ def slope(curve: CostCurve, output: str) -> float:
 
 
 def test_cost_curve_shows_the_order_of_the_method() -> None:
-    curve = cost_curve("torque_motor")
+    curve = cost_curve(next(c for c in all_cases() if c.actuator == "torque_motor" and c.cost))
     assert curve.default_step in {point.internal_step for point in curve.points}
     assert slope(curve, "angle") == pytest.approx(4.0, abs=0.4)
     assert all(point.seconds > 0.0 for point in curve.points)

@@ -6,6 +6,7 @@ from servo_models.report import (
     accuracy,
     conditions,
     implementation,
+    linear_drive,
     model,
     paper,
     sg90,
@@ -16,7 +17,17 @@ from servo_models.report.claim import judgement
 from servo_models.report.page import Page, render
 from servo_models.validation.rows import Validation
 
-SECTIONS = (verdict, implementation, model, sg90, torque_motor, accuracy, paper, conditions)
+SECTIONS = (
+    verdict,
+    implementation,
+    model,
+    sg90,
+    torque_motor,
+    linear_drive,
+    accuracy,
+    paper,
+    conditions,
+)
 
 
 def validation_page(validation: Validation, date: str) -> str:

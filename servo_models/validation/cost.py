@@ -9,34 +9,21 @@ from numpy.typing import NDArray
 
 from servo_models.compare import max_error
 from servo_models.simulate import Model, model
-from servo_models.validation.cases import Case, all_cases
+from servo_models.validation.cases import Case
 from servo_models.validation.responses import input_columns
 from servo_models.validation.rows import CostCurve, CostPoint
 
-CASES = {
-    "sg90": ("printed", "pulses, load and weak supply, every 7.3 ms"),
-    "torque_motor": ("identified", "40 V step, stops off, every 1 ms"),
-}
-"""Variant and case of each curve."""
 FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Internal steps that are tried, in default ones, as far as the bounds allow."""
-OUTPUTS = {
-    "sg90": ("angle", "rate", "motor_voltage"),
-    "torque_motor": ("angle", "rate", "current"),
-}
 REPEATS, LONGER = 5, 10
 
 
-def cost_curve(actuator: str) -> CostCurve:
-    """Return errors against the reference, and run times, of one case of an actuator.
+def cost_curve(case: Case) -> CostCurve:
+    """Return errors of ``case.cost`` against the reference, and run times.
 
     The time is the least of five runs of the compiled simulation.
     """
-    variant, name = CASES[actuator]
-    case = next(
-        c for c in all_cases() if (c.actuator, c.variant, c.name) == (actuator, variant, name)
-    )
-    chosen = model(actuator, variant, case.parameters)
+    chosen = model(case.actuator, case.variant, case.parameters)
     columns = input_columns(case, chosen)
     inputs = {wire.name: columns[:, k] for k, wire in enumerate(chosen.plant.inputs)}
     expected = case.reference(case.times, inputs)
@@ -46,12 +33,12 @@ def cost_curve(actuator: str) -> CostCurve:
     for factor in FACTORS:
         step = factor * default
         if parameter.low <= step <= parameter.high:
-            tried = model(actuator, variant, {**case.parameters, "internal_step": step})
+            tried = model(case.actuator, case.variant, {**case.parameters, "internal_step": step})
             seconds, out = _timed(tried, case, columns)
             got = {name: out[:, k] for k, name in enumerate(tried.plant.outputs)}
-            error = {name: max_error(expected[name], got[name]) for name in OUTPUTS[actuator]}
+            error = {name: max_error(expected[name], got[name]) for name in case.cost}
             points.append(CostPoint(step, error, seconds / float(case.times[-1])))
-    return CostCurve(actuator, variant, name, default, tuple(points))
+    return CostCurve(case.actuator, case.variant, case.name, default, tuple(points))
 
 
 def _timed(

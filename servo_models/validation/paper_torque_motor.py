@@ -14,7 +14,8 @@ from servo_models.linear_model import transfer_function
 from servo_models.linearise import linearise
 from servo_models.reference import torque_motor as reference
 from servo_models.simulate import model, simulate
-from servo_models.validation.cases import NO_STOPS, grid
+from servo_models.validation.cases import grid
+from servo_models.validation.cases.torque_motor import NO_STOPS
 from servo_models.validation.paper import figure, not_reproducible
 from servo_models.validation.rows import Row
 

@@ -51,13 +51,14 @@ def response_rows(case: Case, model: Model, run: Run, subject: str = "") -> list
             rows.append(
                 judged(MODEL, where, f"{name}: largest error", error, bar, "1", note, subject)
             )
-    error = nrmse(expected["angle"][rows_of_case], got["angle"])
-    rows.append(judged(MODEL, where, "angle: NRMSE", error, case.bar("angle"), "1", note, subject))
+    main = case.main
+    error = nrmse(expected[main][rows_of_case], got[main])
+    rows.append(judged(MODEL, where, f"{main}: NRMSE", error, case.bar(main), "1", note, subject))
     rows.append(judged(MODEL, where, "points outside the tube", outside, 0.0, "1", note, subject))
     if case.is_step:
-        reference = step_metrics(case.times, expected["angle"][rows_of_case])
-        measured = step_metrics(case.times, got["angle"], final=reference.final)
-        rows += _measures(where, case.bar("angle"), reference, measured, note, subject)
+        reference = step_metrics(case.times, expected[main][rows_of_case])
+        measured = step_metrics(case.times, got[main], final=reference.final)
+        rows += _measures(where, main, case.bar(main), reference, measured, note, subject)
     return rows
 
 
@@ -81,6 +82,7 @@ def _reference(
 
 def _measures(
     where: tuple[str, str, str],
+    main: str,
     bar: float,
     reference: StepMetrics,
     measured: StepMetrics,
@@ -90,16 +92,20 @@ def _measures(
     rise = reference.rise or 0.0
     rows = []
     for name, title, limit, unit in (
-        ("delay", "angle: error of the delay (50 %)", TIME_MARGIN * bar * rise, "s"),
-        ("rise", "angle: error of the rise time (10 to 90 %)", TIME_MARGIN * bar * rise, "s"),
-        ("overshoot", "angle: error of the overshoot", TIME_MARGIN * bar, "1"),
-        ("settling_2", "angle: error of the settling time (2 %)", TIME_MARGIN * bar * rise, "s"),
-        ("settling_5", "angle: error of the settling time (5 %)", TIME_MARGIN * bar * rise, "s"),
+        ("delay", "error of the delay (50 %)", TIME_MARGIN * bar * rise, "s"),
+        ("rise", "error of the rise time (10 to 90 %)", TIME_MARGIN * bar * rise, "s"),
+        ("overshoot", "error of the overshoot", TIME_MARGIN * bar, "1"),
+        ("settling_2", "error of the settling time (2 %)", TIME_MARGIN * bar * rise, "s"),
+        ("settling_5", "error of the settling time (5 %)", TIME_MARGIN * bar * rise, "s"),
     ):
         wanted, got = getattr(reference, name), getattr(measured, name)
         error = 0.0 if wanted == got else None
         if wanted is not None and got is not None:
             error = abs(got - wanted)
         stands = "never" if wanted is None else f"{wanted:.6g} {unit.replace('1', '')}".strip()
-        rows.append(judged(MODEL, where, title, error, limit, unit, f"{note}, {stands}", subject))
+        rows.append(
+            judged(
+                MODEL, where, f"{main}: {title}", error, limit, unit, f"{note}, {stands}", subject
+            )
+        )
     return rows

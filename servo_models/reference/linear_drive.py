@@ -1,0 +1,94 @@
+"""EMPS linear drive written from its benchmark: carriage and controller, tick by tick.
+
+Between two instants at which the drive or the load changes, the force is constant, so the
+motion is known in closed form up to the next reversal, and so is the reversal.
+Source: Janot, Gautier, Brunot, "Data set and reference models of EMPS", 2019; dry friction
+after Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994), sec. 3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.reference.inputs import Edges, changes, value_at
+
+Array = NDArray[np.float64]
+
+TICK = 1e-3
+LATE = 1e-7
+"""Time [s] by which the controller's clock ticks after whole milliseconds."""
+K_P, K_V, G_TAU = 160.18, 243.45, 35.15
+FULL_DRIVE = 10.0
+
+
+@dataclass(frozen=True)
+class LinearDrive:
+    """M x'' + F_v x' + F_c sign(x') + offset = g_tau u - load, in kg, N s/m and N.
+
+    ``delay`` [s] passes from a tick until its drive acts.
+    """
+
+    mass: float = 95.1
+    viscous: float = 203.5
+    coulomb: float = 20.4
+    offset: float = -3.16
+    delay: float = 1e-3
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Exact response; inputs reference, disturbance, load_force."""
+        goal, pulse, load = (
+            changes(times, inputs[name]) for name in ("reference", "disturbance", "load_force")
+        )
+        x = v = now = last = last_but_one = 0.0
+        drives: list[float] = []
+        acting = 0.0
+        out = []
+        for time, what, index in self._instants(times, load):
+            net = G_TAU * acting - self.offset - value_at(load, now)
+            x, v = self.moved(x, v, net, time - now)
+            now = time
+            if what == "row":
+                out.append((x, v, drives[-1]))
+            elif what == "tick":
+                speed = ((x + last) / 2.0 - (last + last_but_one) / 2.0) / TICK
+                wanted = K_V * (K_P * (value_at(goal, now) - x) - speed) + value_at(pulse, now)
+                drives.append(max(-FULL_DRIVE, min(FULL_DRIVE, wanted)))
+                last, last_but_one = x, last
+            elif what == "acts":
+                acting = drives[index]
+        columns = np.array(out).T
+        return dict(zip(("position", "speed", "drive"), columns))
+
+    def _instants(self, times: Array, load: Edges) -> list[tuple[float, str, int]]:
+        """All that happens, in order: (time, what, number); the first tick is at once."""
+        end = float(times[-1])
+        ticks = [0.0, *(k * TICK + LATE for k in range(1, math.ceil(end / TICK) + 1))]
+        happens = [
+            *((tick, "tick", k) for k, tick in enumerate(ticks)),
+            *((tick + self.delay, "acts", k) for k, tick in enumerate(ticks)),
+            *((float(time), "row", k) for k, time in enumerate(times)),
+            *((time, "load", k) for k, (time, _) in enumerate(load)),
+        ]
+        order = ("load", "tick", "acts", "row")
+        found = sorted(happens, key=lambda one: (one[0], order.index(one[1])))
+        return [one for one in found if one[0] <= end]
+
+    def moved(self, x: float, v: float, net: float, time: float) -> tuple[float, float]:
+        """Position and speed after ``time`` [s] under a constant force ``net`` [N]."""
+        slow = self.mass / self.viscous
+        while time > 0.0:
+            if v == 0.0 and abs(net) <= self.coulomb:
+                break
+            way = math.copysign(1.0, v if v != 0.0 else net)
+            final = (net - way * self.coulomb) / self.viscous
+            ends = final + (v - final) * math.exp(-time / slow)
+            if way * ends >= 0.0:
+                return x + final * time + slow * (v - ends), ends
+            stops = slow * math.log((final - v) / final)
+            x, v, time = x + final * stops + slow * v, 0.0, time - stops
+        return x, v
