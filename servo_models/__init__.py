@@ -17,42 +17,54 @@ if TYPE_CHECKING:
     from servo_models.catalogue import actuator
     from servo_models.errors import UserError
     from servo_models.explain import explain, overview
+    from servo_models.figures import figures
+    from servo_models.linearise import linearise
+    from servo_models.parameter_set import ParameterSet, read_parameters, write_parameters
+    from servo_models.identify import identify
     from servo_models.simulate import Model, Result, model, simulate
     from servo_models.tables import read_inputs, read_signals, write_signals
     from servo_models.validate import Validation, validate
 
 _HOME = {
     "Model": "simulate",
+    "ParameterSet": "parameter_set",
     "Result": "simulate",
     "UserError": "errors",
     "Validation": "validate",
     "actuator": "catalogue",
     "build": "build",
     "explain": "explain",
+    "identify": "identify",
     "model": "simulate",
     "overview": "explain",
     "read_inputs": "tables",
+    "read_parameters": "parameter_set",
     "read_signals": "tables",
     "simulate": "simulate",
     "validate": "validate",
+    "write_parameters": "parameter_set",
     "write_signals": "tables",
 }
 """Public name to the module that defines it."""
 
 __all__ = [
     "Model",
+    "ParameterSet",
     "Result",
     "UserError",
     "Validation",
     "actuator",
     "build",
     "explain",
+    "identify",
     "model",
     "overview",
     "read_inputs",
+    "read_parameters",
     "read_signals",
     "simulate",
     "validate",
+    "write_parameters",
     "write_signals",
 ]
 

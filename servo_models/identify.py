@@ -1,16 +1,64 @@
-"""From a log description to a parameter set: what ``servo-models identify`` does with logs."""
+"""Identify an actuator from measured files: what ``servo-models identify`` does.
+
+A description decides the way.  *Simulation*: logs, any parameters.  *Transfer function*:
+logs and frequency responses, a linear model and, where the actuator has a grey box, its
+physical constants.  *Elements*: tables of single elements, which are put together.
+"""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from servo_models.description import Description, read_description
+from servo_models.errors import UserError, did_you_mean
+from servo_models.files import write_whole
 from servo_models.identification.fit import fit
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.search import LOCAL, Progress
+from servo_models.identification.sheet import identification_sheet
 from servo_models.parameter_set import Estimate, Figure, ParameterSet
+from servo_models.sheets import Sheet
+
+if TYPE_CHECKING:
+    from servo_models.transfer.identify import TransferResult
+
+SIMULATION = "simulation"
+TRANSFER_FUNCTION = "transfer_function"
+ELEMENTS = "elements"
+METHODS = (SIMULATION, TRANSFER_FUNCTION, ELEMENTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an identification found, ready to be shown and written.
+
+    Attributes:
+        result: ``Identification``, ``TransferResult`` or ``Elements``, by the method.
+        sheet: for the terminal.
+        parameters: for a parameter file; None where nothing became a parameter.
+        page: makes the report of a date.
+        converged: False for a search that was stopped, or met no end.
+    """
+
+    result: Any
+    sheet: Sheet
+    parameters: ParameterSet | None
+    page: Callable[[str], str] = field(repr=False)
+    converged: bool = True
+
+    def write_report(self, path: Path) -> None:
+        """Write the report as one HTML file.
+
+        Raises:
+            UserError: the folder cannot be written.
+        """
+        write_whole(path, self.page(_today().isoformat()).encode())
 
 
 def identify(
@@ -21,55 +69,152 @@ def identify(
     seed: int = 0,
     jobs: int | None = None,
     progress: Progress | None = None,
-) -> Identification:
-    """Estimate parameters of an actuator from the logs of a description.
+) -> Outcome:
+    """Estimate parameters of an actuator from the measured files of a description.
 
     Args:
         description: it, or the path of its TOML file.
-        free: parameters or effects; by default those of the description's ``free``, else
-            those with an uncertainty.
-        search, starts, seed, jobs, progress: see ``identification.fit.fit``.
+        free: parameters or effects to fit by simulation; by default those of the
+            description's ``free``, else those with an uncertainty.
+        search, starts, seed, jobs: of a fit by simulation, see ``identification.fit.fit``.
+        progress: is told what goes on.
 
     Raises:
-        UserError: see ``read_description`` and ``identification.fit.fit``.
+        UserError: see ``read_description``, ``identification.fit.fit``,
+            ``transfer.identify.identify_transfer`` and ``elements.identify_elements``; or an
+            unknown method.
     """
     told = description if isinstance(description, Description) else read_description(description)
+    method = method_of(told)
+    if method != SIMULATION and free:
+        raise UserError(f"'{told.path}': --free belongs to a fit by simulation, this is {method}")
+    if method == TRANSFER_FUNCTION:
+        return _by_transfer_function(told, progress)
+    if method == ELEMENTS:
+        return _by_elements(told)
     names = tuple(free) or told.free or tuple(told.uncertainty)
-    return fit(
+    found = fit(
         told.model, told.logs, names, told.uncertainty, search, starts, seed, jobs, progress
+    )
+    return _by_simulation(told, found)
+
+
+def method_of(told: Description) -> str:
+    """Return the way that a description asks for, by name or by what it holds.
+
+    Raises:
+        UserError: an unknown method.
+    """
+    if told.method and told.method not in METHODS:
+        cure = did_you_mean(told.method, METHODS)
+        raise UserError(f"'{told.path}', method: '{told.method}' is unknown; {cure}")
+    if told.method:
+        return told.method
+    if ELEMENTS in told.document:
+        return ELEMENTS
+    return TRANSFER_FUNCTION if "sweeps" in told.document else SIMULATION
+
+
+def _by_simulation(told: Description, found: Identification) -> Outcome:
+    from servo_models.report.identification import identification_page
+
+    def page(date: str) -> str:
+        return identification_page(f"Identification of {told.actuator.name}", found, date=date)
+
+    return Outcome(
+        result=found,
+        sheet=identification_sheet(found),
+        parameters=_of_simulation(found),
+        page=page,
+        converged=found.converged,
     )
 
 
-def parameter_set(found: Identification, date: datetime.date | None = None) -> ParameterSet:
-    """Return what was found as a parameter set to be written to a file.
+def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
+    from servo_models.report.sheet import sheet_page
+    from servo_models.transfer.identify import identify_transfer
+    from servo_models.transfer.sheet import sheet
+    from servo_models.transfer.sweeps import read_sweeps
+    from servo_models.transfer_pictures import bode
 
-    Parameters that were given and differ from the variant are listed with it.
-    """
+    sweeps = read_sweeps(told.document, told.path.parent, told.model.plant)
+    found = identify_transfer(
+        told.logs,
+        sweeps,
+        model=told.model,
+        known_errors=told.uncertainty,
+        progress=progress or (lambda _: None),
+    )
+    table = sheet(found)
+
+    def page(date: str) -> str:
+        return sheet_page(table.title, table, {"Bode plot with the data": bode(found)}, date)
+
+    files = {log.path.name: log.sha256 for log in told.logs} | _hashes(told, "sweeps")
+    return Outcome(found, table, _of_transfer_function(told, found, files), page)
+
+
+def _of_simulation(found: Identification) -> ParameterSet:
+    """The estimates; parameters that were given and differ from the variant go with them."""
     model = found.fitted
-    variant = model.actuator.values(model.variant)
     errors = dict(zip((free.name for free in found.free), found.standard_errors.tolist()))
-    estimates = [
-        Estimate(name, value, _known(errors[name]), "estimated")
-        if name in errors
-        else Estimate(name, value)
-        for name, value in model.values.items()
-        if name in errors or value != variant[name]
-    ]
+    estimated = {
+        name: Estimate(name, model.values[name], _known(error), "estimated")
+        for name, error in errors.items()
+    }
     return ParameterSet(
         actuator=model.actuator.name,
         variant=model.variant,
-        estimates=tuple(estimates),
+        estimates=_with_given(model.actuator.values(model.variant), model.values, estimated),
         method=found.method,
         logs={log.path.name: f"sha256:{log.sha256}" for log in found.logs},
-        date=date,
+        date=_today(),
         figures=_figures(found),
         warnings=tuple(found.warnings),
     )
 
 
+def _of_transfer_function(
+    told: Description, found: TransferResult, files: Mapping[str, str]
+) -> ParameterSet | None:
+    if not found.constants:
+        return None
+    estimated = {
+        name: Estimate(name, value, error, "estimated")
+        for name, (value, error) in found.constants.estimates.items()
+    }
+    nominal = told.actuator.values(told.variant)
+    return ParameterSet(
+        actuator=told.actuator.name,
+        variant=told.variant,
+        estimates=_with_given(nominal, told.model.values, estimated),
+        method=f"transfer function, {found.chosen.name}; grey box",
+        logs={name: f"sha256:{digest}" for name, digest in files.items()},
+        date=_today(),
+        warnings=found.warnings,
+    )
+
+
+def _with_given(
+    variant: Mapping[str, float], values: Mapping[str, float], estimated: Mapping[str, Estimate]
+) -> tuple[Estimate, ...]:
+    """Estimates in the order of the parameters, with what was given unlike the variant."""
+    return tuple(
+        estimated.get(name, Estimate(name, value))
+        for name, value in values.items()
+        if name in estimated or value != variant[name]
+    )
+
+
+def _hashes(told: Description, key: str) -> dict[str, str]:
+    """SHA-256 of the files of records other than logs, by name."""
+    paths = [told.path.parent / entry["file"] for entry in told.document.content.get(key, [])]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
 def _known(error: float) -> float | None:
-    """A standard error that the file can hold: on a bound there is none."""
-    return error if error == error else None  # NaN
+    """A standard error that a file can hold: on a bound there is none."""
+    return None if math.isnan(error) else error
 
 
 def _figures(found: Identification) -> dict[str, Figure]:
@@ -84,3 +229,7 @@ def _figures(found: Identification) -> dict[str, Figure]:
         for part in (FIT, HELD_OUT)
         if (output, part) in parts
     }
+
+
+def _today() -> datetime.date:
+    return datetime.date.today()

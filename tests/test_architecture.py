@@ -19,7 +19,8 @@ LAYERS = (
     "actuators flatten stepper compiled audit lookalikes",
     "catalogue grey_box",
     "simulate",
-    "fmu_src experiment tables explain identification drafting",
+    "fmu_src experiment tables explain drafting",
+    "identification",
     "build parameter_set small_signals excitation",
     "linearise",
     "sine_test",
@@ -27,7 +28,7 @@ LAYERS = (
     "transfer",
     "report formats figures_sheet",
     "validate pictures transfer_pictures check",
-    "demonstration",
+    "demonstration identify",
     "cli",
     "__main__ build_fmu",
 )

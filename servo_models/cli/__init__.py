@@ -19,6 +19,7 @@ from servo_models.cli.build import build
 from servo_models.cli.check import check
 from servo_models.cli.explain import explain
 from servo_models.cli.figures import figures
+from servo_models.cli.identify import identify
 from servo_models.cli.list_ import list_
 from servo_models.cli.simulate import simulate
 from servo_models.cli.validate import validate
@@ -45,7 +46,7 @@ class Commands(TyperGroup):
 app = typer.Typer(
     name="servo-models",
     cls=Commands,
-    help="Identified actuator models: simulate them, build FMUs of them, validate both.",
+    help="Identified actuator models: simulate them, fit them to logs, build FMUs of them.",
     epilog="Exit codes: 0 done, within tolerance; 1 not within tolerance; 2 could not run.",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -55,6 +56,7 @@ app.command()(explain)
 app.command()(simulate)
 app.command()(figures)
 app.command()(check)
+app.command()(identify)
 app.command()(build)
 app.command()(validate)
 

@@ -1,0 +1,79 @@
+"""servo-models identify"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.errors import UserError
+
+NOT_CONVERGED = 1
+
+
+def identify(
+    description: Annotated[
+        Path, typer.Argument(help="Log description, see 'check LOG --init' for a first one.")
+    ],
+    free: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME,NAME",
+            help="Parameters to estimate, or effects; default: 'free' of the description, else"
+            " all with an uncertainty.",
+        ),
+    ] = "",
+    search: Annotated[
+        str, typer.Option(help="local (least squares) or global (CMA-ES, then least squares).")
+    ] = "local",
+    starts: Annotated[int, typer.Option(min=1, help="Local searches from different starts.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of those starts.")] = 0,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a parameter file (.toml).")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a report (.html).")
+    ] = None,
+) -> int:
+    """Estimate parameters from measured files.
+
+    The description tells what is measured: logs of a run (fitted by simulation), frequency
+    responses (a transfer function), or tables of single elements.
+
+    Examples:
+
+    servo-models identify mine.toml --out PARAMS.toml --report fit.html
+
+    servo-models identify mine.toml --free torque_constant,coulomb_friction --search global
+
+    Ctrl-C ends the search and keeps the best values so far.
+    """
+    from servo_models.cli.console import progress, show
+    from servo_models.identify import identify as run
+    from servo_models.parameter_set import write_parameters
+
+    _check_names(out, report)
+    names = [name.strip() for name in free.split(",") if name.strip()]
+    with progress("identifying") as bar:
+        found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, 1, it))
+    show(found.sheet)
+    if out and not found.parameters:
+        raise UserError(f"'{out}' is not written: this actuator has no parameters of this kind")
+    if out and found.parameters:
+        write_parameters(found.parameters, out)
+        print(f"parameters: {out}")
+    if report:
+        found.write_report(report)
+        print(f"report: {report}")
+    return 0 if found.converged else NOT_CONVERGED
+
+
+def _check_names(out: Path | None, report: Path | None) -> None:
+    """Before a long fit, not after it."""
+    for path, suffix in ((out, ".toml"), (report, ".html")):
+        if path and path.suffix.lower() != suffix:
+            raise UserError(f"'{path}': let the name end in {suffix}")
