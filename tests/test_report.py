@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from html_page import Page
 
 from servo_models.errors import UserError
 from servo_models.report import sg90, torque_motor, verdict, write_report
@@ -29,7 +29,6 @@ from servo_models.validation.rows import (
 )
 
 HOSTILE = "<script>alert('x')</script> & \"quoted\""
-VOID = {"meta", "br", "hr", "img", "link", "input"}
 
 EQUAL = judged(IMPLEMENTATION, ("sg90", "linear", "0.7 ms"), "angle", 0.0, 1e-12)
 CLOSE = judged(MODEL, ("torque_motor", "identified", "step"), "rate", 3.7e-6, 1e-5)
@@ -47,38 +46,6 @@ GOOD = Validation((EQUAL, CLOSE, PRINTED, OPEN), (COST,), {"Python": "3.11"})
 BAD = Validation((EQUAL, WRONG, CLOSE), (), {"tool": HOSTILE})
 
 
-class Page(HTMLParser):
-    """A strict reading of a page: tags that close, ids, what it points to, its text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.text: list[str] = []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text.append(data)
-
-    def count(self, tag: str) -> int:
-        return sum(name == tag for name, _ in self.tags)
-
-    def values(self, attribute: str) -> list[str]:
-        return [str(attrs[attribute]) for _, attrs in self.tags if attribute in attrs]
-
-
 @pytest.fixture(scope="module")
 def text(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "good.html"
@@ -94,14 +61,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def test_page_is_whole_and_stands_alone(text: str) -> None:
-    page = Page(text)
-    ids = page.values("id")
-    assert len(ids) == len(set(ids))
-    targets = page.values("href") + re.findall(r"url\((.*?)\)", text)
-    assert {target.removeprefix("#") for target in targets} <= set(ids)
-    assert all(target.startswith("#") for target in targets)
-    assert not {"script", "link", "img", "iframe"} & {tag for tag, _ in page.tags}
-    assert "http" not in text
+    Page(text).assert_stands_alone()
     assert len(text.encode()) < 2_000_000
 
 

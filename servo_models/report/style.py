@@ -62,27 +62,33 @@ class Picture:
 
 
 @contextmanager
-def drawing(name: str, rows: int = 1, height: float = 2.7) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Give a styled figure with ``rows`` axes on one time or frequency axis.
+def drawing(
+    name: str, rows: int = 1, height: float = 2.7, shared: bool = True
+) -> Iterator[tuple[Figure, list[Axes]]]:
+    """Give a styled figure with ``rows`` axes.
 
     Args:
         name: keeps the ids of the SVG unique on the page.
         rows: axes, one above the other.
         height: of the figure [inch].
+        shared: they have one time or frequency axis.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     with mpl.rc_context({**_settings(), "svg.hashsalt": name}):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        axes = figure.subplots(rows, 1, sharex=True, squeeze=False)
+        axes = figure.subplots(rows, 1, sharex=shared, squeeze=False)
         yield figure, list(axes[:, 0])
 
 
-def picture(figure: Figure, name: str, title: str, text: str) -> Picture:
-    """Return a figure as a picture for the page; call it inside ``drawing``."""
+def picture(figure: Figure, name: str, title: str, text: str = "") -> Picture:
+    """Return a figure as a picture for the page, whoever drew it."""
+    import matplotlib as mpl
+
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg")
+    with mpl.rc_context({**_settings(), "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg")
     return Picture(_inline(buffer.getvalue(), name, title), title, text)
 
 
@@ -163,7 +169,13 @@ def _inline(text: str, name: str, title: str) -> Markup:
         r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", content
     )
     content = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", content)
+    content = re.sub(r' d="([^"]+)"', lambda m: f' d="{_coarse(m[1])}"', content)
     for variable, (light, _) in PALETTE.items():
         content = content.replace(light, f"var(--{variable})")
     frame = Markup('<svg viewBox="0 0 {} {}" role="img" aria-label="{}"><title>{}</title>{}</svg>')
     return frame.format(width, height, title, title, Markup(content))
+
+
+def _coarse(path: str) -> str:
+    """Drop what no screen shows: a hundredth of a point is enough for a curve."""
+    return re.sub(r"(\.\d\d)\d+", r"\1", path)

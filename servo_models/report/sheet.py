@@ -1,0 +1,59 @@
+"""A data sheet as a section, and as a page of its own with figures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from servo_models import sheets
+from servo_models.report.page import Page, render
+from servo_models.report.parts import Line, Section, Table
+from servo_models.report.style import picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NUMBER = re.compile(r"[-+\N{MINUS SIGN}]?[\d.]+(e[-+]?\d+)?( .{0,9})?")
+"""What counts as a number in a cell; a unit may follow."""
+
+
+def sheet_page(
+    title: str, sheet: sheets.Sheet, figures: Mapping[str, Figure], date: str = ""
+) -> str:
+    """Return a data sheet with figures as one HTML page that needs nothing else.
+
+    Args:
+        title: of the window, and above the sheet's own title.
+        sheet: texts and tables.
+        figures: by caption; drawn by ``style.drawing`` they follow the reader's colours.
+        date: shown with the title; the same arguments give the same bytes.
+    """
+    pictures = tuple(
+        picture(figure, f"figure-{i}", caption)
+        for i, (caption, figure) in enumerate(figures.items())
+    )
+    tables = tuple(_table(table) for table in sheet.tables)
+    sections = (
+        Section("figures", "Figures", pictures=pictures) if pictures else None,
+        Section("tables", "Tables", tables=tables) if tables else None,
+    )
+    return render(Page(title, title, sheet.title, None, sections, sheet.texts, date=date))
+
+
+def sheet_section(sheet: sheets.Sheet, anchor: str) -> Section:
+    """Return a data sheet as a section of a larger page."""
+    tables = tuple(_table(table) for table in sheet.tables)
+    return Section(anchor, sheet.title, "", tables, items=sheet.texts)
+
+
+def _table(table: sheets.Table) -> Table:
+    columns = zip(table.columns, zip(*table.rows))
+    numbers = tuple(
+        name for name, cells in columns if any(cells) and all(map(_is_number, filter(None, cells)))
+    )
+    return Table(table.heading, table.columns, tuple(Line(row) for row in table.rows), numbers)
+
+
+def _is_number(cell: str) -> bool:
+    return NUMBER.fullmatch(cell) is not None

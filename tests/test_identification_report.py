@@ -1,0 +1,320 @@
+"""The report of an identification: it says what was found, and stands alone."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from html_page import Page
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from servo_models.identification.fit import fit
+from servo_models.identification.result import HELD_OUT, Identification
+from servo_models.linearise import linearise
+from servo_models.recording import Channel, Log
+from servo_models.report.identification import identification_page
+from servo_models.report.identification.bode import beside, hold
+from servo_models.report.identification.empirical import Record, empirical
+from servo_models.report.identification.readings import envelope
+from servo_models.report.parts import MINUS, TIMES
+from servo_models.report.sheet import sheet_page
+from servo_models.sheets import Sheet, Table
+from servo_models.simulate import model, simulate
+from servo_models.units import factor
+
+Array = NDArray[np.float64]
+
+STEP = 2e-4
+SPAN = 1.0
+TRUE = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
+NOMINAL = replace(TRUE, values={**TRUE.values, "torque_constant": 6.0, "inductance": 27.0})
+FREE = ("torque_constant", "inductance", "transport_delay.time")
+HOSTILE = "<script>alert('x')</script> $x_"
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def _log(name: str, voltage: Callable[[Array], Array], held_out: Callable[[Array], Array]) -> Log:
+    times = np.arange(round(SPAN / STEP)) * STEP
+    volts = voltage(times)
+    noise = np.random.default_rng(len(name)).standard_normal(len(times))
+    angle = simulate(TRUE, times, {"voltage": volts})["angle"] + np.radians(0.02) * noise
+    channel = Channel("angle", "angle_deg", "deg", math.radians(1.0))
+    return Log(
+        name=name,
+        path=Path("bench") / f"{name}.csv",
+        sha256=name.encode().hex().ljust(64, "0"),
+        times=times,
+        inputs={"voltage": volts},
+        outputs={"angle": angle},
+        channels={"angle": channel},
+        rows=np.arange(len(times)),
+        held_out=held_out(times),
+    )
+
+
+def _chirp(times: Array) -> Array:
+    return 15.0 * np.sin(2.0 * np.pi * (2.0 + 150.0 * times / SPAN) * times)
+
+
+def _steps(times: Array) -> Array:
+    return 10.0 * np.sign(np.sin(2.0 * np.pi * 5.0 * times + 0.1))
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    logs = [
+        _log("sweep", _chirp, lambda t: np.zeros(len(t), dtype=bool)),
+        _log("steps", _steps, lambda t: t > 0.6),
+    ]
+    return fit(NOMINAL, logs, FREE, {"torque_constant": 1.5})
+
+
+@pytest.fixture(scope="module")
+def text(found: Identification) -> str:
+    return _page(found)
+
+
+def _page(found: Identification) -> str:
+    return identification_page(
+        "Bench",
+        found,
+        floors={"angle": math.radians(0.02)},
+        conditions={"Python": "3.11"},
+        date="2026-01-31",
+    )
+
+
+def _number(text: str) -> float:
+    """Read a number as the report prints it."""
+    plain = text.replace(MINUS, "-").replace(f"{TIMES}10", "e").translate(RAISED)
+    return float(plain)
+
+
+def _held_out_rms(found: Identification, responses: list[dict[str, Array]]) -> float:
+    """Pooled RMS [deg] from the arrays themselves."""
+    errors = [
+        np.degrees(response["angle"] - log.outputs["angle"])[log.held_out]
+        for response, log in zip(responses, found.logs)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def test_page_is_whole_and_stands_alone(text: str) -> None:
+    page = Page(text)
+    page.assert_stands_alone()
+    assert page.count("svg") == page.count("figcaption") == 1 + 2 + 2 + 1
+    assert page.count("table") == page.count("caption") == 2
+    assert "2026-01-31" in page.text
+
+
+def test_same_arguments_give_the_same_bytes(found: Identification, text: str) -> None:
+    assert _page(found) == text
+
+
+def test_every_estimate_is_in_the_table_in_its_display_unit(
+    found: Identification, text: str
+) -> None:
+    rows = {row[1]: row for row in Page(text).rows if len(row) == 8}
+    for free, value, error in zip(found.free, found.values, found.standard_errors):
+        _, _, shown, spread, unit, nominal, prior, _ = rows[free.name]
+        scale = factor(unit, found.fitted.plant.parameters[free.name].param.unit)
+        assert _number(shown) * scale == pytest.approx(value, abs=0.1 * error)
+        assert _number(spread) * scale == pytest.approx(error, rel=1e-2)
+        assert _number(nominal) * scale == pytest.approx(free.nominal, rel=1e-3)
+        assert (prior == "\N{EN DASH}") == (free.prior is None)
+    assert rows["transport_delay.time"][4] == "ms"
+    assert _number(rows["torque_constant"][6]) == 1.5
+
+
+def test_verdict_is_the_held_out_error_before_and_after(found: Identification, text: str) -> None:
+    sentence = re.search(r"<h1>.*?</h1>", text, flags=re.S)
+    assert sentence
+    shown = re.search(r"angle (\S+) → (\S+) deg\.", sentence[0])
+    assert shown
+    before, after = map(_number, shown.groups())
+    assert before == pytest.approx(_held_out_rms(found, list(found.before)), rel=1e-3)
+    assert after == pytest.approx(_held_out_rms(found, list(found.after)), rel=1e-3)
+    assert after == pytest.approx(np.degrees(found.rms("angle", HELD_OUT)), rel=1e-3)
+    assert "noise floor 0.02 deg" in text
+
+
+def test_logs_and_their_hashes_are_named(found: Identification, text: str) -> None:
+    for log in found.logs:
+        assert log.path.name in text
+        assert log.sha256 in text
+    assert found.method in text
+
+
+def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> None:
+    doubtful = replace(
+        found,
+        values=np.array([found.free[0].low, *found.values[1:]]),
+        standard_errors=np.array([np.nan, np.inf, found.values[2]]),
+        warnings=["'inductance' is <b>doubtful</b>; fix it"],
+    )
+    page = Page(_page(doubtful))
+    verdicts = {row[1]: row[0] for row in page.rows if len(row) == 8}
+    assert "low bound" in verdicts["torque_constant"]
+    assert "not excited" in verdicts["inductance"]
+    assert "not determined" in verdicts["transport_delay.time"]
+    assert "'inductance' is <b>doubtful</b>; fix it." in page.text
+    assert page.count("b") == 0
+    assert "1 warning: read below before using the values." in page.text
+
+
+def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
+    logs = [replace(log, held_out=np.zeros(len(log.times), dtype=bool)) for log in found.logs]
+    rows = [replace(row, part="fit") for row in found.accuracy]
+    text = _page(replace(found, logs=logs, accuracy=rows))
+    assert "nothing held out" in text
+    assert "its error on new data is unknown" in text
+
+
+def test_a_model_that_got_worse_fails(found: Identification) -> None:
+    worse = [replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy]
+    assert '<header class="pass">' in _page(replace(found, warnings=[]))
+    assert '<header class="fail">' in _page(replace(found, accuracy=worse, warnings=[]))
+
+
+def test_hostile_names_stay_text(found: Identification) -> None:
+    channel = Channel("angle", "1", HOSTILE, 1.0)
+    first = replace(found.logs[0], name=HOSTILE, channels={"angle": channel})
+    rows = [replace(row, log=HOSTILE) for row in found.accuracy[:1]]
+    page = Page(
+        _page(replace(found, logs=[first, found.logs[1]], accuracy=[*rows, *found.accuracy[1:]]))
+    )
+    page.assert_stands_alone()
+    assert any(HOSTILE in piece for piece in page.text)
+
+
+def test_long_logs_make_no_large_page(found: Identification) -> None:
+    """Ten logs of 30 000 samples, noise throughout, which no drawing can simplify."""
+    random = np.random.default_rng(5)
+    n, count = 30_000, 10
+    first = found.logs[0]
+    logs = [
+        replace(
+            first,
+            name=f"log {i}",
+            times=np.arange(n) * 1e-3,
+            inputs={"voltage": random.standard_normal(n)},
+            outputs={"angle": random.standard_normal(n)},
+            held_out=np.arange(n) % 6_000 > 4_000,
+        )
+        for i in range(count)
+    ]
+    responses = [{"angle": random.standard_normal(n)} for _ in range(count)]
+    rows = [replace(found.accuracy[0], log=log.name) for log in logs]
+    long = replace(found, logs=logs, before=responses, after=responses, accuracy=rows)
+    text = _page(long)
+    assert len(text.encode()) < 2_000_000
+    assert "2 more are in the table" in text
+    assert "No measured response of angle over voltage" in text
+
+
+def test_measured_frequency_response_of_a_known_filter() -> None:
+    """y[k] = a y[k-1] + (1 - a) u[k-1] + noise; its response is known exactly."""
+    random = np.random.default_rng(2)
+    n, step, a = 40_000, 1e-3, 0.8
+    given = random.standard_normal(n)
+    clean = lfilter([0.0, 1.0 - a], [1.0, -a], given)
+    record = Record(np.arange(n) * step, given, clean + 0.05 * random.standard_normal(n), clean)
+    seen = empirical([record], step)
+    assert seen is not None
+    z = np.exp(2j * np.pi * seen.hertz * step)
+    exact = (1.0 - a) / (z - a)
+    assert len(seen.hertz) > 10
+    assert np.abs(seen.simulated / exact - 1.0).max() < 0.1
+    assert np.abs(seen.measured / exact - 1.0).max() < 0.4  # 20 % of noise in 9 windows
+    assert np.median(np.abs(seen.measured / exact - 1.0)) < 0.1
+
+
+def test_noise_has_no_frequency_response() -> None:
+    random = np.random.default_rng(3)
+    times = np.arange(5_000) * 1e-2
+    points = 0
+    for _ in range(20):
+        seen = empirical([Record(times, *random.standard_normal((3, 5_000)))], 1e-2)
+        points += 0 if seen is None else len(seen.hertz)
+    assert points <= 4  # of some 20 x 500 frequencies, each by chance in 1 of 100 000
+
+
+def test_records_of_other_steps_are_pooled_and_short_ones_left_out() -> None:
+    random = np.random.default_rng(4)
+    slow, fast = np.arange(8_000) * 2e-2, np.arange(16_000) * 1e-2
+    u, v = np.repeat(random.standard_normal(2_000), 4), np.repeat(random.standard_normal(2_000), 8)
+    pair = [Record(slow, u, 2.0 * u, 2.0 * u), Record(fast, v, 2.0 * v, 2.0 * v)]
+    seen = empirical([*pair, Record(slow[:50], u[:50], -u[:50], u[:50])], 2e-2)
+    assert seen is not None
+    low = seen.hertz < 2.0
+    assert np.abs(seen.measured[low] - 2.0).max() < 0.05
+    assert empirical([Record(slow[:100], u[:100], u[:100], u[:100])], 2e-2) is None
+
+
+def test_two_ways_to_the_response_of_the_fitted_model_agree(found: Identification) -> None:
+    """Cross spectra of its simulated sweep against its state space; both end in one picture."""
+    log = found.logs[0]
+    response = np.asarray(found.after[0]["angle"])
+    seen = empirical([Record(log.times, log.inputs["voltage"], response, response)], STEP)
+    assert seen is not None
+    inside = (seen.hertz > 20.0) & (seen.hertz < 140.0)
+    line = linearise(found.fitted).response(seen.hertz, "voltage", "angle")
+    line = line * hold(seen.hertz, STEP)
+    assert inside.sum() >= 5
+    assert np.abs(seen.measured / line - 1.0)[inside].max() < 0.1
+
+
+def test_hold_is_the_fundamental_of_a_staircase() -> None:
+    fine, points, step = 200, 16, 1e-2
+    hertz = 1.0 / (points * step)
+    sine = np.exp(2j * np.pi * np.arange(points) / points)
+    stairs = np.repeat(sine, fine)
+    phase = np.exp(-2j * np.pi * (np.arange(points * fine) + 0.5) / (points * fine))
+    assert hold(np.array([hertz]), step)[0] == pytest.approx(np.mean(stairs * phase), abs=1e-4)
+
+
+@given(st.floats(-1e3, 1e3), st.floats(-math.pi, math.pi))
+def test_a_phase_stays_within_half_a_turn_of_its_reference(reference: float, angle: float) -> None:
+    shown = float(beside(np.array([reference]), np.array([np.exp(1j * angle)]))[0])
+    assert abs(shown - reference) <= 180.0 + 1e-6
+    assert math.cos(math.radians(shown) - angle) == pytest.approx(1.0, abs=1e-9)
+
+
+@given(arrays(float, st.integers(2, 3_000), elements=st.floats(-1e6, 1e6)), st.integers(2, 200))
+def test_a_decimated_curve_keeps_extremes_ends_and_order(values: Array, buckets: int) -> None:
+    times = np.arange(len(values), dtype=float)
+    kept_times, kept = envelope(times, values, buckets)
+    assert len(kept) <= 2 * buckets + 2
+    assert np.all(np.diff(kept_times) > 0.0)
+    assert np.array_equal(values[kept_times.astype(int)], kept)
+    assert (kept.min(), kept.max()) == (values.min(), values.max())
+    assert (kept_times[0], kept_times[-1]) == (times[0], times[-1])
+
+
+def test_a_sheet_with_figures_is_a_page() -> None:
+    figure = Figure()
+    figure.subplots().plot([0, 1], [0, 1])
+    table = Table(
+        "Elements", ("name", "value", "unit"), (("K_AP", "5.79", "1"), (HOSTILE, "-2e-3", ""))
+    )
+    page = Page(sheet_page("Servo", Sheet("Six elements", ("Said.",), (table,)), {"Loop": figure}))
+    page.assert_stands_alone()
+    assert page.rows == [["name", "value", "unit"], ["K_AP", "5.79", "1"], [HOSTILE, "-2e-3", ""]]
+    assert page.count("svg") == 1
+    assert {"Six elements", "Said.", "Elements", "Loop."} <= set(page.text)
+
+
+def test_figures_of_merit_join_the_page(found: Identification) -> None:
+    figures = Sheet("Figures of merit", ("At 5 deg.",), (Table("", ("figure",), (("41.7 Hz",),)),))
+    page = Page(identification_page("Bench", found, figures))
+    assert {"Figures of merit", "At 5 deg.", "41.7 Hz"} <= set(page.text)
