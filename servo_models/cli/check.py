@@ -56,10 +56,15 @@ def check(
 
 
 def _init(file: Path, out: Path | None, actuator: str | None) -> int:
+    from servo_models.description import read_description
     from servo_models.drafting import draft, write_draft
 
-    made = draft(file, actuator)
     path = out or file.with_suffix(".toml")
-    write_draft(made, path)
-    print(f"wrote {path}: {made.next_step(path)}")
+    write_draft(draft(file, actuator), path)
+    print(f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'")
+    try:
+        read_description(path)
+    except UserError as error:
+        print(f"It has to be completed first: {error}")
+        return 1
     return 0

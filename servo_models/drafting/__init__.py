@@ -1,0 +1,204 @@
+"""Begin a log description: guess what the columns of a file are, and say what was guessed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from servo_models.actuator import Actuator
+from servo_models.catalogue import actuator as find_actuator
+from servo_models.catalogue import actuators
+from servo_models.drafting.columns import Column, columns_of
+from servo_models.drafting.guess import Match, matches, tells, time_of
+from servo_models.errors import UserError
+from servo_models.files import write_whole
+from servo_models.simulate import model, simulate
+from servo_models.units import exponents, factor
+
+__all__ = ["Draft", "draft", "write_draft"]
+
+CHECK = "# guessed"
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A first description.
+
+    Attributes:
+        path: the log.
+        actuator: what is thought to have made it, ``given`` if that was told.
+        time: its column and unit, None if no column rises.
+        matches: columns and their signals, all in the table of the time or an input's.
+        unused: columns left over.
+    """
+
+    path: Path
+    actuator: Actuator
+    given: bool
+    time: tuple[Column, str] | None
+    matches: tuple[Match, ...]
+    unused: tuple[Column, ...]
+
+    def text(self, folder: Path) -> str:
+        """Return the description as TOML, to stand in ``folder``."""
+        return "\n".join(_lines(self, folder)) + "\n"
+
+
+def draft(path: Path, actuator: str | None = None) -> Draft:
+    """Look at the columns of a measured file and guess what they are.
+
+    Args:
+        path: the file, of any format that can be read.
+        actuator: name of what made it; None chooses the one that the columns fit best.
+
+    Raises:
+        UserError: a file that cannot be read or has no numbers, an unknown actuator, or
+            columns that fit several equally well.
+    """
+    columns = columns_of(path)
+    asked = [find_actuator(actuator)] if actuator else list(actuators().values())
+    drafts = [_draft(path, columns, candidate, bool(actuator)) for candidate in asked]
+    best = max(drafts, key=_score)
+    if [_score(made) for made in drafts].count(_score(best)) > 1:
+        names = ", ".join(candidate.name for candidate in asked)
+        raise UserError(f"'{path}' does not tell what made it: give --actuator, one of {names}")
+    return best
+
+
+def _score(made: Draft) -> float:
+    return sum(match.score for match in made.matches if match.converts)
+
+
+def _draft(path: Path, columns: Sequence[Column], actuator: Actuator, given: bool) -> Draft:
+    """The draft with the table whose columns fit best as outputs; inputs may be in others."""
+    tables = list(dict.fromkeys(column.table for column in columns))
+    made = [_draft_on(path, columns, actuator, given, table) for table in tables]
+    return max(made, key=_score)
+
+
+def _draft_on(
+    path: Path, columns: Sequence[Column], actuator: Actuator, given: bool, table: str | None
+) -> Draft:
+    own = [column for column in columns if column.table == table]
+    time = time_of(own)
+    times = {time_of([c for c in columns if c.table == column.table]) for column in columns}
+    stamps = [found[0] for found in times if found]
+    rest = [c for c in columns if c.moves and c not in stamps]
+    found = tuple(
+        match
+        for match in matches(rest, actuator)
+        if match.column.table == table or match.wire in actuator.plant.inputs
+    )
+    used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
+    unused = tuple(column for column in own if id(column) not in used)
+    return Draft(path, actuator, given, time, found, unused)
+
+
+def write_draft(made: Draft, path: Path) -> None:
+    """Write a draft as TOML.
+
+    Raises:
+        UserError: there is a file of that name already, or it cannot be written.
+    """
+    if path.exists():
+        raise UserError(f"'{path}' exists: edit it, remove it, or name another with --out")
+    write_whole(path, made.text(path.parent).encode())
+
+
+def _lines(made: Draft, folder: Path) -> Iterator[str]:
+    others = ", ".join(name for name in actuators() if name != made.actuator.name)
+    yield "# First description of a log. Lines marked 'guessed' are to be checked."
+    doubt = "" if made.given else f"  {CHECK}; there are also {others}"
+    yield f"actuator = {_quoted(made.actuator.name)}{doubt}"
+    yield f"# variant = {_quoted(made.actuator.default_variant)}  # others: servo-models list"
+    yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'
+    yield ""
+    yield "[[logs]]"
+    relative = os.path.relpath(made.path.resolve(), folder.resolve())
+    yield f"file = {_quoted(Path(relative).as_posix())}"
+    table = made.time[0].table if made.time else None
+    if table:
+        yield f"table = {_quoted(table)}"
+    yield from _time_lines(made)
+    for match in made.matches:
+        yield from _signal_lines(match, made, table)
+    yield from _open_ends(made)
+
+
+def _time_lines(made: Draft) -> Iterator[str]:
+    if not made.time:
+        yield "# no column rises as a time does: write it here"
+        yield '# time = { column = "...", unit = "s" }'
+        return
+    column, unit = made.time
+    repeats = ', repeats = "drop"' if (np.diff(column.values) == 0.0).any() else ""
+    doubt = f"  {CHECK}: the unit" if column.unit != unit else ""
+    yield f"time = {{ column = {_quoted(column.key)}, unit = {_quoted(unit)}{repeats} }}{doubt}"
+
+
+def _signal_lines(match: Match, made: Draft, table: str | None) -> Iterator[str]:
+    plant = made.actuator.plant
+    role = "inputs" if match.wire in plant.inputs else "outputs"
+    entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(match.unit)}"
+    doubts = [] if match.told else ["the unit"]
+    if not match.converts:
+        unit, scale, offset = _through_the_model(match, made.actuator)
+        entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(unit)}"
+        entry += f", scale = {scale:.6g}, offset = {offset:.6g}"
+        doubts = [f"scale and offset from {match.unit} to {unit} by the model's static gain"]
+    if match.column.table != table:
+        entry += f", table = {_quoted(match.column.table or '')}"
+    if not tells(match.column):
+        doubts = ["the signal", *doubts]
+    low, high = match.column.values.min(), match.column.values.max()
+    doubt = f"  {CHECK}: {' and '.join(doubts)}" if doubts else ""
+    yield f"# {match.wire.about}; in the file from {low:.6g} to {high:.6g}"
+    yield f"{role}.{match.wire.name} = {{ {entry} }}{doubt}"
+
+
+def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, float]:
+    """Unit, scale and offset of a command that was logged in the unit of an output.
+
+    The scale is the step of the input over the change of the output that it makes in the
+    end; the first number is taken for rest.
+    """
+    plant, wire = actuator.plant, match.wire
+    name, size = actuator.step
+    followers = [
+        out
+        for out in plant.outputs
+        if _factor_or_none(match.unit, plant.wire[out].unit) is not None
+    ]
+    unit = wire.display or wire.unit
+    to_unit = factor(wire.unit, unit)
+    rest = float(wire.rest)
+    if not followers:
+        return unit, 1.0, rest * to_unit
+    times = np.linspace(0.0, actuator.stop_time, 1001)
+    reached = simulate(model(actuator), times, {name: size})[followers[0]]
+    gain = (reached[-1] - reached[0]) / (size - rest)
+    scale = factor(match.unit, plant.wire[followers[0]].unit) / gain
+    return unit, scale * to_unit, (rest - scale * float(match.column.values[0])) * to_unit
+
+
+def _open_ends(made: Draft) -> Iterator[str]:
+    plant = made.actuator.plant
+    matched = [match.wire.name for match in made.matches]
+    missing = [wire.name for wire in plant.inputs if wire.name not in matched]
+    if not any(name in plant.outputs for name in matched):
+        yield '# no column fits an output: write outputs.NAME = { column = "...", unit = "..." }'
+    yield f"# outputs there are: {', '.join(plant.outputs)}"
+    if missing:
+        yield f"# at rest, or give them in constants = {{ ... }}: {', '.join(missing)}"
+    if made.unused:
+        left = [f"{c.key}{'' if c.moves else ' (constant)'}" for c in made.unused]
+        yield f"# columns not used: {', '.join(left)}"
+
+
+def _quoted(value: str | int) -> str:
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,151 @@
+"""Columns of a measured file as a draft looks at them: words, unit, table, numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from servo_models.errors import UserError
+from servo_models.logs import Columns, read_columns
+from servo_models.recording import Array
+from servo_models.units import exponents
+
+SUFFIXES = {
+    "s": "s",
+    "sec": "s",
+    "ms": "ms",
+    "us": "us",
+    "ns": "ns",
+    "rad": "rad",
+    "mrad": "mrad",
+    "deg": "deg",
+    "rad_s": "rad/s",
+    "radps": "rad/s",
+    "deg_s": "deg/s",
+    "dps": "deg/s",
+    "rpm": "rpm",
+    "m": "m",
+    "mm": "mm",
+    "um": "um",
+    "m_s": "m/s",
+    "mm_s": "mm/s",
+    "v": "V",
+    "mv": "mV",
+    "volts": "V",
+    "a": "A",
+    "ma": "mA",
+    "n": "N",
+    "nm": "N.m",
+    "mnm": "mN.m",
+}
+"""How authors write units behind an underscore, in lower case."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of numbers.
+
+    Attributes:
+        key: name, or number from 1 where the file names none.
+        table: topic, None where the file has but one table.
+        words: of its name, in lower case, without the unit.
+        unit: as the name tells it, None where it does not.
+        values: shape (n,).
+    """
+
+    key: str | int
+    table: str | None
+    words: tuple[str, ...]
+    unit: str | None
+    values: Array
+
+    @cached_property
+    def rising(self) -> bool:
+        """Whether it never falls, and repeats at most now and then: as times do."""
+        steps = np.diff(self.values)
+        return bool(len(steps) and (steps >= 0.0).all() and np.mean(steps > 0.0) > 0.5)
+
+    @property
+    def moves(self) -> bool:
+        return bool(np.ptp(self.values))
+
+
+def columns_of(path: Path) -> list[Column]:
+    """Return the columns of a file that are numbers throughout, table by table.
+
+    Raises:
+        UserError: see ``logs.read_columns``; or there is no such column.
+    """
+    found = [
+        column
+        for table, columns in _tables(path)
+        for place in range(len(columns.names))
+        for column in _column(columns, place, table)
+    ]
+    if not found:
+        raise UserError(f"'{path}' has no column of numbers throughout: repair one, then --init")
+    return found
+
+
+def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
+    """Tables of a file; where it has several, their columns are called ``table.column``."""
+    every = read_columns(path)
+    tables: dict[str, Columns] = {}
+    for name in every.names:
+        if any(name.startswith(f"{table}.") for table in tables):
+            continue
+        for dot in re.finditer(r"\.", name):
+            try:
+                tables[name[: dot.start()]] = read_columns(path, name[: dot.start()])
+                break
+            except UserError:
+                continue
+    if tables:
+        yield from tables.items()
+    else:
+        yield None, every
+
+
+def _column(columns: Columns, place: int, table: str | None) -> Iterator[Column]:
+    name = columns.names[place]
+    key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
+    try:
+        values = columns.numbers(key)
+    except UserError:
+        return
+    words, unit = heading(name)
+    yield Column(key, table, () if isinstance(key, int) and name.isdigit() else words, unit, values)
+
+
+def heading(name: str) -> tuple[tuple[str, ...], str | None]:
+    """Return the words of a column's name, in lower case, and its unit if it tells one.
+
+    ``angle [deg]``, ``angle (deg)`` and ``angle_deg`` tell one.
+    """
+    bracket = re.fullmatch(r"\s*(.*?)\s*[\[(]\s*([^\])]+?)\s*[\])]\s*", name)
+    if bracket:
+        return _words(bracket[1]), _known(bracket[2])
+    parts = re.split(r"[_\s]+", name.strip())
+    for count in (2, 1):
+        suffix = "_".join(parts[-count:]).lower()
+        if len(parts) > count and suffix in SUFFIXES:
+            return _words("_".join(parts[:-count])), SUFFIXES[suffix]
+    return _words(name), None
+
+
+def _known(unit: str) -> str | None:
+    try:
+        exponents(unit)
+    except UserError:
+        return None
+    return unit
+
+
+def _words(name: str) -> tuple[str, ...]:
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return tuple(word for word in re.split(r"[^A-Za-z]+", spaced.lower()) if word)
