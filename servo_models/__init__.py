@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from servo_models.errors import UserError
     from servo_models.explain import explain, overview
     from servo_models.figures import figures
+    from servo_models.identify import identify
     from servo_models.linearise import linearise
     from servo_models.parameter_set import ParameterSet, read_parameters, write_parameters
-    from servo_models.identify import identify
     from servo_models.simulate import Model, Result, model, simulate
     from servo_models.tables import read_inputs, read_signals, write_signals
     from servo_models.validate import Validation, validate
@@ -34,7 +34,9 @@ _HOME = {
     "actuator": "catalogue",
     "build": "build",
     "explain": "explain",
+    "figures": "figures",
     "identify": "identify",
+    "linearise": "linearise",
     "model": "simulate",
     "overview": "explain",
     "read_inputs": "tables",
@@ -56,7 +58,9 @@ __all__ = [
     "actuator",
     "build",
     "explain",
+    "figures",
     "identify",
+    "linearise",
     "model",
     "overview",
     "read_inputs",

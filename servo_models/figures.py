@@ -68,9 +68,10 @@ class Figures:
         input, output: names.
         at: SI values of inputs at the working point, where they are not at rest.
         amplitude: of the input [SI], for ``large`` and ``step``.
-        linear: state space, None where there is none; ``no_linear`` says why.
+        linear: state space, None where there is none.
         small: of the state space.
         large: of the whole model at ``amplitude``.
+        missing: why there is no ``linear`` or ``small``, or no ``large``.
         step: response to a step of ``amplitude``, from the working point.
         slew_rate: mean rate of the output [SI/s] from 10 % to 90 % of the standard step.
     """
@@ -81,9 +82,9 @@ class Figures:
     at: Mapping[str, float]
     amplitude: float
     linear: LinearModel | None
-    no_linear: str
     small: FrequencyFigures | None
-    large: FrequencyFigures
+    large: FrequencyFigures | None
+    missing: tuple[str, ...]
     step: StepMetrics
     slew_rate: float | None
 
@@ -120,7 +121,20 @@ def figures(
     test = SineTest(model, main, output, span, point)
     measured = step_metrics(*test.step(model.actuator.stop_time))
     lowest = 0.02 / (measured.delay or model.actuator.stop_time)
-    linear, no_linear = _linear(model, point)
+    missing = []
+    linear = small = large = None
+    try:
+        linear = linearise(model, point)
+        if linear.is_stable():
+            small = _small(linear, main, output, lowest, wanted)
+        else:
+            missing.append("no small signals: the linear model is unstable")
+    except UserError as error:
+        missing.append(f"no small signals: {error}")
+    try:
+        large = frequency_figures(test.response, test.static_gain(), lowest, wanted)
+    except UserError as error:
+        missing.append(f"no frequency response at this amplitude: {error}")
     rise = rise_time(reference.times, reference[output])
     return Figures(
         model=model,
@@ -129,9 +143,9 @@ def figures(
         at=point,
         amplitude=span,
         linear=linear,
-        no_linear=no_linear,
-        small=_small(linear, main, output, lowest, wanted) if linear else None,
-        large=frequency_figures(test.response, test.static_gain(), lowest, wanted),
+        small=small,
+        large=large,
+        missing=tuple(missing),
         step=measured,
         slew_rate=0.8 * abs(moved) / rise if rise else None,
     )
@@ -212,13 +226,6 @@ def _small(
 
     static = response(1e-3 * lowest)
     return frequency_figures(response, math.copysign(abs(static), static.real), lowest, wanted)
-
-
-def _linear(model: Model, at: Mapping[str, float]) -> tuple[LinearModel | None, str]:
-    try:
-        return linearise(model, at), ""
-    except UserError as error:
-        return None, str(error)
 
 
 def _input_value(model: Model, name: str, value: float | str) -> float:

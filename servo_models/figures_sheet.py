@@ -39,7 +39,7 @@ def figures_sheet(found: Figures) -> Sheet:
     texts = [f"Warning: {variant.warning}."] if variant.warning else []
     texts += [f"Parameters changed by: {model.provenance}."] if model.provenance else []
     texts += [_at(found), DEFINITIONS]
-    texts += [f"Small signals: {found.no_linear}."] if found.no_linear else []
+    texts += [f"{why[0].upper()}{why[1:]}." for why in found.missing]
     wire = model.plant.wire[found.output]
     return Sheet(
         f"{model.actuator.name}, variant {model.variant}: {found.input} to {found.output}",
@@ -99,8 +99,9 @@ def as_tree(found: Figures) -> dict[str, Any]:
         "at": dict(found.at),
         "amplitude": found.amplitude,
         "slew_rate": found.slew_rate,
-        "small_signals": asdict(found.small) if found.small is not None else None,
-        "at_amplitude": asdict(found.large),
+        "small_signals": asdict(found.small) if found.small else None,
+        "at_amplitude": asdict(found.large) if found.large else None,
+        "missing": list(found.missing),
         "step": asdict(found.step),
         "state_space": linear
         and {
@@ -109,6 +110,7 @@ def as_tree(found: Figures) -> dict[str, Any]:
             "inputs": list(linear.inputs),
             "outputs": list(linear.outputs),
             "delays": dict(linear.delays),
+            "period": linear.period,
             "left_out": dict(linear.left_out),
             "point": dict(linear.point),
         },
@@ -162,7 +164,7 @@ def _rows(found: Figures) -> Iterator[tuple[str, str, str, str]]:
     (into, per), (out, unit) = display(wires[found.input]), display(wires[found.output])
     gain = (out / into, f"{unit}/{per}" if per else unit)
     small = _of_response(found.small, *gain) if found.small else []
-    large = _of_response(found.large, *gain)
+    large = _of_response(found.large, *gain) if found.large else []
     none = ("", "", "")
     for one, other in itertools.zip_longest(small, large, fillvalue=none):
         name, _, unit_ = one if other is none else other
@@ -199,8 +201,9 @@ def _cell(value: float | None, scale: float) -> str:
 def _state_space(linear: LinearModel) -> Iterator[Table]:
     a, b, c, d = linear.matrices()
     columns = ("", *linear.states, *linear.inputs)
+    what = f"states {1e3 * linear.period:g} ms later" if linear.period else "derivatives of states"
     for heading, names, rows in (
-        ("A and B: derivatives of the states, in SI", linear.states, np.hstack([a, b])),
+        (f"A and B: {what}, in SI", linear.states, np.hstack([a, b])),
         ("C and D: outputs, in SI", linear.outputs, np.hstack([c, d])),
     ):
         cells = tuple((name, *(f"{value:.6g}" for value in row)) for name, row in zip(names, rows))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 class LinearModel:
     """x' = A x + B u, y = C x + D u, in SI, for deviations from a working point.
 
+    With a period x' is the state one period later, and y read when u is set.
+
     Delays are channels of their own: ``joint_*`` has their outputs before the inputs u and
     their inputs before the outputs y.  A, B, C, D are those of the model without delay.
 
@@ -23,9 +26,11 @@ class LinearModel:
         joint_a, joint_b, joint_c, joint_d: of shapes (n, n), (n, k + m), (k + p, n),
             (k + p, k + m) for n states, k delays, m inputs and p outputs.
         states, inputs, outputs: names, in the order of rows and columns.
+        channels: time [s] of each delay channel.
         delays: time [s] by name of the effect.
         left_out: effects that no linear model has, with the reason.
         point: SI values of inputs, states and outputs at the working point.
+        period: [s] from sample to sample, 0 in continuous time.
     """
 
     joint_a: Array
@@ -35,13 +40,15 @@ class LinearModel:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    channels: tuple[float, ...]
     delays: Mapping[str, float]
     left_out: Mapping[str, str]
     point: Mapping[str, float]
+    period: float = 0.0
 
     def matrices(self) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C, D with every delay 0, shapes (n, n), (n, m), (p, n), (p, m)."""
-        k = len(self.delays)
+        k = len(self.channels)
         b, c, d = self.joint_b, self.joint_c, self.joint_d
         through = np.linalg.inv(np.eye(k) - d[:k, :k])
         return (
@@ -51,6 +58,12 @@ class LinearModel:
             d[k:, k:] + d[k:, :k] @ through @ d[:k, k:],
         )
 
+    def is_stable(self) -> bool:
+        """Whether no pole of A grows; an integrator does not."""
+        poles = np.linalg.eigvals(self.matrices()[0])
+        growth = abs(poles) - 1.0 if self.period else poles.real
+        return bool(np.all(growth <= 1e-9 * np.max(abs(poles), initial=0.0)))
+
     def channel(self, input_: str, output: str) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C, D from one input to one output, shapes (n, n), (n, 1), (1, n), (1, 1)."""
         a, b, c, d = self.matrices()
@@ -58,14 +71,18 @@ class LinearModel:
         return a, b[:, column], c[row], d[row][:, column]
 
     def response(self, frequencies: ArrayLike, input_: str, output: str) -> NDArray[np.complex128]:
-        """Return output over input [SI], shape (n,), at ``frequencies`` [Hz], delays exact."""
-        k, n = len(self.delays), len(self.states)
-        times = np.array(list(self.delays.values()))
+        """Return output over input [SI], shape (n,), at ``frequencies`` [Hz], delays exact.
+
+        With a period it has a meaning up to half a turn a period.
+        """
+        k, n = len(self.channels), len(self.states)
+        times = np.array(self.channels)
         column, row = k + self.inputs.index(input_), k + self.outputs.index(output)
         found = []
         for frequency in np.atleast_1d(np.asarray(frequencies, dtype=float)):
             s = 2j * math.pi * frequency
-            whole = self.joint_c @ np.linalg.solve(s * np.eye(n) - self.joint_a, self.joint_b)
+            shift = cmath.exp(s * self.period) if self.period else s
+            whole = self.joint_c @ np.linalg.solve(shift * np.eye(n) - self.joint_a, self.joint_b)
             whole = whole + self.joint_d
             late = np.diag(np.exp(-s * times))
             loop = np.linalg.solve(np.eye(k) - whole[:k, :k] @ late, whole[:k, column])

@@ -1,0 +1,357 @@
+"""Figures of merit and linear state spaces against equations of the papers and python-control."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+from servo_models.actuators.torque_motor import TABLE_1
+from servo_models.cli import main
+from servo_models.errors import UserError
+from servo_models.figures import figures, frequency_figures
+from servo_models.figures_sheet import figures_sheet, write_figures
+from servo_models.linear_model import LinearModel
+from servo_models.linearise import linearise
+from servo_models.simulate import model
+from servo_models.sine_test import SineTest
+
+MEASURED = ("torque_motor", "measured")
+SG90 = ("sg90", "linear")
+
+
+def equations_1_to_9(k: Mapping[str, float] = TABLE_1) -> control.StateSpace:
+    """v = R i + L i' + K_b theta', K_t i = J theta'' + K_f theta' + K_s theta + load."""
+    inertia = k["rotor_inertia"]
+    a = [
+        [-k["resistance"] / k["inductance"], 0.0, -k["back_emf_constant"] / k["inductance"]],
+        [0.0, 0.0, 1.0],
+        [
+            k["torque_constant"] / inertia,
+            -k["stiffness"] / inertia,
+            -k["friction_coefficient"] / inertia,
+        ],
+    ]
+    b = [[1.0 / k["inductance"], 0.0], [0.0, 0.0], [0.0, -1.0 / inertia]]
+    return control.ss(a, b, [[0.0, 1.0, 0.0]], [[0.0, 0.0]])
+
+
+def equation_12(frequencies: object) -> NDArray[np.complex128]:
+    """Equation 12 of the valve paper with its delay, in rad/V."""
+    s = 2j * np.pi * np.asarray(frequencies, dtype=float)
+    polynomial = s**3 + 492.0 * s**2 + 1582240.0 * s + 184512000.0
+    return np.asarray(241560.0 * np.exp(-0.0011 * s) / polynomial)
+
+
+def equation_7(frequency: float) -> complex:
+    """Equation 7 of the SG90 paper, over its static gain."""
+    s = 2j * math.pi * frequency
+    return 0.4927865625 / (s**2 + 1.307 * s + 0.4927865625)
+
+
+def test_the_state_space_is_that_of_the_papers_equations() -> None:
+    found = linearise(model(*MEASURED))
+    a, b, c, d = found.matrices()
+    want = equations_1_to_9()
+    assert found.states == ("current", "shaft_angle", "shaft_speed")
+    assert found.inputs == ("voltage", "load_torque")
+    np.testing.assert_allclose(a, want.A, rtol=1e-9)
+    np.testing.assert_allclose(b, want.B, rtol=1e-9)
+    np.testing.assert_allclose(c[:1], want.C, rtol=1e-9)
+    np.testing.assert_allclose(d[:1], want.D, atol=1e-12)
+
+
+def test_delays_are_exact_and_apart_from_a_b_c_d() -> None:
+    found = linearise(model("torque_motor", "identified"))
+    frequencies = [1.0, 10.0, 50.0, 187.8, 1000.0]
+    np.testing.assert_allclose(
+        found.response(frequencies, "voltage", "angle"), equation_12(frequencies), rtol=1e-8
+    )
+    a, b, c, d = found.channel("voltage", "angle")
+    numerator, denominator = control.tfdata(control.ss2tf(control.ss(a, b, c, d)))
+    assert denominator[0][0] == pytest.approx([1.0, 492.0, 1582240.0, 184512000.0], rel=1e-8)
+    assert numerator[0][0][-1] == pytest.approx(241560.0, rel=1e-8)
+    assert found.delays == {"transport_delay": 0.0011}
+
+
+def test_a_lag_is_one_more_state() -> None:
+    plain = linearise(model(*MEASURED))
+    late = linearise(model(*MEASURED, {"sensor_lag.time_constant": "2 ms"}))
+    assert late.states == (*plain.states, "sensor_lag")
+    frequencies = np.array([1.0, 20.0, 100.0])
+    route = (frequencies, "voltage", "angle")
+    ratio = late.response(*route) / plain.response(*route)
+    np.testing.assert_allclose(ratio, 1.0 / (1.0 + 2j * np.pi * frequencies * 2e-3), rtol=1e-8)
+
+
+def test_the_working_point_shifts_what_is_not_linear() -> None:
+    """A spring k theta (1 + c theta^2) has the slope k (1 + 3 c theta^2)."""
+    hard = {"stiffness_hardening.coefficient": 200.0, "end_stops.half_range": 0.0}
+    found = linearise(model(*MEASURED, hard), {"voltage": 20.0})
+    angle = found.point["angle"]
+    torque = TABLE_1["torque_constant"] * 20.0 / TABLE_1["resistance"]
+    stiffness = TABLE_1["stiffness"]
+    spring = [200.0 * stiffness, 0.0, stiffness, -torque]
+    assert angle == pytest.approx(np.roots(spring)[np.isreal(np.roots(spring))].real[0], rel=1e-6)
+    slope = -found.matrices()[0][2, 1] * TABLE_1["rotor_inertia"]
+    assert slope == pytest.approx(stiffness * (1.0 + 600.0 * angle**2), rel=1e-5)
+
+
+JUMPS = {
+    "backlash.half_width": "0.1 deg",
+    "coulomb_friction.level": 0.002,
+    "drive_dead_zone.half_width": 1.0,
+    "direction_asymmetry.ratio": 0.2,
+    "sensor_quantisation.step": "0.01 deg",
+    "sample_hold.period": "2 ms",
+}
+
+
+def test_what_has_no_derivative_is_left_out_and_named() -> None:
+    found = linearise(model(*MEASURED, JUMPS))
+    assert set(found.left_out) == {name.split(".")[0] for name in JUMPS}
+    np.testing.assert_allclose(found.matrices()[0], linearise(model(*MEASURED)).matrices()[0])
+
+
+def test_what_is_smooth_here_is_kept() -> None:
+    smooth = {"drive_saturation.limit": 20.0, "gain_error.error": 0.1, "cogging.torque": 1e-4}
+    assert linearise(model(*MEASURED, smooth)).left_out == {}
+    assert set(linearise(model(*MEASURED, smooth), {"voltage": 30.0}).left_out) == {
+        "drive_saturation"
+    }
+
+
+def linear_drive(delay: float, friction: float = 0.0) -> LinearModel:
+    changes = {"transport_delay.time": delay, "coulomb_friction.level": friction}
+    return linearise(model("linear_drive", "identified", changes))
+
+
+def discrete_loop(frequency: float, delay: float) -> complex:
+    """Position over reference of the EMPS loop with an undisturbed sampled controller.
+
+    Mass and damper between samples by the zero-order hold of python-control; the delay cuts
+    each period in two (Franklin, Powell, Workman, sec. 4.3.4).
+    """
+    values = model("linear_drive", "identified").values
+    mass, damping = values["mass"], values["viscous_coefficient"]
+    gain, period = values["force_gain"], values["sample_time"]
+    a = np.array([[0.0, 1.0], [0.0, -damping / mass]])
+    b = np.array([[0.0], [gain / mass]])
+    whole = math.floor(delay / period + 1e-9)
+    rest = delay - whole * period
+
+    def held(span: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        if span <= 0.0:
+            return np.eye(2), np.zeros((2, 1))
+        made = control.c2d(control.ss(a, b, np.eye(2), 0.0), span)
+        return np.asarray(made.A), np.asarray(made.B)
+
+    phi, _ = held(period)
+    late_phi, young = held(period - rest)
+    old = late_phi @ held(rest)[1]
+    z = np.exp(2j * math.pi * frequency * period)
+    force = young * z**-whole + old * z ** -(whole + 1)
+    plant = (np.linalg.solve(z * np.eye(2) - phi, force))[0, 0]
+    k_p, k_v = values["position_gain"], values["speed_gain"]
+    speed = 0.5 * (1.0 - z**-2) / period
+    return complex(k_v * k_p * plant / (1.0 + k_v * (k_p + speed) * plant))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0004, 0.001, 0.0023])
+def test_a_sampled_loop_is_linear_from_tick_to_tick(delay: float) -> None:
+    found = linear_drive(delay)
+    assert found.period == pytest.approx(1e-3, rel=1e-9)
+    for frequency in (1.0, 10.0, 40.0, 200.0):
+        got = found.response(frequency, "reference", "position")[0]
+        assert got == pytest.approx(discrete_loop(frequency, delay), rel=1e-5)
+
+
+def test_friction_of_a_sampled_loop_is_left_out() -> None:
+    assert "coulomb_friction" in linear_drive(0.0, friction=20.0).left_out
+
+
+def test_poles_that_grow_are_seen() -> None:
+    assert linearise(model(*SG90)).is_stable()
+    assert not linearise(model("sg90", "oscillatory_motor")).is_stable()
+    assert linear_drive(0.0).is_stable()
+
+
+def test_a_linear_servo_has_the_figures_of_its_transfer_function() -> None:
+    """Both ways give -3 dB, -90 deg and the lag at a frequency of eq. 12 with its delay."""
+    found = figures(model("torque_motor"), amplitude="20 V", frequencies=["10 Hz", 50.0, 100.0])
+    static = 241560.0 / 184512000.0
+    decibels = [-1.03, -8.40, -12.14]
+    lags = [32.5, 93.5, 130.3]
+    for measured, tolerance in ((found.small, 1e-6), (found.large, 2e-4)):
+        assert measured is not None
+        assert measured.static_gain == pytest.approx(static, rel=1e-6)
+        assert measured.bandwidth is not None
+        assert measured.phase_90 is not None
+        edge = equation_12(measured.bandwidth) / static
+        assert abs(edge) == pytest.approx(math.sqrt(0.5), rel=tolerance * 10)
+        turned = np.angle(equation_12(measured.phase_90), deg=True)
+        assert turned == pytest.approx(-90.0, abs=0.02)
+        quarter = -np.angle(equation_12(0.25 * measured.bandwidth))
+        delay = quarter / (0.5 * math.pi * measured.bandwidth)
+        assert measured.delay == pytest.approx(delay, rel=tolerance * 10)
+        for point, decibel, lag in zip(measured.points, decibels, lags):
+            assert 20.0 * math.log10(point.gain) == pytest.approx(decibel, abs=0.01)
+            assert math.degrees(point.lag) == pytest.approx(lag, abs=0.1)
+
+
+def test_the_sg90_of_equation_7() -> None:
+    found = figures(model(*SG90), amplitude="5 deg", frequencies=[0.05, 0.2])
+    assert found.large is not None
+    assert found.small is not None
+    for point, other in zip(found.small.points, found.large.points):
+        want = equation_7(point.frequency)
+        assert point.gain == pytest.approx(abs(want), rel=1e-6)
+        assert point.lag == pytest.approx(-np.angle(want), rel=1e-6)
+        assert other.gain == pytest.approx(abs(want), rel=1e-3)
+        assert other.lag == pytest.approx(-np.angle(want), rel=1e-3)
+    assert found.step.final == pytest.approx(math.radians(5.0), rel=1e-3)
+
+
+def test_a_saturated_drive_has_the_describing_function_of_a_saturation() -> None:
+    """Slotine, Li, Applied Nonlinear Control, sec. 5.3.1."""
+    limit, amplitude = 10.0, 30.0
+    changes = {"drive_saturation.limit": limit, "end_stops.half_range": 0.0}
+    chosen = model(*MEASURED, changes)
+    share = limit / amplitude
+    expected = 2.0 / math.pi * (math.asin(share) + share * math.sqrt(1.0 - share**2))
+    linear = linearise(chosen).response(10.0, "voltage", "angle")[0]
+    measured = SineTest(chosen, "voltage", "angle", amplitude).response(10.0)
+    assert measured == pytest.approx(expected * linear, rel=2e-3)
+
+
+def test_a_dead_zone_makes_the_answer_depend_on_the_size() -> None:
+    """Slotine, Li, sec. 5.3.2: N = 1 - 2/pi (asin(d/A) + d/A sqrt(1 - d^2/A^2))."""
+    half = 2.0
+    chosen = model(*MEASURED, {"drive_dead_zone.half_width": half, "end_stops.half_range": 0.0})
+    linear = linearise(chosen).response(10.0, "voltage", "angle")[0]
+    for amplitude in (3.0, 20.0):
+        share = half / amplitude
+        lost = 2.0 / math.pi * (math.asin(share) + share * math.sqrt(1.0 - share**2))
+        measured = SineTest(chosen, "voltage", "angle", amplitude).response(10.0)
+        assert measured == pytest.approx((1.0 - lost) * linear, rel=2e-3)
+
+
+def test_inside_the_dead_zone_nothing_is_reached() -> None:
+    found = figures(model("sg90", "printed"), frequencies=[0.1])
+    assert found.small is not None
+    assert found.large is not None
+    assert found.small.bandwidth is found.large.bandwidth is None
+    assert found.step.delay is None
+    assert "not reached" in str(figures_sheet(found))
+
+
+def test_a_loop_that_swings_says_why_there_are_no_figures() -> None:
+    found = figures(model("sg90", "oscillatory_motor"))
+    assert found.small is found.large is None
+    assert "unstable" in found.missing[0]
+    assert "unstable" in str(figures_sheet(found))
+
+
+def test_the_slew_rate_of_a_rate_limited_output_is_the_limit() -> None:
+    """A rate limit on the voltage of a motor that is far faster makes the angle a ramp."""
+    rate = 250.0
+    chosen = model(*MEASURED, {"rate_limit.rate": rate, "end_stops.half_range": 0.0})
+    static = TABLE_1["torque_constant"] / (TABLE_1["resistance"] * TABLE_1["stiffness"])
+    # the ramp to 30 V takes 120 ms, the motor's slowest time constant is 8 ms
+    assert figures(chosen).slew_rate == pytest.approx(rate * static, rel=0.02)
+
+
+@given(
+    static=st.floats(0.01, 100.0) | st.floats(-100.0, -0.01),
+    corner=st.floats(0.1, 1000.0),
+    delay=st.floats(0.0, 2.0),
+)
+@settings(max_examples=50)
+def test_figures_of_a_lag_with_a_delay(static: float, corner: float, delay: float) -> None:
+    """static exp(-s T) / (1 + s / corner): -3 dB at the corner, lag atan + w T, never wrapped."""
+    late = delay / corner
+
+    def response(frequency: float) -> complex:
+        s = 2j * math.pi * frequency
+        return complex(static * np.exp(-late * s) / (1.0 + s / corner))
+
+    edge = corner / (2.0 * math.pi)
+    found = frequency_figures(response, static, 0.01 * edge, [0.5 * edge, 4.0 * edge])
+    assert found.bandwidth == pytest.approx(edge, rel=1e-4)
+    for point, ratio in zip(found.points, (0.5, 4.0)):
+        assert point.lag == pytest.approx(math.atan(ratio) + ratio * delay, rel=1e-6)
+    assert found.delay == pytest.approx(
+        (math.atan(0.25) + 0.25 * delay) / (0.25 * corner), rel=1e-4
+    )
+    if found.phase_90 is not None:
+        ratio = 2.0 * math.pi * found.phase_90 / corner
+        assert math.atan(ratio) + ratio * delay == pytest.approx(0.5 * math.pi, rel=1e-3)
+    else:
+        assert delay < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--amplitude", "5 kg"], "'kg' does not convert"),
+        (["--amplitude", "0 V"], "above 0"),
+        (["--amplitude", "500 V"], "outside"),
+        (["--frequency", "5 deg"], "frequency"),
+        (["--frequency", "-5"], "above 0"),
+        (["--at", "volts=3"], "did you mean 'voltage'?"),
+        (["--at", "voltage=3 A"], "does not convert to 'V'"),
+        (["--out", "a.xlsx"], ".json, .mat, .npz"),
+    ],
+)
+def test_what_cannot_be_measured_is_told_in_one_line(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["figures", "torque_motor", *words]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+
+
+@pytest.mark.parametrize("suffix", [".json", ".mat", ".npz"])
+def test_a_file_holds_the_state_space(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"motor{suffix}"
+    words = ["figures", *MEASURED[:1], "--variant", MEASURED[1], "--frequency", "10 Hz"]
+    assert main([*words, "--amplitude", "1 deg", "--out", str(path)]) == 0
+    assert "bandwidth" in capsys.readouterr().out
+    if suffix == ".json":
+        tree = json.loads(path.read_text())
+        space = tree["state_space"]
+        assert tree["at_amplitude"]["points"][0]["frequency"] == 10.0
+    elif suffix == ".mat":
+        space = loadmat(path, simplify_cells=True)
+        assert list(space["state_space"]["states"]) == ["current", "shaft_angle", "shaft_speed"]
+    else:
+        with np.load(path) as opened:
+            space = {name: opened[name] for name in "ABCD"}
+            assert json.loads(str(opened["figures"]))["variant"] == "measured"
+    want = equations_1_to_9()
+    np.testing.assert_allclose(np.array(space["A"]), want.A, rtol=1e-9)
+    np.testing.assert_allclose(np.array(space["B"]), want.B, rtol=1e-9)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".mat", ".npz"])
+def test_what_is_missing_does_not_stop_the_file(suffix: str, tmp_path: Path) -> None:
+    write_figures(figures(model("sg90", "oscillatory_motor")), tmp_path / f"a{suffix}")
+    assert (tmp_path / f"a{suffix}").stat().st_size > 0
+
+
+def test_a_model_that_drifts_has_no_working_point() -> None:
+    with pytest.raises(UserError, match="does not come to rest"):
+        linearise(model("sg90", "oscillatory_motor"), {"pulse_width": 1.7e-3})
