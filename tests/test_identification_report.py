@@ -23,13 +23,14 @@ from servo_models.identification.result import HELD_OUT, Identification
 from servo_models.linearise import linearise
 from servo_models.recording import Channel, Log
 from servo_models.report.identification import identification_page
-from servo_models.report.identification.bode import beside, hold
+from servo_models.report.identification.bode import beside
 from servo_models.report.identification.empirical import Record, empirical
 from servo_models.report.identification.readings import envelope
 from servo_models.report.parts import MINUS, TIMES
 from servo_models.report.sheet import sheet_page
 from servo_models.sheets import Sheet, Table
 from servo_models.simulate import model, simulate
+from servo_models.transfer.sweeps import hold
 from servo_models.units import factor
 
 Array = NDArray[np.float64]
@@ -269,7 +270,7 @@ def test_two_ways_to_the_response_of_the_fitted_model_agree(found: Identificatio
     assert seen is not None
     inside = (seen.hertz > 20.0) & (seen.hertz < 140.0)
     line = linearise(found.fitted).response(seen.hertz, "voltage", "angle")
-    line = line * hold(seen.hertz, STEP)
+    line = line * hold(2.0 * np.pi * seen.hertz, STEP)
     assert inside.sum() >= 5
     assert np.abs(seen.measured / line - 1.0)[inside].max() < 0.1
 
@@ -280,7 +281,9 @@ def test_hold_is_the_fundamental_of_a_staircase() -> None:
     sine = np.exp(2j * np.pi * np.arange(points) / points)
     stairs = np.repeat(sine, fine)
     phase = np.exp(-2j * np.pi * (np.arange(points * fine) + 0.5) / (points * fine))
-    assert hold(np.array([hertz]), step)[0] == pytest.approx(np.mean(stairs * phase), abs=1e-4)
+    assert hold(np.array([2.0 * np.pi * hertz]), step)[0] == pytest.approx(
+        np.mean(stairs * phase), abs=1e-4
+    )
 
 
 @given(st.floats(-1e3, 1e3), st.floats(-math.pi, math.pi))
@@ -309,6 +312,7 @@ def test_a_sheet_with_figures_is_a_page() -> None:
     )
     page = Page(sheet_page("Servo", Sheet("Six elements", ("Said.",), (table,)), {"Loop": figure}))
     page.assert_stands_alone()
+    assert "wide" in page.values("class")  # a figure of matplotlib's own size
     assert page.rows == [["name", "value", "unit"], ["K_AP", "5.79", "1"], [HOSTILE, "-2e-3", ""]]
     assert page.count("svg") == 1
     assert {"Six elements", "Said.", "Elements", "Loop."} <= set(page.text)

@@ -39,6 +39,8 @@ SERIES = ("blue", "orange", "green", "purple")
 
 WIDTH = 4.2
 """Width of a figure [inch]; text of 9 points stays legible when a phone shrinks it."""
+WIDE = 5.5
+"""Width [inch] from which a figure takes the whole page, and is moved by hand on a phone."""
 
 
 def colour(name: str) -> str:
@@ -172,8 +174,11 @@ def _inline(text: str, name: str, title: str) -> Markup:
     content = re.sub(r' d="([^"]+)"', lambda m: f' d="{_coarse(m[1])}"', content)
     for variable, (light, _) in PALETTE.items():
         content = content.replace(light, f"var(--{variable})")
-    frame = Markup('<svg viewBox="0 0 {} {}" role="img" aria-label="{}"><title>{}</title>{}</svg>')
-    return frame.format(width, height, title, title, Markup(content))
+    wide = Markup(' class="wide"' if float(width) > WIDE * 72.0 else "")
+    frame = Markup(
+        '<svg{} viewBox="0 0 {} {}" role="img" aria-label="{}"><title>{}</title>{}</svg>'
+    )
+    return frame.format(wide, width, height, title, title, Markup(content))
 
 
 def _coarse(path: str) -> str:

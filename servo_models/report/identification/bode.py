@@ -17,6 +17,7 @@ from servo_models.report.identification.empirical import Empirical, Record, empi
 from servo_models.report.identification.readings import words
 from servo_models.report.parts import Section
 from servo_models.report.style import Picture, colour, drawing, picture
+from servo_models.transfer.sweeps import hold
 from servo_models.units import factor
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def _line(pair: Pair, seen: Empirical | None, linear: LinearModel) -> Curve | No
     response = linear.response(hertz, pair.input.name, pair.output.name)
     if not np.all(response):
         return None
-    return hertz, response if linear.period else response * hold(hertz, pair.step)
+    return hertz, response if linear.period else response * hold(2.0 * np.pi * hertz, pair.step)
 
 
 def _picture(pair: Pair, seen: Empirical | None, line: Curve | None, name: str) -> Picture:
@@ -169,14 +170,6 @@ def beside(reference: Array, response: Complex) -> Array:
     """Return the phase [deg] of a response in the turn that is nearest to ``reference``."""
     degrees = np.degrees(np.angle(response))
     return np.asarray(reference + (degrees - reference + 180.0) % 360.0 - 180.0)
-
-
-def hold(hertz: Array, step: float) -> Complex:
-    """Return the response of an input held from sample to sample, ``step`` [s] apart.
-
-    Source: Franklin, Powell, Workman, Digital Control of Dynamic Systems, 3rd ed., sec. 4.3.3.
-    """
-    return np.asarray(np.sinc(hertz * step) * np.exp(-1j * np.pi * hertz * step))
 
 
 def _decibel(pair: Pair, response: Complex) -> Array:

@@ -58,7 +58,7 @@ def digits(value: float, error: float) -> int:
     """Return how many digits of a value are worth printing: two of its standard error."""
     if not (math.isfinite(error) and error > 0.0 and value):
         return 5
-    return min(max(math.ceil(math.log10(abs(value) / error)) + 2, 4), 9)
+    return min(max(math.ceil(math.log10(abs(value) / error)) + 2, 4), 7)
 
 
 def _correlations(found: Identification) -> Picture:
