@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from servo_models.transfer.choose import Candidate
 from servo_models.transfer.evidence import Record, Sweep
 from servo_models.transfer.functions import STRUCTURES, Structure, TransferFunction
-from servo_models.transfer.identify import Candidate, TransferResult, identify_transfer
+from servo_models.transfer.identify import TransferResult, identify_transfer
 from servo_models.transfer.sheet import sheet
 from servo_models.transfer.sweeps import read_sweeps, sweep_of_sines
 

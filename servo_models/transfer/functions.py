@@ -95,7 +95,7 @@ class TransferFunction:
         """Return the phase [rad] at ``frequencies`` [rad/s], without jumps of a turn."""
         w = np.atleast_1d(np.asarray(frequencies, dtype=float))
         zeros, poles = (np.angle(1j * w[:, None] - r).sum(axis=1) for r in (self.zeros, self.poles))
-        start = float(np.angle(self.numerator[0]) + np.angle(-self.zeros).sum())
+        start = float(np.angle(self.numerator[0]) + np.angle(0.0 - self.zeros).sum())
         return np.asarray(
             np.angle(self.numerator[0])
             + zeros

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-TICKS = 1e8
+TICKS = 1e9
 """Ticks in a median sampling step; instants within one tick are one instant."""
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from servo_models.sheets import Sheet, Table
+from servo_models.transfer.choose import COLOURED, Candidate
 from servo_models.transfer.evidence import Record
 from servo_models.transfer.functions import TransferFunction
-from servo_models.transfer.identify import COLOURED, Candidate, TransferResult
+from servo_models.transfer.identify import TransferResult
 from servo_models.units import factor
 
 
