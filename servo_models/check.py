@@ -48,6 +48,13 @@ class Check:
         """What is serious, one sentence each."""
         said = [f"log '{a.log.name}': {text}" for a in self.audits for text in a.warnings]
         free = free_names(self.plant, self.description.free)
+        every = (*self.excitation.parameters, *self.excitation.effects)
+        if all(reach.moves < NOTHING for reach in every):
+            said.append(
+                "the model does not move on these logs: check scale and offset of the inputs, and"
+                " its parameters"
+            )
+            return tuple(said)
         for reach in self.excitation.parameters:
             if reach.name in free and reach.together > ROUGHLY:
                 said.append(f"'{reach.name}' is to be estimated, but {_verdict(reach)}")
@@ -170,6 +177,8 @@ def _parameter_tables(found: Check) -> Iterator[Table]:
         for reach in reaches
         if found.asked or reach.shown
     )
+    if not rows:
+        return
     heading = "Parameters, with the least standard error to expect: white noise, a right model"
     yield Table(heading, ("parameter", "value", "alone", "together", "unit", ""), rows)
 

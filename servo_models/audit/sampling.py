@@ -54,6 +54,6 @@ def sampling(log: Log) -> Sampling:
         duration=log.duration,
         step=float(kept.mean()),
         jitter=float(kept.std()),
-        stamp=reading_step(steps)[0],
+        stamp=reading_step(np.concatenate([steps, [0.0, 0.0]]))[0],
         gaps=gaps,
     )

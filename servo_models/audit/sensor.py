@@ -13,7 +13,7 @@ import numpy as np
 
 from servo_models.recording import Array
 
-ROUNDED = 1e-9
+ROUNDED = 1e-12
 """Readings closer than this share of the largest are equal but for rounding."""
 NEAR = 100.0
 """Codes further apart than this many steps do not tell whether they are multiples of it."""
@@ -49,8 +49,8 @@ def reading_step(values: Array) -> tuple[float, float]:
     near = gaps[gaps < NEAR * step]
     if len(near) < 2 or np.mean(_off(near / step) < ON_STEP) < 0.95:
         return 0.0, 0.0
-    between = _off((np.diff(codes)[counts[1:] == 1]) / step) if len(repeated) < len(codes) else 0.0
-    share = np.count_nonzero(between > 2.0 * ON_STEP) / len(values)
+    phase = np.angle(np.sum(counts * np.exp(2j * np.pi * codes / step))) / (2.0 * np.pi)
+    share = np.sum(counts[_off(codes / step - phase) > 2.0 * ON_STEP]) / len(values)
     return float(step), float(share)
 
 
@@ -97,8 +97,8 @@ def stale_share(values: Array, floor: float) -> float:
 def clipped_share(values: Array, command: Array, floor: float) -> float:
     """Return the share of samples at which a reading stays at an extreme that it ran into.
 
-    It stays there for three samples or more, came with a speed that would have carried it
-    past by over 6 noise floors, and its command, shape (n, inputs), takes more than one
+    It stays there for three samples or more, came with a speed of over 6 noise floors a
+    sample that would have carried it past, and its command, shape (n, inputs), takes more than one
     value there; so a shaft that settles is not taken for one that is held.
     """
     held = np.zeros(len(values), dtype=bool)
@@ -109,8 +109,9 @@ def clipped_share(values: Array, command: Array, floor: float) -> float:
         starts, stops = np.flatnonzero(np.diff(at) == 1), np.flatnonzero(np.diff(at) == -1)
         there = np.zeros(len(values), dtype=bool)
         for start, stop in zip(starts, stops):
-            past = 2.0 * turned[start - 1] - turned[start - 2] - top if start > 1 else 0.0
-            there[start:stop] = stop - start > 2 and past > 6.0 * floor
+            speed = turned[start - 1] - turned[start - 2] if start > 1 else 0.0
+            past = turned[start - 1] + speed > top and speed > 6.0 * floor
+            there[start:stop] = stop - start > 2 and past
         if there.any() and np.ptp(command[there], axis=0).any():
             held |= there
     return float(held.mean())

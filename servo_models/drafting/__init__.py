@@ -169,20 +169,16 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
     """
     plant, wire = actuator.plant, match.wire
     name, size = actuator.step
-    followers = [
-        out
-        for out in plant.outputs
-        if _factor_or_none(match.unit, plant.wire[out].unit) is not None
-    ]
     unit = wire.display or wire.unit
-    to_unit = factor(wire.unit, unit)
-    rest = float(wire.rest)
-    if not followers:
+    to_unit, rest = factor(wire.unit, unit), float(wire.rest)
+    quantity = {out: exponents(plant.wire[out].unit)[1] for out in plant.outputs}
+    follower = next((o for o in quantity if quantity[o] == exponents(match.unit)[1]), None)
+    if follower is None:
         return unit, 1.0, rest * to_unit
     times = np.linspace(0.0, actuator.stop_time, 1001)
-    reached = simulate(model(actuator), times, {name: size})[followers[0]]
+    reached = simulate(model(actuator), times, {name: size})[follower]
     gain = (reached[-1] - reached[0]) / (size - rest)
-    scale = factor(match.unit, plant.wire[followers[0]].unit) / gain
+    scale = factor(match.unit, plant.wire[follower].unit) / gain
     return unit, scale * to_unit, (rest - scale * float(match.column.values[0])) * to_unit
 
 

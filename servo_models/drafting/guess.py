@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.actuator import Actuator, Wire
+from servo_models.audit.sensor import difference_noise
 from servo_models.drafting.columns import Column
 from servo_models.units import exponents, factor
 
@@ -89,12 +90,13 @@ def _time_unit(column: Column) -> str:
 def matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     """Return a column for each signal that one fits, best first; a column serves one signal.
 
-    The command of a file without telling names is the column that stands still most often.
+    The command of a file without telling names is the column that stands still most often,
+    or else the one with the least noise.
     """
     plant, main = actuator.plant, actuator.step[0]
     nameless = [column for column in columns if not tells(column)]
     named = any(COMMAND & set(column.words) for column in columns)
-    command = None if named else max(nameless, key=_stillness, default=None)
+    command = None if named else max(nameless, key=_calm, default=None)
     offered = [
         match
         for column in columns
@@ -166,8 +168,11 @@ def _near_rest(wire: Wire, column: Column, unit: str) -> bool:
     return bool(np.abs(away).max() <= NEIGHBOURHOOD * wire.scale)
 
 
-def _stillness(column: Column) -> float:
-    return float(np.mean(np.diff(column.values) == 0.0)) if column.moves else -1.0
+def _calm(column: Column) -> tuple[float, float]:
+    if not column.moves:
+        return -1.0, 0.0
+    still = float(np.mean(np.diff(column.values) == 0.0))
+    return round(still, 1), -difference_noise(column.values) / float(np.ptp(column.values))
 
 
 def _is_unlike_rate(match: Match, command: Column) -> bool:
