@@ -209,6 +209,7 @@ def test_json_lists(
         ('[{"t": 0, "u": 1}, {"t": 1}]', "u", "row 2, column 'u' is empty"),
         ('[{"t": 0}, {"t": "late"}]', "t", "row 2, column 't': 'late' is not a number"),
         ('[{"t": 0}, {"t": NaN}]', "t", "row 2, column 't': 'nan' is not finite"),
+        ('[{"t": 1%s}]' % ("0" * 400), "t", "row 1, column 't': 'inf' is not finite"),
         (b"\xff\xfe\x00", "t", "damaged"),
     ],
 )
@@ -305,7 +306,11 @@ def test_ulog(tmp_path: Path) -> None:
     message = complaint(path, "y[1]", table="gyro.1")
     assert "table 'gyro.1', row 1, column 'y[1]': 'nan' is not finite" in message
     assert "did you mean 'motors'" in complaint(path, table="motor")
-    assert "damaged" in complaint(file(tmp_path, b"ULog?", "bad.ulg"))
+    whole = path.read_bytes()
+    for content in (b"ULog?", whole[:100], whole[:19] + b"\xff" + whole[20:60] + b"?" * 40):
+        assert "damaged" in complaint(file(tmp_path, content, "bad.ulg"))
+    cut = read_columns(file(tmp_path, whole[:-60], "cut.ulg"), "motors")
+    assert list(cut.numbers("timestamp")) == [1000.0]
 
 
 def test_mcap_in_json(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ def read(source: Source) -> Tables:
         UserError: no JSON, or neither records nor lists in it.
     """
     try:
-        document = json.loads(source.content)
+        document = json.loads(source.content, parse_int=float)
     except UnicodeDecodeError as error:
         raise source.damaged("JSON") from error
     except json.JSONDecodeError as error:

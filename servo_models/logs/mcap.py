@@ -6,6 +6,7 @@ the first message of the file.  Rows count the topic's messages from 1.
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 from collections.abc import Callable
@@ -58,7 +59,7 @@ def _columns(source: Source, items: list[Any], first: int) -> list[pl.Series]:
 
 def _decoder(source: Source, schema: Any, channel: Any) -> Callable[[bytes], Any]:
     if channel.message_encoding == "json":
-        return json.loads
+        return functools.partial(json.loads, parse_int=float)
     if channel.message_encoding not in ENCODINGS:
         raise UserError(
             f"'{source.path}': messages of '{channel.topic}' are encoded as"

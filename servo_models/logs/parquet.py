@@ -20,5 +20,5 @@ def read(source: Source) -> Tables:
     source.wanted([""])
     try:
         return Tables({"": pl.read_parquet(io.BytesIO(source.content)).get_columns()})
-    except pl.exceptions.PolarsError as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise source.damaged("Parquet") from error
