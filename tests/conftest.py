@@ -19,6 +19,7 @@ MODELS = {
     "torque_motor": ("torque_motor", None),
     "measured": ("torque_motor", "measured"),
     "linear_drive": ("linear_drive", None),
+    "smart_servo": ("smart_servo", None),
 }
 
 

@@ -96,17 +96,18 @@ def experiment(plant: str) -> tuple[Array, Array]:
     for wire in chosen(plant).plant.inputs:
         drawn = random.uniform(-1.0, 1.0, len(times))
         drawn[::3] = drawn[0] + 0.004 * drawn[::3]
-        columns.append(np.maximum(float(wire.rest) + wire.scale * drawn, wire.low or -np.inf))
+        columns.append(np.clip(float(wire.rest) + wire.scale * drawn, wire.low, wire.high))
     return times, np.column_stack(columns)
 
 
 def swing(plant: str) -> tuple[Array, Array]:
     """A slower one: the main input at one end of its scale, then at the other, small loads."""
     times, inputs = experiment(plant)
-    main, swung = chosen(plant).plant.inputs[0], inputs.copy()
+    main, second, *_ = chosen(plant).plant.inputs
+    swung = inputs.copy()
     swung[:30, 0], swung[30:, 0] = float(main.rest) + main.scale, float(main.rest) - main.scale
     swung[::3, 0] += 0.004 * main.scale
-    swung[:, 1] *= 0.1
+    swung[:, 1] = float(second.rest) + 0.1 * (swung[:, 1] - float(second.rest))
     return 20.0 * times, swung
 
 

@@ -27,6 +27,7 @@ RUNS = {
     "torque_motor": (0.12, 1.0),
     "measured": (0.12, 1.0),
     "linear_drive": (0.12, 1.0),
+    "smart_servo": (0.12, 1.0),
 }
 
 
@@ -48,7 +49,8 @@ def commands(chosen: Model, times: Array) -> Array:
     columns = []
     for wire in chosen.plant.inputs:
         levels = float(wire.rest) + 0.4 * wire.scale * rng.uniform(-1.0, 1.0, 12)
-        columns.append(levels[(12 * np.arange(len(times)) // len(times))])
+        held = np.clip(levels, wire.low, wire.high)
+        columns.append(held[12 * np.arange(len(times)) // len(times)])
     return np.column_stack(columns)
 
 
@@ -66,7 +68,9 @@ def test_fmu_equals_the_simulation_bit_for_bit(name: str, kind: str, fmu_folder:
     assert np.array_equal(found, chosen.run(times, inputs))
 
 
-@pytest.mark.parametrize("name", ["sg90", "oscillatory", "torque_motor", "linear_drive"])
+@pytest.mark.parametrize(
+    "name", ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo"]
+)
 def test_with_all_effects_active_too(name: str, fmu_folder: Files) -> None:
     parameters = {
         key: p.param.typical
@@ -95,7 +99,7 @@ def halves(name: str) -> tuple[Model, Array, Array, int]:
 
 
 @pytest.mark.parametrize("serialised", [False, True])
-@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive"])
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
 def test_restoring_a_state_repeats_the_rest_of_the_run(
     name: str, serialised: bool, fmu_folder: Files
 ) -> None:
@@ -220,7 +224,7 @@ def test_initial_outputs_follow_inputs_and_parameters(fmu_folder: Files) -> None
     assert two == pytest.approx(2.0 * 7.47 * volts_per_second * 0.2e-3, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive"])
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
 def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
     """The high-level call, from a path with spaces, with the default experiment's step."""
     chosen = model(*MODELS[name])
@@ -231,7 +235,7 @@ def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
     assert found["time"][-1] == pytest.approx(actuator.stop_time / 4, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive"])
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
 def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
     """A second master, written in C++ by other people; its clock counts nanoseconds."""
     reason = "libcosimpy, the second master, is not installed: pip install libcosimpy==0.0.6"

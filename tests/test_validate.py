@@ -93,7 +93,9 @@ def test_schedules_hold_and_grids_end() -> None:
     assert schedule(times, (0.0, 5.0), (0.2, 7.0)).tolist() == [5.0, 5.0, 7.0, 7.0]
 
 
-@pytest.mark.parametrize("name", ["sg90", "oscillatory", "torque_motor", "linear_drive"])
+@pytest.mark.parametrize(
+    "name", ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo"]
+)
 def test_an_fmu_equals_its_simulation(name: str, fmu_file: FmuFile) -> None:
     subject = Subject(fmu_file(name))
     rows = implementation_rows(subject)

@@ -1,9 +1,8 @@
 """EMPS linear drive written from its benchmark: carriage and controller, tick by tick.
 
 Between two instants at which the drive or the load changes, the force is constant, so the
-motion is known in closed form up to the next reversal, and so is the reversal.
-Source: Janot, Gautier, Brunot, "Data set and reference models of EMPS", 2019; dry friction
-after Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994), sec. 3.
+motion is known in closed form.
+Source: Janot, Gautier, Brunot, "Data set and reference models of EMPS", 2019.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.reference.inputs import Edges, changes, value_at
+from servo_models.reference.sliding import Sliding
 
 Array = NDArray[np.float64]
 
@@ -44,13 +44,14 @@ class LinearDrive:
         goal, pulse, load = (
             changes(times, inputs[name]) for name in ("reference", "disturbance", "load_force")
         )
+        carriage = Sliding(self.mass, self.viscous, self.coulomb)
         x = v = now = last = last_but_one = 0.0
         drives: list[float] = []
         acting = 0.0
         out = []
         for time, what, index in self._instants(times, load):
             net = G_TAU * acting - self.offset - value_at(load, now)
-            x, v = self.moved(x, v, net, time - now)
+            x, v = carriage.after(x, v, net, time - now)
             now = time
             if what == "row":
                 out.append((x, v, drives[-1]))
@@ -77,18 +78,3 @@ class LinearDrive:
         order = ("load", "tick", "acts", "row")
         found = sorted(happens, key=lambda one: (one[0], order.index(one[1])))
         return [one for one in found if one[0] <= end]
-
-    def moved(self, x: float, v: float, net: float, time: float) -> tuple[float, float]:
-        """Position and speed after ``time`` [s] under a constant force ``net`` [N]."""
-        slow = self.mass / self.viscous
-        while time > 0.0:
-            if v == 0.0 and abs(net) <= self.coulomb:
-                break
-            way = math.copysign(1.0, v if v != 0.0 else net)
-            final = (net - way * self.coulomb) / self.viscous
-            ends = final + (v - final) * math.exp(-time / slow)
-            if way * ends >= 0.0:
-                return x + final * time + slow * (v - ends), ends
-            stops = slow * math.log((final - v) / final)
-            x, v, time = x + final * stops + slow * v, 0.0, time - stops
-        return x, v
