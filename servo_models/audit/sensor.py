@@ -97,7 +97,7 @@ def stale_share(values: Array, floor: float) -> float:
 def clipped_share(values: Array, command: Array, floor: float) -> float:
     """Return the share of samples at which a reading stays at an extreme that it ran into.
 
-    It stays there for three samples or more, came with a speed of over 6 noise floors a
+    It stays there for three samples or more, came with a speed of over 12 noise floors a
     sample that would have carried it past, and its command, shape (n, inputs), takes more than one
     value there; so a shaft that settles is not taken for one that is held.
     """
@@ -110,7 +110,7 @@ def clipped_share(values: Array, command: Array, floor: float) -> float:
         there = np.zeros(len(values), dtype=bool)
         for start, stop in zip(starts, stops):
             speed = turned[start - 1] - turned[start - 2] if start > 1 else 0.0
-            past = turned[start - 1] + speed > top and speed > 6.0 * floor
+            past = turned[start - 1] + speed > top and speed > 12.0 * floor
             there[start:stop] = stop - start > 2 and past
         if there.any() and np.ptp(command[there], axis=0).any():
             held |= there

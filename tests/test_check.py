@@ -1,0 +1,395 @@
+"""What logs can determine, against fits of many noisy logs and exact laws; and the command."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import scipy.io
+from numpy.typing import NDArray
+
+from servo_models.catalogue import actuators, effects
+from servo_models.cli import main
+from servo_models.description import read_description
+from servo_models.drafting import draft
+from servo_models.drafting.columns import heading
+from servo_models.errors import UserError
+from servo_models.excitation import SHOWN, Excitation, excitation
+from servo_models.identification.fit import fit
+from servo_models.lookalikes import EXPERIMENTS, FRICTION, GAIN, INERTIA, LAG, experiment
+from servo_models.recording import Channel, Log
+from servo_models.simulate import Model, model, simulate
+
+Array = NDArray[np.float64]
+Run = Callable[..., tuple[int, str, str]]
+
+STEP, NOISE = 1e-3, 2e-4
+MOTOR = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+VOLTAGE = 20.0 * np.repeat([0.0, 1.0, -1.0, 0.5, 0.0], 100)
+TIMES = STEP * np.arange(len(VOLTAGE))
+
+
+def motor_log(seed: int | None = 0, chosen: Model = MOTOR, size: float = 1.0) -> Log:
+    """A log of the torque motor's angle [rad], with white noise unless ``seed`` is None."""
+    angle = simulate(chosen, TIMES, {"voltage": size * VOLTAGE})["angle"]
+    if seed is not None:
+        angle = angle + NOISE * np.random.default_rng(seed).standard_normal(len(angle))
+    n = len(TIMES)
+    channels = {"angle": Channel("angle", "angle", "rad")}
+    return Log(
+        "log", Path("log"), "", TIMES, {"voltage": size * VOLTAGE}, {"angle": angle}, channels,
+        np.arange(n), np.zeros(n, dtype=bool),
+    )  # fmt: skip
+
+
+def named(found: Excitation, name: str) -> float:
+    return next(r.moves for r in (*found.parameters, *found.effects) if r.name == name)
+
+
+FREE = ("torque_constant", "friction_coefficient", "inductance")
+
+
+def fitted(free: tuple[str, ...], count: int = 60) -> Array:
+    return np.array([fit(MOTOR, [motor_log(seed)], free, jobs=1).values for seed in range(count)])
+
+
+def test_errors_to_expect_are_those_of_many_fits() -> None:
+    found = excitation(MOTOR, [motor_log()], {"angle": NOISE}, FREE)
+    reaches = {reach.name: reach for reach in found.parameters}
+    together = np.array([reaches[name].together * reaches[name].scale for name in FREE])
+    assert fitted(FREE).std(axis=0) == pytest.approx(together, rel=0.3)
+    alone = reaches["friction_coefficient"]
+    expected = alone.alone * alone.scale
+    assert fitted(("friction_coefficient",)).std(ddof=1) == pytest.approx(expected, rel=0.3)
+    assert np.all(together >= 0.999 * np.array([reaches[n].alone * reaches[n].scale for n in FREE]))
+
+
+def test_a_prior_bounds_the_error_and_adds_as_information() -> None:
+    prior = 0.02 * MOTOR.values["torque_constant"]
+    plain = excitation(MOTOR, [motor_log()], {"angle": NOISE}, ["torque_constant"])
+    known = excitation(MOTOR, [motor_log()], {"angle": NOISE}, priors={"torque_constant": prior})
+
+    def variance(found: Excitation) -> float:
+        reach = next(r for r in found.parameters if r.name == "torque_constant")
+        return float((reach.together * reach.scale) ** 2)
+
+    assert 1.0 / variance(known) == pytest.approx(1.0 / variance(plain) + 1.0 / prior**2, rel=1e-3)
+
+
+def test_the_movement_is_in_noise_floors() -> None:
+    logs = [motor_log(None)]
+    near, far = (excitation(MOTOR, logs, {"angle": f}) for f in (NOISE, 10.0 * NOISE))
+    one, other = (
+        model("torque_motor", "measured", {"end_stops.half_range": 0.0}),
+        replace(MOTOR, values={**MOTOR.values, "drive_dead_zone.half_width": 1.5}),
+    )
+    moved = [simulate(m, TIMES, {"voltage": VOLTAGE})["angle"] for m in (one, other)]
+    rms = float(np.sqrt(np.mean((moved[1] - moved[0]) ** 2)))
+    sizes = next(r.sizes for r in near.effects if r.name == "drive_dead_zone")
+    assert sizes == {"drive_dead_zone.half_width": 1.5}
+    assert named(near, "drive_dead_zone") == pytest.approx(rms / NOISE)
+    assert named(far, "drive_dead_zone") == pytest.approx(rms / NOISE / 10.0)
+
+
+def test_a_log_that_never_reaches_a_limit_cannot_show_it() -> None:
+    found = excitation(MOTOR, [motor_log(size=0.1)], {"angle": NOISE})
+    assert named(found, "drive_saturation") == 0.0
+    assert all(not r.shown for r in found.effects if r.moves < SHOWN)
+
+
+def test_what_a_free_parameter_explains_is_not_shown() -> None:
+    logs, floor = [motor_log()], {"angle": NOISE}
+    fixed = next(r for r in excitation(MOTOR, logs, floor).effects if r.name == "gain_error")
+    free = excitation(MOTOR, logs, floor, ["torque_constant", "back_emf_constant"])
+    gain = next(r for r in free.effects if r.name == "gain_error")
+    assert fixed.shown
+    assert gain.absorbed
+
+
+def test_parameters_that_only_count_as_a_product_are_named_together() -> None:
+    linear = model("sg90", "linear", {"motor_time_constant": 0.05})
+    times = 0.01 * np.arange(600)
+    pulse = np.where(times > 1.0, 1.6e-3, 1.5e-3)
+    angle = simulate(linear, times, {"pulse_width": pulse})["angle"]
+    log = replace(motor_log(), times=times, inputs={"pulse_width": pulse}, outputs={"angle": angle})
+    log = replace(log, held_out=np.zeros(600, dtype=bool))
+    found = excitation(linear, [log], {"angle": 1e-5}, ["amplifier_gain", "motor_gain"])
+    assert [set(group.names) for group in found.groups if "motor_gain" in group.names] == [
+        {"amplifier_gain", "motor_gain"}
+    ]
+    both = [r for r in found.parameters if r.name in ("amplifier_gain", "motor_gain")]
+    assert all(r.alone < 0.1 and r.together > 1e3 * r.alone for r in both)
+
+
+def test_all_held_out_is_refused() -> None:
+    log = motor_log()
+    with pytest.raises(UserError, match="held out"):
+        excitation(MOTOR, [replace(log, held_out=~log.held_out)], {"angle": NOISE})
+
+
+def test_every_lookalike_is_an_effect_or_a_kind_of_parameter() -> None:
+    known = {*effects(), INERTIA, GAIN, LAG, FRICTION}
+    for these, those, text in EXPERIMENTS:
+        assert these | those <= known
+        assert text
+    assert experiment("backlash", "dead_zone") == experiment("dead_zone", "backlash") != ""
+    assert experiment("lag", "lag") == ""
+
+
+# The command
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def command(*words: str | Path) -> tuple[int, str, str]:
+        code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return command
+
+
+def frame(log: Log) -> pl.DataFrame:
+    degrees = np.degrees(log.outputs["angle"])
+    volts = log.inputs["voltage"]
+    return pl.DataFrame({"time_s": log.times, "voltage_V": volts, "angle_deg": degrees})
+
+
+@pytest.fixture
+def csv(tmp_path: Path) -> Path:
+    path = tmp_path / "bench log.csv"
+    frame(motor_log()).write_csv(path)
+    return path
+
+
+DESCRIPTION = """
+actuator = "torque_motor"
+variant = "measured"
+free = ["{free}"]
+[[logs]]
+file = "bench log.csv"
+time = {{ column = "time_s" }}
+inputs.voltage = {{ column = "voltage_V" }}
+outputs.angle = {{ column = "angle_deg", unit = "deg" }}
+"""
+
+
+def described(csv: Path, free: str = "torque_constant") -> Path:
+    path = csv.with_name("description.toml")
+    path.write_text(DESCRIPTION.format(free=free))
+    return path
+
+
+def test_check_says_what_a_log_is_worth(run: Run, csv: Path) -> None:
+    code, out, err = run("check", described(csv))
+    assert (code, err) == (0, "")
+    assert "500 samples in 0.499 s, 1 ms apart (1000 Hz), even" in out
+    row = next(line for line in out.splitlines() if line.startswith("angle "))
+    floor = float(row.split()[5])
+    assert floor == pytest.approx(np.degrees(NOISE), rel=0.1)
+    assert "fast residual" in row
+    assert any(
+        line.startswith("torque_constant") and line.endswith(" determined")
+        for line in out.splitlines()
+    )
+    hidden = next(line for line in out.splitlines() if line.startswith("cannot be shown"))
+    assert "noise floors" in hidden
+    assert len(out.splitlines()) < 50
+
+
+def test_check_warns_of_a_gap_and_of_what_is_asked_in_vain(run: Run, csv: Path) -> None:
+    every = frame(motor_log())
+    every.filter((pl.col("time_s") < 0.2) | (pl.col("time_s") > 0.25)).write_csv(csv)
+    code, out, _ = run("check", described(csv, "load_inertia"))
+    assert code == 1
+    assert "Warning: log 'bench log': a gap of 0.052 s after row 201" in out
+    code, out, _ = run("check", described(csv, "null_shift"))
+    assert "null_shift.angle" in out
+    still = DESCRIPTION.format(free="sensor_gain_that_is_not_there")
+    csv.with_name("description.toml").write_text(still)
+    assert run("check", csv.with_name("description.toml"))[0] == 2
+
+
+def test_check_warns_where_no_input_moves(run: Run, csv: Path) -> None:
+    table = frame(motor_log()).with_columns(pl.col("voltage_V") * 0.0)
+    table.write_csv(csv)
+    code, out, _ = run("check", described(csv))
+    assert code == 1
+    assert "no input ever changes" in out
+
+
+def test_a_log_alone_asks_for_init(run: Run, csv: Path) -> None:
+    code, _, err = run("check", csv)
+    assert code == 2
+    assert "--init" in err
+    code, _, err = run("check", described(csv), "--out", "x.toml")
+    assert code == 2
+    assert "add --init" in err
+
+
+def write(table: pl.DataFrame, path: Path) -> None:
+    if path.suffix == ".parquet":
+        table.write_parquet(path)
+    elif path.suffix == ".json":
+        path.write_text(json.dumps({"rig": "bench", "entries": table.to_dicts()}))
+    elif path.suffix == ".mat":
+        scipy.io.savemat(path, {name: table[name].to_numpy() for name in table.columns})
+    else:
+        table.write_csv(path, separator="\t" if path.suffix == ".tsv" else ",")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".tsv", ".parquet", ".json", ".mat"])
+def test_a_draft_of_every_format_reads_back(run: Run, tmp_path: Path, suffix: str) -> None:
+    log, path = motor_log(), tmp_path / f"log{suffix}"
+    write(frame(log), path)
+    code, _, err = run("check", path, "--init")
+    assert (code, err) == (0, "")
+    told = read_description(path.with_suffix(".toml"))
+    assert told.actuator.name == "torque_motor"
+    (read,) = told.logs
+    assert read.times == pytest.approx(log.times, abs=1e-12)
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"])
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"])
+    assert run("check", path.with_suffix(".toml"))[0] in (0, 1)
+
+
+def test_a_draft_finds_signals_in_several_topics(run: Run, tmp_path: Path) -> None:
+    writer = pytest.importorskip("mcap.writer")
+    log, path = motor_log(), tmp_path / "log.mcap"
+    with path.open("wb") as stream:
+        out = writer.Writer(stream)
+        out.start()
+        schema = out.register_schema("sample", "jsonschema", b"{}")
+        topics = {
+            "/drive": ("voltage_V", log.inputs["voltage"]),
+            "/encoder": ("angle_deg", np.degrees(log.outputs["angle"])),
+        }
+        for topic, (name, values) in topics.items():
+            channel = out.register_channel(topic, "json", schema)
+            for time, value in zip(log.times, values):
+                at = round(1e9 * time)
+                out.add_message(channel, at, json.dumps({name: value}).encode(), at)
+        out.finish()
+    code, _, err = run("check", path, "--init")
+    assert (code, err) == (0, "")
+    (read,) = read_description(path.with_suffix(".toml")).logs
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"])
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"])
+
+
+@pytest.mark.parametrize(
+    ("time", "command", "reading"),
+    [
+        ("Time [ms]", "Coil Voltage (mV)", "angle_deg"),
+        ("t_us", "cmd_V", "theta_rad"),
+        ("timestamp", "voltage", "angle [mrad]"),
+    ],
+)
+def test_units_are_taken_from_headings(
+    tmp_path: Path, time: str, command: str, reading: str
+) -> None:
+    log = motor_log()
+    sizes = {"ms": 1e3, "us": 1e6, "mV": 1e3, "deg": 180.0 / np.pi, "mrad": 1e3}
+    factors = [sizes.get(heading(name)[1] or "", 1.0) for name in (time, command, reading)]
+    signals = (log.times, log.inputs["voltage"], log.outputs["angle"])
+    names = (time, command, reading)
+    table = pl.DataFrame({n: f * s for n, f, s in zip(names, factors, signals)})
+    table.write_csv(tmp_path / "log.csv")
+    target = tmp_path / "d.toml"
+    target.write_text(draft(tmp_path / "log.csv", "torque_motor").text(tmp_path))
+    (read,) = read_description(target).logs
+    assert read.times == pytest.approx(log.times, abs=1e-9)
+    assert read.inputs["voltage"] == pytest.approx(signals[1])
+    assert read.outputs["angle"] == pytest.approx(signals[2])
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "unit"),
+    [
+        ("angle_deg", ("angle",), "deg"),
+        ("velocity_rad_s", ("velocity",), "rad/s"),
+        ("goalPosition", ("goal", "position"), None),
+        ("rate [deg/s]", ("rate",), "deg/s"),
+        ("drive (V)", ("drive",), "V"),
+        ("state (on)", ("state",), None),
+        ("s", ("s",), None),
+    ],
+)
+def test_headings(name: str, words: tuple[str, ...], unit: str | None) -> None:
+    assert heading(name) == (words, unit)
+
+
+def test_a_file_without_header_is_told_by_its_numbers(run: Run, tmp_path: Path) -> None:
+    log, path = motor_log(), tmp_path / "log.csv"
+    columns = [np.round(1e3 * log.times), log.inputs["voltage"], np.degrees(log.outputs["angle"])]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", fmt="%.6g")
+    code, _, err = run("check", path, "--init")
+    assert (code, "--actuator" in err) == (2, True)
+    code, _, _ = run("check", path, "--init", "--actuator", "torque_motor")
+    assert code == 0
+    text = path.with_suffix(".toml").read_text()
+    assert text.count("guessed") >= 4
+    (read,) = read_description(path.with_suffix(".toml")).logs
+    assert read.times == pytest.approx(log.times)
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"])
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"], abs=1e-6)
+
+
+def test_a_draft_never_overwrites(run: Run, csv: Path) -> None:
+    path = csv.with_suffix(".toml")
+    path.write_text("mine")
+    code, _, err = run("check", csv, "--init")
+    assert code == 2
+    assert "exists" in err
+    assert path.read_text() == "mine"
+    other = csv.with_name("other.toml")
+    assert run("check", csv, "--init", "--out", other)[0] == 0
+    assert other.exists()
+
+
+def test_a_draft_that_is_not_complete_says_what_is_missing(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    pl.DataFrame({"time_s": TIMES, "voltage_V": VOLTAGE}).write_csv(path)
+    code, out, _ = run("check", path, "--init", "--actuator", "torque_motor")
+    assert code == 1
+    assert "completed first" in out
+    assert "no column fits an output" in path.with_suffix(".toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [("", "empty"), ("a,b\nx,y\nz,w\n", "no column of numbers"), (None, "cannot read")],
+)
+def test_a_draft_of_nothing_is_refused(
+    run: Run, tmp_path: Path, content: str | None, words: str
+) -> None:
+    path = tmp_path / "log.csv"
+    if content is not None:
+        path.write_text(content)
+    code, _, err = run("check", path, "--init")
+    assert code == 2
+    assert words in err
+    assert not path.with_suffix(".toml").exists()
+    assert run("check", path, "--init", "--actuator", "sg09")[0] == 2
+
+
+def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> None:
+    cases = {
+        "emps/DATA_EMPS.mat": ("linear_drive", {"reference", "position"}),
+        "sg90_steps/log.csv": ("sg90", {"pulse_width", "rate"}),
+        "so101/wrist_roll-multisine.csv": ("sg90", {"pulse_width", "angle", "rate"}),
+    }
+    for number, (file, (name, signals)) in enumerate(cases.items()):
+        assert name in actuators()
+        path = tmp_path / f"{number}.toml"
+        code, _, err = run("check", logs_folder / file, "--init", "--out", path, "--actuator", name)
+        assert (code, err) == (0, "")
+        (log,) = read_description(path).logs
+        assert signals <= {*log.inputs, *log.outputs}
