@@ -59,7 +59,8 @@ def _smooth_part(
         for name, links in model.plant.placements.items()
         if name not in neutral
     }
-    linear = {name for name, found in active.items() if found[0] in kind.exact}
+    linear = {owner for _, owner, _ in model.flat.states}
+    linear |= {name for name, found in active.items() if found[0] in kind.exact}
     left_out = {
         name: "it has a memory"
         for name, found in active.items()
@@ -69,12 +70,21 @@ def _smooth_part(
     base = kind(_without(model, {*left_out, *doubtful}), inputs)
     for name in doubtful:
         others = {*left_out, *doubtful} - {name}
-        trial = kind(_without(model, others), inputs, at=base)
-        if not trial.is_smooth(base):
-            left_out[name] = "it jumps or bends at this point"
-        elif trial.blocks(base):
-            left_out[name] = "it lets nothing small pass at this point"
+        reason = _roughness(_without(model, others), inputs, base)
+        if reason:
+            left_out[name] = reason
     return _without(model, set(left_out)), left_out
+
+
+def _roughness(model: Model, inputs: list[float], base: SmallSignals) -> str:
+    """Why ``model``, which is ``base`` with one effect more, has no derivative; "" if it has."""
+    try:
+        trial = type(base)(model, inputs)
+    except UserError:
+        return "it keeps the model from rest"
+    if not trial.is_smooth(base):
+        return "it jumps or bends at this point"
+    return "it lets nothing small pass at this point" if trial.blocks(base) else ""
 
 
 def _without(model: Model, effects: set[str]) -> Model:

@@ -49,8 +49,8 @@ class SmallSignals:
     exact: tuple[Block, ...] = (lag, transport_delay)
     """Effects with a memory that are linear."""
 
-    def __init__(self, model: Model, inputs: list[float], at: SmallSignals | None = None) -> None:
-        """Find the point of rest, or take that of ``at``.
+    def __init__(self, model: Model, inputs: list[float]) -> None:
+        """Find the point of rest.
 
         Raises:
             UserError: there is none.
@@ -66,10 +66,9 @@ class SmallSignals:
         wide = replace(flat, outputs=[*(rate for _, _, rate in flat.states), *flat.outputs])
         make = plain_make(step_text(wide, neutral))
         start, self._step = make(list(model.values.values()))
-        self.state: list[float] = at.state if at else start()
-        self.time: float = at.time if at else 0.0
-        if not at:
-            self._settle()
+        self.state: list[float] = start()
+        self.time = 0.0
+        self._settle()
         # from here on nothing leaves a delay by itself: what leaves it is an argument
         endless = {f"{name}.time": math.inf for name in self._of(transport_delay)}
         _, self._step = make(list({**model.values, **endless}.values()))
@@ -147,7 +146,12 @@ class SmallSignals:
         return np.array(gaps), abs(near).max(axis=1)
 
     def blocks(self, base: SmallSignals) -> bool:
-        """Whether the main input no longer reaches the main output, as it did in ``base``."""
+        """Whether a value follows nothing any more, or the main output not the main input.
+
+        In ``base`` they did.
+        """
+        if np.any(self._gaps()[1] < 1e-3 * base._gaps()[1]):
+            return True
         actuator = self.model.actuator
         route = (1.0 / actuator.stop_time, actuator.step[0], self.model.plant.outputs[0])
         gains = [abs(one.linear({}).response(*route)[0]) for one in (self, base)]

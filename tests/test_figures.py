@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from servo_models.actuators.torque_motor import TABLE_1
+from servo_models.catalogue import actuator
 from servo_models.cli import main
 from servo_models.errors import UserError
 from servo_models.figures import figures, frequency_figures
@@ -130,6 +131,23 @@ def test_what_is_smooth_here_is_kept() -> None:
     }
 
 
+@pytest.mark.parametrize("effect", list(actuator("torque_motor").plant.placements))
+def test_every_effect_is_in_the_linear_model_or_named(effect: str) -> None:
+    """With all kept effects a small sine has the response of the state space."""
+    switches = {
+        p.name: p.param.typical or p.param.default
+        for p in actuator("torque_motor").plant.parameters.values()
+        if p.owner == effect and p.param.switch
+    }
+    chosen = model(*MEASURED, switches)
+    found = linearise(chosen)
+    assert set(found.left_out) <= {effect}
+    if effect not in found.left_out:
+        linear = found.response(30.0, "voltage", "angle")[0]
+        measured = SineTest(chosen, "voltage", "angle", 0.05).response(30.0)
+        assert measured == pytest.approx(linear, rel=2e-3)
+
+
 def linear_drive(delay: float, friction: float = 0.0) -> LinearModel:
     changes = {"transport_delay.time": delay, "coulomb_friction.level": friction}
     return linearise(model("linear_drive", "identified", changes))
@@ -177,6 +195,24 @@ def test_a_sampled_loop_is_linear_from_tick_to_tick(delay: float) -> None:
 
 def test_friction_of_a_sampled_loop_is_left_out() -> None:
     assert "coulomb_friction" in linear_drive(0.0, friction=20.0).left_out
+
+
+def test_an_offset_of_a_sensor_moves_the_point_of_rest_only() -> None:
+    plain = linear_drive(0.0)
+    moved = linearise(
+        model(
+            "linear_drive",
+            "identified",
+            {
+                "transport_delay.time": 0.0,
+                "coulomb_friction.level": 0.0,
+                "sensor_offset.value": "2 mm",
+            },
+        )
+    )
+    assert moved.left_out == {}
+    np.testing.assert_allclose(moved.matrices()[0], plain.matrices()[0], rtol=1e-6, atol=1e-9)
+    assert moved.point["position"] == pytest.approx(plain.point["position"] - 2e-3, abs=1e-9)
 
 
 def test_poles_that_grow_are_seen() -> None:
