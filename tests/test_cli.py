@@ -50,7 +50,7 @@ def test_help_shows_every_command_with_examples() -> None:
     runner = CliRunner()
     top = runner.invoke(app, ["--help"])
     assert top.exit_code == 0
-    for name in ("list", "explain", "simulate", "build", "validate"):
+    for name in ("list", "explain", "simulate", "figures", "build", "validate"):
         assert name in top.output
         page = runner.invoke(app, [name, "--help"])
         assert page.exit_code == 0
