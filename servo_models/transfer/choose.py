@@ -43,6 +43,7 @@ class Candidate:
         fit: its uncertainty; None for a given one.
         score: how its errors look.
         aic, bic: information criteria, less is better.
+        fault: what disqualifies it however well it fits, "" for nothing.
         reason: why it is rejected; "" for the chosen one.
     """
 
@@ -52,6 +53,7 @@ class Candidate:
     score: Score
     aic: float
     bic: float
+    fault: str = ""
     reason: str = ""
 
 
@@ -82,13 +84,12 @@ def with_criteria(scored: Sequence[Scored], evidence: Sequence[Evidence]) -> lis
 
 def choose(candidates: Sequence[Candidate], longest: float | None) -> list[Candidate]:
     """Return the candidates with the reasons against all but one."""
-    unsound = {c.name: _unsound(c, longest) for c in candidates}
-    sound = [c for c in candidates if not unsound[c.name]]
+    checked = [replace(c, fault=_fault(c, longest)) for c in candidates]
+    sound = [c for c in checked if not c.fault]
     if not sound:
-        worst = next(iter(unsound.values()))
         raise UserError(
-            f"no structure describes an actuator ({worst}): check input, output and units of the"
-            " record, or record longer"
+            f"no structure describes an actuator ({checked[0].fault}): check input, output and"
+            " units of the record, or record longer"
         )
     likely = min(sound, key=lambda c: c.bic)
     noise = likely.score.rms
@@ -110,8 +111,8 @@ def choose(candidates: Sequence[Candidate], longest: float | None) -> list[Candi
     chosen = min(good, key=lambda c: (c.function.structure.size, c.bic))
 
     def reason(c: Candidate) -> str:
-        if c is chosen or unsound[c.name]:
-            return unsound[c.name]
+        if c is chosen or c.fault:
+            return c.fault
         larger = c.function.structure.size > chosen.function.structure.size
         if c in good or (larger and not held_out):
             return _needless(c, chosen)
@@ -119,7 +120,7 @@ def choose(candidates: Sequence[Candidate], longest: float | None) -> list[Candi
             return f"misses {_missed(c)} of the held-out samples, '{chosen.name}' {_missed(chosen)}"
         return f"worse than '{chosen.name}': BIC higher by {c.bic - chosen.bic:.4g}"
 
-    return [replace(c, reason=reason(c)) for c in candidates]
+    return [replace(c, reason=reason(c)) for c in checked]
 
 
 def _needless(c: Candidate, chosen: Candidate) -> str:
@@ -130,7 +131,7 @@ def _needless(c: Candidate, chosen: Candidate) -> str:
     return f"no better than '{chosen.name}', with {count} more"
 
 
-def _unsound(c: Candidate, longest: float | None) -> str:
+def _fault(c: Candidate, longest: float | None) -> str:
     trouble = pole_trouble(c.function, longest)
     return trouble or (surplus_zero(c.fit) if c.fit else "")
 
@@ -147,8 +148,8 @@ def warnings(
 ) -> tuple[str, ...]:
     found = [slow_pole(chosen.function, longest)]
     likely = min(candidates, key=lambda c: c.bic)
-    if _unsound(likely, longest) and chosen.bic - likely.bic > WORSE:
-        found.append(f"'{likely.name}' fits better than '{chosen.name}', but is {likely.reason}")
+    if likely.fault and chosen.bic - likely.bic > WORSE:
+        found.append(f"'{likely.name}' fits better than '{chosen.name}', but: {likely.fault}")
     white, independent = chosen.score.white, chosen.score.independent
     if independent is not None and independent < COLOURED:
         found.append(

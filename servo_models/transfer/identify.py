@@ -154,9 +154,11 @@ def _grey_box(
     if (model.actuator.name, *(wire.name for wire in ends)) != ("torque_motor", "voltage", "angle"):
         return None, ()
     shaped = [c for c in candidates if c.fit and _third_order(c.function.structure)]
-    if not shaped:
-        return None, ("no third-order candidate: no physical constants",)
-    taken = chosen if chosen in shaped else min(shaped, key=lambda c: c.bic)
+    sound = [c for c in shaped if not c.fault]
+    if not sound:
+        faults = "; ".join(f"'{c.name}': {c.fault}" for c in shaped) or "none was asked for"
+        return None, (f"no physical constants, since no third-order function will do ({faults})",)
+    taken = chosen if chosen in sound else min(sound, key=lambda c: c.bic)
     assert taken.fit
     known = {name: model.values[name] for name in KNOWN}
     found = torque_motor_constants(

@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LAGS = 25
+ORDERS = 20
+LONGEST = 2000
+"""Lags that an autocovariance has at most."""
+FAINT = 1e-3
+"""Part of its variance below which it has died out."""
 
 
 def correlations(one: Array, other: Array, lags: int) -> Array:
@@ -51,13 +56,40 @@ def dependence(residuals: Array, given: Array) -> float:
 
 
 def autocovariance(residuals: Array) -> Array:
-    """Return the autocovariance by lag up to where it has died out, tapered (Bartlett)."""
+    """Return the autocovariance by lag up to where it has died out.
+
+    That of the autoregression, up to order 20 by the BIC, with the first lags of the residuals:
+    it does not cut off long tails, as sums of measured lags do.
+    Source: Brockwell, Davis, Time Series: Theory and Methods, 2nd ed., secs. 8.1 and 9.3.
+    """
+    from scipy.linalg import solve_toeplitz
+    from scipy.signal import lfilter
+
     n = len(residuals)
-    r = correlations(residuals, residuals, min(n // 4, 400))
-    quiet = np.abs(r) < 2.0 * r[0] / np.sqrt(n)
-    runs = np.flatnonzero(np.convolve(quiet, np.ones(5), mode="valid") == 5.0)
-    count = max(int(runs[0]), 1) if len(runs) else len(r)
-    return np.asarray(r[:count] * (1.0 - np.arange(count) / (2.0 * count)))
+    r = correlations(residuals, residuals, ORDERS)
+    if r[0] == 0.0:
+        return r[:1]
+    best, least = np.zeros(0), np.inf
+    for order in range(min(ORDERS, n // 10) + 1):
+        phi = solve_toeplitz(r[:order], r[1 : order + 1]) if order else np.zeros(0)
+        left = max(1.0 - float(phi @ r[1 : order + 1]) / r[0], 1e-12)
+        criterion = n * np.log(left) + order * np.log(n)
+        if criterion < least:
+            best, least = phi, criterion
+    if not len(best):
+        return r[:1]
+    # the recursion r[k] = sum phi[j] r[k - j] is a filter that goes on from the first lags
+    more = lfilter([1.0], [1.0, *-best], np.zeros(LONGEST), zi=_memory(best, r))[0]
+    every = np.concatenate([r[: len(best) + 1], more])
+    alive = np.flatnonzero(np.abs(every) > FAINT * r[0])
+    return every[: min(int(alive[-1]) + 1, n)]
+
+
+def _memory(phi: Array, r: Array) -> Array:
+    from scipy.signal import lfiltic
+
+    order = len(phi)
+    return np.asarray(lfiltic([1.0], [1.0, *-phi], r[order::-1][:order]))
 
 
 def inflation(residuals: Array) -> float:

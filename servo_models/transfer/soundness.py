@@ -15,8 +15,11 @@ UNDAMPED = 0.01
 SETTLED = 4.0
 """Time constants of an oscillation until it is within 2 %."""
 CERTAIN = 0.95
+CLOSE = 0.01
+"""A zero and a pole that are closer, relative to their size, leave nothing to be seen."""
 VAGUE = 0.5
-"""A zero whose standard error is a larger part of its size is not determined."""
+"""A zero whose standard error is a larger part of its size, or of the slowest pole's where that
+is larger (a differentiator's zero at 0), is not determined."""
 
 
 def pole_trouble(function: TransferFunction, longest: float | None) -> str:
@@ -55,7 +58,7 @@ def slow_pole(function: TransferFunction, longest: float | None) -> str:
 
 
 def surplus_zero(fit: Fit) -> str:
-    """Return which zero is not determined, or one with a pole within their uncertainty, or "".
+    """Return which zero is not determined, or cancels a pole, or "".
 
     Roots move by dp = -p^i da_i / A'(p); the distance of a pole and a zero is tested against
     its covariance.
@@ -64,15 +67,13 @@ def surplus_zero(fit: Fit) -> str:
     from scipy.stats import chi2
 
     f, m, n = fit.function, fit.structure.zeros + 1, fit.structure.poles
+    slowest = float(np.min(np.abs(f.poles)))
     for zero in f.zeros:
         slope = np.zeros(len(fit.covariance), dtype=complex)
         slope[:m] = _root_slopes(np.array(f.numerator), zero)
         error = float(np.sqrt(np.real(slope.conj() @ fit.covariance @ slope)))
-        if error > VAGUE * abs(zero):
-            share = 100.0 * error / abs(zero)
-            return (
-                f"the zero at {_shown(zero)} rad/s is not determined: standard error {share:.0f} %"
-            )
+        if error > VAGUE * max(abs(zero), slowest):
+            return f"the zero at {_shown(zero)} rad/s is not determined: standard error {error:.2g}"
         for pole in f.poles:
             slope[m : m + n] = -_root_slopes(np.array(f.denominator), pole)[1:]
             parts = [slope.real] if zero.imag == pole.imag == 0.0 else [slope.real, slope.imag]
@@ -80,10 +81,12 @@ def surplus_zero(fit: Fit) -> str:
             gap = zero - pole
             distance = np.array([gap.real, gap.imag][: len(parts)])
             statistic = float(distance @ np.linalg.pinv(spread, hermitian=True) @ distance)
-            if statistic < chi2.ppf(CERTAIN, len(parts)):
+            near = abs(gap) < CLOSE * abs(pole)
+            if near or statistic < chi2.ppf(CERTAIN, len(parts)):
                 return (
                     f"pole-zero cancellation: the zero at {_shown(zero)} rad/s and the pole at"
-                    f" {_shown(pole)} rad/s are one within their uncertainty"
+                    f" {_shown(pole)} rad/s are one within"
+                    + (f" {100.0 * CLOSE:g} %" if near else " their uncertainty")
                 )
     return ""
 
