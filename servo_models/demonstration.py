@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models import pictures
-from servo_models.actuator import Actuator
+from servo_models.actuator import Actuator, Wire
 from servo_models.catalogue import actuators
 from servo_models.explain import Place, display_unit, effect_name, in_display_unit, places
 from servo_models.simulate import Result, model, simulate
@@ -32,7 +32,7 @@ HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)
 STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
 """Tried in turn, in typical values: a limit shows when it is low, the others when high."""
 LOADS = (0.0, 0.3)
-"""Constant load torque, tried in turn, in full scales: some effects show under load only."""
+"""Constant load, tried in turn, in full scales: some effects show under load only."""
 VISIBLE = 0.02
 """Change of the output, as a part of its range, that the eye sees."""
 
@@ -62,7 +62,11 @@ class Demonstration:
 
 
 def demonstrate(effect: str) -> Demonstration:
-    """Return the first run in which an effect can be seen, else the one that shows it best."""
+    """Return the first run in which an effect can be seen, else the one that shows it best.
+
+    An effect on the command itself comes first, since it cannot upset a loop there; then the
+    slowest actuator, whose curves are the plainest.
+    """
     best: Demonstration | None = None
     for run in _runs(effect):
         if run.visibility > VISIBLE:
@@ -75,7 +79,7 @@ def demonstrate(effect: str) -> Demonstration:
 
 def _runs(effect: str) -> Iterator[Demonstration]:
     for load in LOADS:
-        for place in places(effect):
+        for place in sorted(places(effect), key=_depth):
             neutral = _neutral(place.actuator)
             without = _run(place.actuator, neutral, load)
             for strength in STRENGTHS:
@@ -90,14 +94,26 @@ def _runs(effect: str) -> Iterator[Demonstration]:
                 )
 
 
+def _depth(place: Place) -> tuple[bool, float]:
+    """What stands further back has the larger one."""
+    inputs = {wire.name for wire in place.actuator.plant.inputs}
+    return place.placements[0].on[0] not in inputs, -place.actuator.stop_time
+
+
 def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Result:
     name, value = actuator.step
     wires = actuator.plant.wire
     rest = float(wires[name].rest)
     times = np.linspace(0.0, DURATION * actuator.stop_time, POINTS)
     command = rest + (value - rest) * np.interp(times / times[-1], BREAKS, HEIGHTS)
-    inputs = {name: command, "load_torque": np.full(POINTS, load * wires["load_torque"].scale)}
+    against = _load(actuator)
+    inputs = {name: command, against.name: np.full(POINTS, load * against.scale)}
     return simulate(model(actuator, None, parameters), times, inputs)
+
+
+def _load(actuator: Actuator) -> Wire:
+    """The input that acts against the motion."""
+    return next(wire for wire in actuator.plant.inputs if wire.name.startswith("load_"))
 
 
 def _neutral(actuator: Actuator) -> dict[str, float]:
@@ -139,8 +155,10 @@ def portrait(name: str) -> Figure:
     effect = effect_name(name)
     shown = demonstrate(effect)
     actuator = shown.place.actuator
-    load = shown.without["load_torque"][0]
-    title = f"{effect} on {actuator.name}" + (f", load torque {load:g} N.m" if load else "")
+    wire = _load(actuator)
+    load = shown.without[wire.name][0]
+    words = f", {wire.name.replace('_', ' ')} {load:g} {wire.unit}"
+    title = f"{effect} on {actuator.name}" + (words if load else "")
     return pictures.comparison(
         shown.without, shown.changed, actuator.plant, shown.signals, title, shown.values
     )
