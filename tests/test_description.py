@@ -540,3 +540,20 @@ def test_xl330(logs_folder: Path, tmp_path: Path) -> None:
         document = json.loads(path.read_text())
         row = int(log.rows[100]) - 1
         assert document["entries"][row]["position"] == log.outputs["angle"][100]
+
+
+def test_a_shifted_column_is_late_or_early(tmp_path: Path) -> None:
+    """An input stays a staircase, an output is linear between its samples."""
+    stamps = [10.0 * k for k in range(40)]
+    rows = [(t, float(k // 10), 2e-3 * t) for k, t in enumerate(stamps)]
+    body = """[[logs]]
+file = "log.csv"
+time = { column = 1, unit = "ms" }
+inputs.voltage = { column = 2, unit = "V", shift = "20 ms" }
+outputs.angle = { column = 3, unit = "deg", shift = "-5 ms" }
+"""
+    (log,) = describe(tmp_path, log=body, data=text_of(rows)).logs
+    voltage = [rows[max(k - 2, 0)][1] for k in range(40)]
+    np.testing.assert_array_equal(log.inputs["voltage"], voltage)
+    expected = DEGREE * 2e-3 * (np.array(stamps[:-1]) + 5.0)
+    np.testing.assert_allclose(log.outputs["angle"][:-1], expected, atol=1e-12)

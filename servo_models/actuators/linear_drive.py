@@ -44,7 +44,8 @@ INPUTS = (
 WIRES = (
     Wire("position", "m", "position of the carriage", scale=STROKE, display="mm"),
     Wire("speed", "m/s", "speed of the carriage", scale=0.1, display="mm/s"),
-    Wire("drive", "V", "drive from the controller", scale=10.0),
+    Wire("controller_voltage", "V", "drive that the controller asks for", scale=10.0),
+    Wire("drive", "V", "drive, disturbance included", scale=10.0),
     Wire("reading", "m", "position read by the controller", scale=STROKE, display="mm"),
     Wire("motor_voltage", "V", "voltage on the motor", scale=10.0),
     Wire("friction", "N", "dry friction level", scale=100.0),
@@ -76,8 +77,8 @@ LOOP: tuple[Block | Placement, ...] = (
     place("sensor_offset", offset, "reading"),
     place("sensor_quantisation", quantisation, "reading"),
     drive.position_controller,
+    place("transport_delay", transport_delay, "controller_voltage", params={"time": _delay}),
     drive.amplifier,
-    place("transport_delay", transport_delay, "motor_voltage", params={"time": _delay}),
     place("gain_error", gain_error, "motor_voltage"),
     place("direction_asymmetry", direction_asymmetry, "motor_voltage"),
     place("hysteresis", hysteresis, "motor_voltage"),
@@ -122,9 +123,9 @@ CONTROLLER = {
     "speed_gain": 243.45,
     "drive_limit": 10.0,
     "force_gain": 35.15,
-    "transport_delay.time": 1e-3,
 }
-"""Known from the authors, the delay of one sample included."""
+"""Known from the authors.  No delay of a sample: with the published constants the benchmark's
+logs are met to 1.6 and 2.4 um without it, to 2.4 and 3.8 um with it."""
 
 ACTUATOR = Actuator(
     name="linear_drive",

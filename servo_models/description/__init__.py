@@ -21,7 +21,7 @@ A description is a TOML file beside the logs::
     header = false                        # only where it is not found out by itself
     time = { column = "t", unit = "ms", repeats = "drop" }
     inputs.voltage = { column = "u", unit = "V", scale = 0.1, offset = 2.5, sign = -1 }
-    outputs.angle = { column = 3, unit = "deg" }
+    outputs.angle = { column = 3, unit = "deg", shift = "2 ms" }  # stamped 2 ms too early
     constants = { load_torque = "5 mN.m" }  # parameters and inputs that hold in this log only
     window = ["8 s", "20 s"]              # since the first row of the file, as is held_out
     held_out = { from = "12 s", to = "20 s" }

@@ -35,18 +35,21 @@ KEYS = (
     "judged",
     "settle",
 )
-SIGNAL_KEYS = ("column", "unit", "scale", "offset", "sign", "table")
+SIGNAL_KEYS = ("column", "unit", "scale", "offset", "sign", "shift", "table")
 LEAST_SAMPLES = 16
+SAME_TIME = 1e-9
+"""Instants closer than this [s] are one: times and shifts are rounded."""
 AT_REST = 1e-3
 """An input within this share of its scale from rest counts as at rest."""
 
 
 class Mapped(NamedTuple):
-    """A signal with the column and the table it is in."""
+    """A signal with the column and the table it is in; ``shift`` [s] is added to its times."""
 
     channel: Channel
     column: str | int
     table: str | None
+    shift: float = 0.0
 
 
 def read_log(entry: Section, chosen: Model, read: Read) -> Log:
@@ -106,10 +109,16 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
             f"'{path}' has {len(clock.stamps)} samples to use: at least {LEAST_SAMPLES} are"
             " needed; record longer or widen the window"
         )
-    fed = {name: _input(m, clock, others.get(m.table), wires[name]) for name, m in inputs.items()}
-    measured = {name: _output(m, clock, readings[name]) for name, m in outputs.items()}
-    constants = _constants(entry, chosen, inputs)
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
+    fed = {
+        name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
+        for name, m in inputs.items()
+    }
+    measured = {
+        name: _moved(m.shift, times, _output(m, clock, readings[name]), readings[name].flag)
+        for name, m in outputs.items()
+    }
+    constants = _constants(entry, chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
     time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
     return Log(
@@ -135,10 +144,15 @@ def _mapped(
     for name in section:
         if name not in wires:
             section.fail(name, unknown(kind, name, wires))
-    return {name: _signal(section, name, wires[name], table) for name in section}
+    return {name: map_signal(section, name, wires[name], table) for name in section}
 
 
-def _signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
+def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
+    """Return how a column becomes the signal ``name``, by that key of a description.
+
+    Raises:
+        UserError: no column, a unit that does not convert, a scale or sign that is none.
+    """
     given = section.content[name]
     if isinstance(given, (str, int)) and not isinstance(given, bool):
         return Mapped(Channel(name, str(given), wire.unit), given, table)
@@ -158,10 +172,12 @@ def _signal(section: Section, name: str, wire: Wire, table: str | None) -> Mappe
     offset = quantity(signal, "offset", unit) if "offset" in signal else 0.0
     words = unit if scale == 1.0 else f"{scale:g} {unit}"
     channel = Channel(name, str(column), words, sign * scale * to_si, offset * to_si)
-    return Mapped(channel, column, signal.text("table") or table)
+    shift = quantity(signal, "shift", "s") if "shift" in signal else 0.0
+    return Mapped(channel, column, signal.text("table") or table, shift)
 
 
-def _si(mapped: Mapped, numbers: Array) -> Array:
+def in_si(mapped: Mapped, numbers: Array) -> Array:
+    """Return numbers of the file as the signal, SI."""
     return mapped.channel.scale * numbers + mapped.channel.offset
 
 
@@ -172,7 +188,7 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
     else:
         own = other
         held = np.searchsorted(other.stamps, clock.stamps, side="right") - 1
-    values = _si(mapped, own.numbers(mapped.column))
+    values = in_si(mapped, own.numbers(mapped.column))
     bad = held[is_outside(values[held], wire)]
     if len(bad):
         place = own.columns.where(mapped.column, int(own.rows[bad[0]]))
@@ -183,8 +199,22 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
     return values[held]
 
 
+def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
+    """A column whose stamps are ``shift`` [s] early, at the times of the log.
+
+    What is held stays a staircase, a measured quantity is linear between samples; the ends
+    go on as they are.
+    """
+    if shift == 0.0:
+        return values
+    if hold:
+        before = np.searchsorted(times, times - shift + SAME_TIME, side="right") - 1
+        return values[np.maximum(before, 0)]
+    return np.interp(times - shift, times, values)
+
+
 def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
-    values = _si(mapped, clock.numbers(mapped.column))
+    values = in_si(mapped, clock.numbers(mapped.column))
     if not wire.flag and np.all(values == values[0]):
         raise UserError(
             f"{clock.columns.where(mapped.column)} is constant over the log: output"

@@ -31,6 +31,8 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array) -> Array:
     start = 0
     for log in problem.logs:
         kept = int(log.fitted.sum())
+        if kept == 0:
+            continue
         for _ in log.outputs:
             part = slice(start, start + kept)
             middle = middle + _scatter(jacobian[part], residuals[part])

@@ -27,8 +27,10 @@ UNDETERMINED = 0.5
 PRIOR_ONLY = 0.8
 """Standard error over the prior from which a log says nothing about a parameter."""
 
+NARROW, WIDE = 0.01, 0.3
+"""Least and largest step, in scales, over which the slopes behind a standard error are taken."""
+
 ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
-NOT_EXCITED = "not excited"
 FROM_PRIOR = "from its prior only"
 NOT_DETERMINED = "not determined"
 
@@ -55,14 +57,25 @@ class Spread:
 
 
 def spread(problem: Problem, vector: Array) -> Spread:
-    """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,)."""
+    """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,).
+
+    Slopes are taken over about the standard errors that they lead to, since a response may
+    be a staircase of a parameter, such as of a delay before a sampler.
+    """
+    first = _spread(problem, vector, problem.jacobian(vector))
+    widths = np.nan_to_num(first.standard_errors / problem.scales)
+    widths = np.where(widths < WIDE, np.maximum(widths, NARROW), NARROW)
+    widths = np.where(first.slopes == 0.0, WIDE, widths)
+    return _spread(problem, vector, problem.jacobian(vector, widths))
+
+
+def _spread(problem: Problem, vector: Array, jacobian: Array) -> Spread:
     low, high = problem.bounds
     edge = 1e-6 * np.maximum(1.0, np.abs(vector))
     at = tuple(
         "low" if near_low else "high" if near_high else ""
         for near_low, near_high in zip(vector - low <= edge, high - vector <= edge)
     )
-    jacobian = problem.jacobian(vector)
     residuals = problem.residuals(vector)
     inner = np.array([not side for side in at])
     p = len(vector)
@@ -95,8 +108,6 @@ def doubt(free: Free, value: float, error: float) -> str:
     """Return in a few words why an estimate is doubtful, "" if it is not; figures in SI."""
     if np.isnan(error):
         return ON_LOW if value - free.low <= free.high - value else ON_HIGH
-    if np.isinf(error):
-        return NOT_EXCITED
     if free.prior and error > PRIOR_ONLY * free.prior:
         return FROM_PRIOR
     return NOT_DETERMINED if error > UNDETERMINED * abs(value) else ""
@@ -125,10 +136,11 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
                 f"'{free.name}' is known from its prior only: these logs say nothing about it"
             )
         elif reason == NOT_DETERMINED:
+            share = 100.0 * error / max(abs(value), 1e-300)
+            size = f"{share:.0f} % of its value" if share < 1e4 else "beyond all bounds"
             said.append(
-                f"the data do not determine '{free.name}': its standard error is"
-                f" {100.0 * error / max(abs(value), 1e-300):.0f} % of its value; fix it,"
-                " give it a prior, or excite it more"
+                f"the data do not determine '{free.name}': its standard error is {size}; fix"
+                " it, give it a prior, or excite it more"
             )
     said += _alike(names, found.correlations)
     if found.condition > ILL_CONDITIONED:

@@ -220,14 +220,25 @@ class Problem:
         """Number of weighted errors that a fit may see."""
         return sum(int(log.fitted.sum()) * len(log.outputs) for log in self.logs)
 
-    def jacobian(self, vector: Array) -> Array:
-        """Return the slope of ``residuals`` per scale, shape (m, p), by one-sided differences.
+    def jacobian(self, vector: Array, widths: Array | None = None) -> Array:
+        """Return the slope of ``residuals`` per scale, shape (m, p), by differences.
 
-        The step goes away from the nearer bound.
+        They are one-sided and small, or, with ``widths`` in scales of shape (p,), central
+        and that wide, as far as the bounds allow.
         """
-        _, high = self.bounds
-        steps = np.where(vector + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
-        points = [vector] + [vector + d * e for d, e in zip(steps, np.eye(len(vector)))]
+        low, high = self.bounds
+        unit = np.eye(len(vector))
+        if widths is None:
+            ends = vector + np.where(vector + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
+            starts = vector
+            points = [vector, *(vector + (ends - vector) * e for e in unit)]
+        else:
+            ends, starts = np.minimum(vector + widths, high), np.maximum(vector - widths, low)
+            points = [vector + (ends - vector) * e for e in unit]
+            points += [vector + (starts - vector) * e for e in unit]
         with ThreadPoolExecutor(self.jobs) as pool:
-            base, *others = pool.map(self._residuals, points)
-        return np.column_stack([(other - base) / d for other, d in zip(others, steps)])
+            found = list(pool.map(self._residuals, points))
+        p = len(vector)
+        above, below = (found[1:], found[:1] * p) if widths is None else (found[:p], found[p:])
+        steps = ends - starts
+        return np.column_stack([(u - d) / s for u, d, s in zip(above, below, steps)])

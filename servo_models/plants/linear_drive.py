@@ -41,11 +41,13 @@ def encoder(position: float) -> float:
     return position
 
 
-@block("drive", source=f"{EMPS}; Franklin, Powell, Workman, Digital Control, 1998, sec. 8.2")
+@block(
+    "controller_voltage",
+    source=f"{EMPS}; Franklin, Powell, Workman, Digital Control, 1998, sec. 8.2",
+)
 def position_controller(
     reading: float,
     reference: float,
-    disturbance: float,
     due: float,
     sample_time: Annotated[
         float,
@@ -67,14 +69,14 @@ def position_controller(
     last_but_one: Annotated[float, Memory()],
     held: Annotated[float, Memory()],
 ) -> tuple[float, float, float, float, float]:
-    """u = k_v (k_p (reference - reading) - v) + disturbance, limited, held from tick to tick.
+    """u = k_v (k_p (reference - reading) - v), limited, held from tick to tick.
 
     v is the difference of two-sample means of the reading.
     """
     if due < tick:
         return held, tick, last, last_but_one, held
     speed = 0.5 * (reading - last_but_one) / sample_time
-    wanted = speed_gain * (position_gain * (reference - reading) - speed) + disturbance
+    wanted = speed_gain * (position_gain * (reference - reading) - speed)
     if wanted > drive_limit:
         wanted = drive_limit
     elif wanted < -drive_limit:
@@ -83,10 +85,11 @@ def position_controller(
     return wanted, tick, reading, last, wanted
 
 
-@block("motor_voltage")
-def amplifier(drive: float) -> float:
-    """Voltage [V] that the motor gets."""
-    return drive
+@block("drive", "motor_voltage", source=EMPS)
+def amplifier(controller_voltage: float, disturbance: float) -> tuple[float, float]:
+    """Drive [V] and what the motor gets of it, unless an effect says otherwise."""
+    drive = controller_voltage + disturbance
+    return drive, drive
 
 
 @block("load")

@@ -25,7 +25,7 @@ def cases() -> list[Case]:
     pulses = schedule(times, (0.0, 0.0), (0.35, 5.0), (0.85, 0.0), (1.35, 5.0), (1.85, 0.0))
     pushed = schedule(odd, (0.0, 0.0), (0.5, 30.0), (1.2, -20.0), (1.6, 0.0))
     rig, simple = LinearDrive(), LinearDrive(100.0, 250.0, 0.0, 0.0)
-    at_once = {"transport_delay.time": 0.0}
+    late = {"transport_delay.time": 1e-3}
 
     def case(
         variant: str,
@@ -67,7 +67,7 @@ def cases() -> list[Case]:
             cost=("position", "speed", "drive"),
         ),
         case("identified", "to and fro under load, every 0.7 ms", odd, loaded, rig),
-        case("identified", "no delay, every 1 ms", times, moving, LinearDrive(delay=0.0), at_once),
+        case("identified", "1 ms late, every 1 ms", times, moving, LinearDrive(delay=1e-3), late),
         case("identified", "step to 0.1 mm, every 1 ms", times[:201], step, rig, is_step=True),
         case(
             "simple",
