@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -53,6 +54,24 @@ def test_equal_times_are_a_clean_step_of_the_inputs() -> None:
     other = simulate(LINEAR, plain, {"voltage": [0.0, 20.0, 20.0]})["angle"]
     assert one[[0, 1, 3]].tolist() == other.tolist()
     assert one[2] == one[1]
+
+
+def test_runs_in_threads_do_not_disturb_each_other() -> None:
+    levels = np.linspace(-30.0, 30.0, 24)
+    alone = [simulate(LINEAR, TIMES, {"voltage": volts})["angle"] for volts in levels]
+    with ThreadPoolExecutor(4) as pool:
+        at_once = pool.map(lambda volts: simulate(LINEAR, TIMES, {"voltage": volts}), levels)
+    assert all(np.array_equal(one["angle"], other) for one, other in zip(at_once, alone))
+
+
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
+def test_the_state_at_rest_is_that_of_the_plain_stepper(name: str) -> None:
+    """Where an effect is neutral its memory is not looked at; here all are compared that are."""
+    chosen = model(name)
+    plain, compiled = np.array(chosen.stepper()[0]()), chosen.start()
+    assert plain.shape == compiled.shape
+    at_rest = plain != 0.0
+    assert compiled[at_rest].tolist() == plain[at_rest].tolist()
 
 
 def test_one_time_gives_the_outputs_at_rest() -> None:
