@@ -57,7 +57,8 @@ class Check:
             return tuple(said)
         for reach in self.excitation.parameters:
             if reach.name in free and reach.together > ROUGHLY:
-                said.append(f"'{reach.name}' is to be estimated, but {_verdict(reach)}")
+                verdict = _verdict(reach, reach.name in self.description.uncertainty)
+                said.append(f"'{reach.name}' is to be estimated, but: {verdict}")
         return tuple(said)
 
 
@@ -156,6 +157,8 @@ def _in(value: float, wire: Wire) -> str:
 
 def _floor(floor: Floor, wire: Wire) -> tuple[str, str]:
     """The floor, and what each method saw; the one that counts stands first."""
+    if not floor.value:
+        return "0", "neither steps nor noise seen"
     parts = sorted(floor.parts.items(), key=lambda part: -part[1])
     rest = ", ".join(f"{name} {_in(size, wire)}" for name, size in parts[1:] if size)
     return _in(floor.value, wire), floor.origin + (f" ({rest})" if rest else "")
@@ -164,17 +167,17 @@ def _floor(floor: Floor, wire: Wire) -> tuple[str, str]:
 def _parameter_tables(found: Check) -> Iterator[Table]:
     """What the description asks for; all that the logs show where it asks for nothing."""
     parameters = found.plant.parameters
-    reaches = [r for r in found.excitation.parameters if r.name in found.asked or not found.asked]
+    priors = found.description.uncertainty
     rows = tuple(
         (
             reach.name,
             in_display_unit(reach.sizes[reach.name], parameters[reach.name]),
-            _error(reach.alone * reach.scale, parameters[reach.name]),
-            _error(reach.together * reach.scale, parameters[reach.name]),
+            _short(reach.alone * reach.scale, parameters[reach.name]),
+            _short(reach.together * reach.scale, parameters[reach.name]),
             display_unit(parameters[reach.name]),
-            _verdict(reach),
+            _verdict(reach, reach.name in priors),
         )
-        for reach in reaches
+        for reach in found.excitation.parameters
         if found.asked or reach.shown
     )
     if not rows:
@@ -183,19 +186,22 @@ def _parameter_tables(found: Check) -> Iterator[Table]:
     yield Table(heading, ("parameter", "value", "alone", "together", "unit", ""), rows)
 
 
-def _error(size: float, parameter: Parameter) -> str:
+def _short(size: float, parameter: Parameter) -> str:
     return f"{float(in_display_unit(size, parameter)):.2g}"
 
 
-def _verdict(reach: Reach) -> str:
+def _verdict(reach: Reach, has_prior: bool) -> str:
     if reach.moves < NOTHING:
         return "nothing measured depends on it"
     if reach.moves < SHOWN:
-        return f"hidden: it moves '{reach.output}' by {reach.moves:.1g} noise floors"
+        size = "one prior deviation" if has_prior else "all of it"
+        return f"hidden: {size} moves '{reach.output}' by {reach.moves:.1g} noise floors"
     if reach.together <= WELL:
         return "determined"
     if reach.together <= ROUGHLY:
         return "roughly determined"
+    if has_prior:
+        return "known from its prior only"
     if reach.alone <= ROUGHLY:
         return "not determined beside the other free parameters"
     return "not determined"
@@ -223,12 +229,11 @@ def _names(names: Iterable[str]) -> str:
 def _hidden(found: Check, reach: Reach) -> str:
     parameters = found.plant.parameters
     sizes = " and ".join(
-        f"{float(in_display_unit(size, parameters[name])):.3g} {display_unit(parameters[name])}"
+        f"{_short(size, parameters[name])} {display_unit(parameters[name])}".strip()
         for name, size in reach.sizes.items()
     )
-    return (
-        f"{reach.name} ({sizes.strip()} moves '{reach.output}' by {reach.moves:.1g} noise floors)"
-    )
+    cause = sizes if any(reach.sizes.values()) else "leaving it out"
+    return f"{reach.name} ({cause} moves '{reach.output}' by {reach.moves:.1g} noise floors)"
 
 
 def _alike(group: Group, plant: Plant) -> str:

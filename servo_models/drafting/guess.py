@@ -90,45 +90,51 @@ def _time_unit(column: Column) -> str:
 def matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     """Return a column for each signal that one fits, best first; a column serves one signal.
 
-    The command of a file without telling names is the column that stands still most often,
-    or else the one with the least noise.
+    Where the names tell no reading, columns are told by their numbers: the command is the one
+    that stands still most often, or else the one with the least noise.
     """
-    plant, main = actuator.plant, actuator.step[0]
+    by_name = _chosen(columns, actuator, None, blind=False)
+    if any(match.wire.name in actuator.plant.outputs for match in by_name):
+        return by_name
     nameless = [column for column in columns if not tells(column)]
     named = any(COMMAND & set(column.words) for column in columns)
     command = None if named else max(nameless, key=_calm, default=None)
+    return _chosen(columns, actuator, command, blind=True)
+
+
+def _chosen(
+    columns: Sequence[Column], actuator: Actuator, command: Column | None, blind: bool
+) -> list[Match]:
+    plant, main = actuator.plant, actuator.step[0]
     offered = [
-        match
+        _match(plant.wire[name], column, name in plant.outputs, name == main, column is command)
         for column in columns
-        for role, names in (("in", [w.name for w in plant.inputs]), ("out", plant.outputs))
-        for name in names
-        for match in [_match(plant.wire[name], column, role, name == main, column is command)]
-        if match.score >= (SIDE if role == "in" and name != main else LEAST)
+        if blind or tells(column)
+        for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
     ]
-    if command:
-        offered = [m for m in offered if not _is_unlike_rate(m, command)]
     chosen: list[Match] = []
     for match in sorted(offered, key=lambda match: -match.score):
-        taken = any(match.wire is c.wire or match.column is c.column for c in chosen)
-        if not taken:
+        side = match.wire in plant.inputs and match.wire.name != main
+        unlike = command is not None and _is_unlike_rate(match, command)
+        taken = any(match.wire is other.wire or match.column is other.column for other in chosen)
+        if match.score >= (SIDE if side else LEAST) and not unlike and not taken:
             chosen.append(match)
     return chosen
 
 
-def _match(wire: Wire, column: Column, role: str, main: bool, command: bool) -> Match:
-    words = set(column.words)
+def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) -> Match:
+    """How well a column fits a wire; ``command`` if its numbers are those of a command."""
+    words, own = set(column.words), set(wire.name.split("_"))
     told = column.unit is not None and _dimension(column.unit) == _dimension(wire.unit)
     unit = column.unit or _likely_unit(wire, column)
     converts = told or (column.unit is None and _near_rest(wire, column, unit))
-    score = 4.0 * (words == set(wire.name.split("_"))) + 1.5 * len(
-        words & set(wire.name.split("_"))
-    )
-    score += 2.0 * told + _of_its_quantity(words, wire)
-    is_command = command or bool(words & COMMAND)
-    if role == "in":
-        score += 3.0 * (main and is_command) - 1.5 * bool(words & MEASURED)
+    is_command, is_measured = command or bool(words & COMMAND), bool(words & MEASURED)
+    score = 4.0 * (words == own) + 1.5 * len(words & own)
+    score += 2.0 * told + LEAST * _is_of_quantity(words, wire)
+    if output:
+        score += 1.0 * is_measured - 4.0 * is_command + LEAST * (not tells(column))
     else:
-        score += 1.0 * bool(words & MEASURED) - 4.0 * is_command + LEAST * (not tells(column))
+        score += 3.0 * (main and is_command) - 1.5 * is_measured
     if not converts:
         score = LEAST if main and is_command else 0.0
         unit = column.unit or "deg"
@@ -145,7 +151,7 @@ def _dimension(unit: str) -> dict[str, int]:
     return exponents(unit)[1]
 
 
-def _of_its_quantity(words: Iterable[str], wire: Wire) -> float:
+def _is_of_quantity(words: Iterable[str], wire: Wire) -> bool:
     found = [unit for text, unit in QUANTITIES.items() if set(text.split()) & set(words)]
     return 1.0 * any(_dimension(unit) == _dimension(wire.unit) for unit in found)
 

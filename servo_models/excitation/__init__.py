@@ -83,7 +83,7 @@ class Excitation:
     """What logs can determine.
 
     Attributes:
-        parameters: of the plant, and of effects that are on or to be estimated.
+        parameters: those free; without any all of the plant and of effects that are on.
         effects: all that the plant has a place for.
         groups: shown causes that look alike, the strongest first.
         refused: effects whose simulation leaves the finite numbers.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,17 +57,19 @@ def outputs(problem: Problem) -> dict[str, Mask]:
     return {name: every == name for name in np.unique(every).tolist()}
 
 
-def parameters(model: Model, asked: Iterable[str], priors: Mapping[str, float]) -> list[Free]:
-    """Return parameters that may be changed: of the plant, of effects that are on or asked for."""
+def parameters(model: Model, asked: Collection[str], priors: Mapping[str, float]) -> list[Free]:
+    """Return the parameters asked for; without any those of the plant and of effects that are on.
+
+    Those that are fixed during a run are left out.
+    """
     known = model.plant.parameters
-    on = {name for name, sizes in _switches(model).items() if any(sizes.values())}
-    on |= {known[name].owner for name in asked}
+    on = {"", *(name for name, sizes in _switches(model).items() if any(sizes.values()))}
     return [
         free_parameter(parameter, model.values[name], priors.get(name))
         for name, parameter in known.items()
-        if not parameter.param.fixed
+        if (name in asked if asked else parameter.owner in on)
+        and not parameter.param.fixed
         and parameter.param.low < parameter.param.high
-        and (not parameter.owner or parameter.owner in on)
     ]
 
 
