@@ -175,8 +175,9 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
     follower = next((o for o in quantity if quantity[o] == exponents(match.unit)[1]), None)
     if follower is None:
         return unit, 1.0, rest * to_unit
-    times = np.linspace(0.0, actuator.stop_time, 1001)
-    reached = simulate(model(actuator), times, {name: size})[follower]
+    chosen = model(actuator)
+    times = np.linspace(0.0, chosen.stop_time, 1001)
+    reached = simulate(chosen, times, {name: size})[follower]
     gain = (reached[-1] - reached[0]) / (size - rest)
     scale = factor(match.unit, plant.wire[follower].unit) / gain
     return unit, scale * to_unit, (rest - scale * float(match.column.values[0])) * to_unit

@@ -39,7 +39,7 @@ CHOICES = {
     "N.m": ("N.m", "mN.m"),
 }
 """Units in which a quantity may have been written where its column does not tell."""
-SIDE = 3.0
+SIDE = 4.0
 """Score from which a column is taken for another input than the command."""
 NEIGHBOURHOOD = 1.2
 """Full scales by which an input may be away from its rest."""
@@ -153,7 +153,7 @@ def _dimension(unit: str) -> dict[str, int]:
 
 def _is_of_quantity(words: Iterable[str], wire: Wire) -> bool:
     found = [unit for text, unit in QUANTITIES.items() if set(text.split()) & set(words)]
-    return 1.0 * any(_dimension(unit) == _dimension(wire.unit) for unit in found)
+    return any(_dimension(unit) == _dimension(wire.unit) for unit in found)
 
 
 def _likely_unit(wire: Wire, column: Column) -> str:
