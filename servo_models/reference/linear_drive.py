@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.reference.inputs import Edges, changes, value_at
+from servo_models.reference.inputs import SAME_TIME, Edges, changes, value_at
 from servo_models.reference.sliding import Sliding
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class LinearDrive:
         acting, pushed = 0.0, value_at(pulse, 0.0)
         out = []
         for time, what, index in self._instants(times, load, pulse):
-            if time > now:
+            if time > now + SAME_TIME:
                 pushed = value_at(pulse, now)
             net = G_TAU * (acting + pushed) - self.offset - value_at(load, now)
             x, v = carriage.after(x, v, net, time - now)
