@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from servo_models.actuator import Parameter, Plant, Wire
 from servo_models.audit import Audit, Floor, Sampling, audit, noise_floors
 from servo_models.description import Description
+from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, Group, Reach, excitation
 from servo_models.explain import display_unit, in_display_unit
 from servo_models.identification.problem import free_names
@@ -66,8 +67,11 @@ def check(description: Description, jobs: int | None = None) -> Check:
     """Audit the logs of a description and find out what they can determine.
 
     Raises:
-        UserError: the nominal model cannot be simulated on these logs.
+        UserError: there are no logs, every sample is held out, or the nominal model cannot
+            be simulated on these logs.
     """
+    if not description.logs:
+        raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
     audits = tuple(audit(log, plant) for log in description.logs)
     floors = noise_floors(audits)

@@ -234,6 +234,14 @@ def test_a_log_alone_asks_for_init(run: Run, csv: Path) -> None:
     assert "add --init" in err
 
 
+def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "records.toml"
+    path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')
+    code, _, err = run("check", path)
+    assert code == 2
+    assert "add [[logs]]" in err
+
+
 def write(table: pl.DataFrame, path: Path) -> None:
     if path.suffix == ".parquet":
         table.write_parquet(path)
