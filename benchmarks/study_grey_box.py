@@ -6,7 +6,7 @@ and its coefficients become physical constants with standard errors.  Told are t
 rigs in which value +- 1.96 standard errors holds the true constant, with R, J and K_s known
 exactly and known to 1 %.
 
-Run: ``python benchmarks/study_grey_box.py [--rigs 300] [--seed 30000]`` (about five minutes);
+Run: ``python benchmarks/study_grey_box.py [--rigs 300] [--seed 30000]`` (about seven minutes);
 it prints the table of ``docs/studies/grey_box.md``.  Seeds below 20000 and from 100000 on
 were used to develop.
 """
