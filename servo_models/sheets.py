@@ -46,7 +46,7 @@ class Sheet:
             parts.append(Text(f"\n{table.heading}", style="bold"))
             grid = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
             for i, column in enumerate(table.columns):
-                grid.add_column(column, style="cyan" if i == 0 else "", overflow="fold")
+                grid.add_column(Text(column), style="cyan" if i == 0 else "", overflow="fold")
             for row in table.rows:
                 grid.add_row(*map(Text, row))
             parts.append(grid)
