@@ -56,8 +56,8 @@ def model_description(model: Model, slave_name: str, tool: str) -> bytes:
         root,
         "DefaultExperiment",
         startTime="0.0",
-        stopTime=repr(actuator.stop_time),
-        stepSize=repr(actuator.step_size),
+        stopTime=repr(model.stop_time),
+        stepSize=repr(model.step_size),
     )
     _add_variables(root, every)
     _add_structure(root, model)

@@ -186,7 +186,9 @@ class Plant:
 class Variant:
     """A named parameter set, with where it comes from.
 
-    ``uncertainty`` holds relative standard deviations (prior) of its parameters.
+    ``uncertainty`` holds relative standard deviations (prior) of its parameters;
+    ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
+    not for it.
     """
 
     name: str
@@ -196,6 +198,8 @@ class Variant:
     plant: Plant | None = None
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     warning: str = ""
+    stop_time: float | None = None
+    step_size: float | None = None
 
 
 @dataclass(frozen=True)

@@ -97,18 +97,19 @@ def _runs(effect: str) -> Iterator[Demonstration]:
 def _depth(place: Place) -> tuple[bool, float]:
     """What stands further back has the larger one."""
     inputs = {wire.name for wire in place.actuator.plant.inputs}
-    return place.placements[0].on[0] not in inputs, -place.actuator.stop_time
+    return place.placements[0].on[0] not in inputs, -model(place.actuator).stop_time
 
 
 def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Result:
     name, value = actuator.step
     wires = actuator.plant.wire
     rest = float(wires[name].rest)
-    times = np.linspace(0.0, DURATION * actuator.stop_time, POINTS)
+    chosen = model(actuator, None, parameters)
+    times = np.linspace(0.0, DURATION * chosen.stop_time, POINTS)
     command = rest + (value - rest) * np.interp(times / times[-1], BREAKS, HEIGHTS)
     against = _load(actuator)
     inputs = {name: command, against.name: np.full(POINTS, load * against.scale)}
-    return simulate(model(actuator, None, parameters), times, inputs)
+    return simulate(chosen, times, inputs)
 
 
 def _load(actuator: Actuator) -> Wire:
@@ -149,7 +150,7 @@ def portrait(name: str) -> Figure:
     """
     if name in actuators():
         chosen = model(name)
-        times = np.linspace(0.0, chosen.actuator.stop_time, POINTS)
+        times = np.linspace(0.0, chosen.stop_time, POINTS)
         result = simulate(chosen, times, dict([chosen.actuator.step]))
         return pictures.response(result, chosen.plant, f"{name}, variant {chosen.variant}")
     effect = effect_name(name)

@@ -45,8 +45,8 @@ def step(
         if name not in wires:
             raise UserError(unknown("input", name, wires, f"actuator '{actuator.name}'"))
     values = {name: _input(wires[name], value) for name, value in given.items()}
-    end = _positive("stop", actuator.stop_time if stop is None else stop)
-    size = _positive("dt", actuator.step_size if dt is None else dt)
+    end = _positive("stop", chosen.stop_time if stop is None else stop)
+    size = _positive("dt", chosen.step_size if dt is None else dt)
     return simulate(chosen, _grid(end, size), values)
 
 

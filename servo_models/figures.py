@@ -112,15 +112,15 @@ def figures(
     (main, size), output = model.actuator.step, model.plant.outputs[0]
     point = {name: _input_value(model, name, value) for name, value in (at or {}).items()}
     wanted = sorted(_above_0("frequency", value, "Hz") for value in frequencies)
-    reference = standard_step(model, dt=model.actuator.stop_time / STEP_POINTS)
+    reference = standard_step(model, dt=model.stop_time / STEP_POINTS)
     change = size - float(model.plant.wire[main].rest)
     moved = float(reference[output][-1] - reference[output][0])
     span = 0.1 * abs(change)
     if amplitude is not None:
         span = _amplitude(model, amplitude, moved / change)
     test = SineTest(model, main, output, span, point)
-    measured = step_metrics(*test.step(model.actuator.stop_time))
-    lowest = 0.02 / (measured.delay or model.actuator.stop_time)
+    measured = step_metrics(*test.step(model.stop_time))
+    lowest = 0.02 / (measured.delay or model.stop_time)
     missing = []
     linear = small = large = None
     try:

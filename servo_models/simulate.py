@@ -86,6 +86,16 @@ class Model:
         return self.actuator.plant_of(self.variant)
 
     @property
+    def stop_time(self) -> float:
+        """End of the default experiment [s]."""
+        return self.actuator.variant(self.variant).stop_time or self.actuator.stop_time
+
+    @property
+    def step_size(self) -> float:
+        """Communication step of the default experiment [s]."""
+        return self.actuator.variant(self.variant).step_size or self.actuator.step_size
+
+    @property
     def vector(self) -> Array:
         """Parameter vector in the order of ``values``, SI."""
         return np.array(list(self.values.values()))

@@ -86,7 +86,7 @@ class SineTest:
 
     def response(self, frequency: float) -> complex:
         """Return output over input [SI] at ``frequency`` [Hz], by their fundamentals."""
-        stop = self.model.actuator.stop_time
+        stop = self.model.stop_time
         wait = math.ceil(stop * frequency) + 2
         periods = math.ceil(0.25 * stop * frequency) + 3
         turns = np.arange(POINTS * (wait + periods) + 1) / POINTS
@@ -108,7 +108,7 @@ class SineTest:
 
     def _settle(self, state: Array, time: float, value: float) -> tuple[float, float]:
         """Hold the input until the output rests, or swings about a mean: value and time then."""
-        span = self.model.actuator.stop_time
+        span = self.model.stop_time
         scale = self.model.plant.wire[self.output].scale
         mean, moved = math.inf, math.inf
         for _ in range(WAITS):

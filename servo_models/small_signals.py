@@ -153,7 +153,7 @@ class SmallSignals:
         if np.any(self._gaps()[1] < 1e-3 * base._gaps()[1]):
             return True
         actuator = self.model.actuator
-        route = (1.0 / actuator.stop_time, actuator.step[0], self.model.plant.outputs[0])
+        route = (1.0 / self.model.stop_time, actuator.step[0], self.model.plant.outputs[0])
         gains = [abs(one.linear({}).response(*route)[0]) for one in (self, base)]
         return bool(gains[0] < 1e-3 * gains[1])
 
@@ -183,7 +183,7 @@ class SmallSignals:
 
     def _settle(self) -> None:
         """Run until nothing moves any more."""
-        plant, span = self.model.plant, self.model.actuator.stop_time
+        plant, span = self.model.plant, self.model.stop_time
         scale = np.array([plant.states[i].wire.scale for i in self._free])
         for _ in range(BLOCKS):
             before = np.array([self.state[i] for i in self._free])

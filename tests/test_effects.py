@@ -289,9 +289,9 @@ def test_every_effect_of_the_catalogue_is_placed_in_an_actuator() -> None:
 # Law 4: an active effect does something.
 
 
-NEEDS = {"sg90-printed-supply_sag": {"supply_limit.share": 1.0}}
+NEEDS = {"sg90-measured-supply_sag": {"supply_limit.share": 1.0}}
 """The supply acts through the limit that it sets."""
-NEEDS["sg90-oscillatory_motor-supply_sag"] = NEEDS["sg90-printed-supply_sag"]
+NEEDS["sg90-oscillatory_motor-supply_sag"] = NEEDS["sg90-measured-supply_sag"]
 
 
 @every_placement

@@ -166,7 +166,7 @@ def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> Non
     page = Page(_page(doubtful))
     verdicts = {row[1]: row[0] for row in page.rows if len(row) == 8}
     assert "low bound" in verdicts["torque_constant"]
-    assert "not excited" in verdicts["inductance"]
+    assert "not determined" in verdicts["inductance"]
     assert "not determined" in verdicts["transport_delay.time"]
     assert "'inductance' is <b>doubtful</b>; fix it." in page.text
     assert page.count("b") == 0

@@ -253,5 +253,5 @@ def _settle(
     for wire in chosen.plant.inputs:
         value = first.get(wire.name, constants.get(wire.name, wire.rest))
         if abs(float(value) - float(wire.rest)) > AT_REST * wire.scale:
-            return min(chosen.actuator.stop_time, duration)
+            return min(chosen.stop_time, duration)
     return 0.0

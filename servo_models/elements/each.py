@@ -22,7 +22,7 @@ from servo_models.toml_file import Section
 
 UNEQUAL = 3.0
 """Standard errors from which two estimates of one thing contradict each other."""
-BENT = "a straight line says too little, its residuals show a bow"
+BENT = "straight pieces say too little, what they leave over is no chance"
 GAIN = "rad/s/V"
 
 
@@ -149,6 +149,11 @@ def motor_step(found: Found, section: Section) -> None:
     found.add(source, "gain of the step", order.gain, GAIN)
     found.set("motor_time_constant", order.time_constant, table.place)
     found.dynamic_gain = order.gain
+    if order.correlated:
+        found.warnings.append(
+            f"{table.place}: the speed is not quite that of a first order, so that the standard"
+            " errors are too small"
+        )
     static = found.parameters.get("motor_gain")
     if order.gain and static and _contradict(order.gain, static):
         found.warnings.append(

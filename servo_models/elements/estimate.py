@@ -127,15 +127,27 @@ def rounding(measured: Array) -> float:
 
 BENT = 4.0
 """Curvature in standard errors from which a line counts as bent."""
+CORRELATED = 3.0
+"""Correlation of neighbours from which residuals count as no chance, over 1 / sqrt(n)."""
+FEWEST = 8
+"""Residuals that either judgement needs."""
 
 
 def is_bent(x: Array, residuals: Array) -> bool:
     """Whether the residuals of a straight line in ``x``, both of shape (n,), show a bow."""
-    if len(x) < 8:
+    if len(x) < FEWEST:
         return False
     bow = np.column_stack([np.ones(len(x)), x - x.mean(), (x - x.mean()) ** 2])
     curvature = least_squares(bow, residuals).estimate(2)
     return abs(curvature.value) > BENT * curvature.standard_error
+
+
+def is_correlated(residuals: Array) -> bool:
+    """Whether residuals in the order of the rows, shape (n,), follow their neighbours."""
+    power = float(residuals @ residuals)
+    if len(residuals) < FEWEST or power == 0.0:
+        return False
+    return float(residuals[1:] @ residuals[:-1]) > CORRELATED / math.sqrt(len(residuals)) * power
 
 
 def _quantile(freedom: float) -> float:

@@ -24,6 +24,7 @@ from servo_models.elements.estimate import (
     LeastSquares,
     at_optimum,
     is_bent,
+    is_correlated,
     least_squares,
     rounding,
 )
@@ -48,7 +49,7 @@ class Line:
         zero: x at which the line meets y = 0; the middle of a dead band.
         lower, upper: x below and above which y stands still, None if it never does.
         dead: x from and to which y stands still in between, None if it never does.
-        bent: the residuals show a bow, so that a straight line says too little.
+        bent: the residuals are no chance, so that this shape says too little.
     """
 
     gain: Estimate
@@ -65,7 +66,7 @@ def straight_line(x: Array, y: Array) -> Line:
     Two rows give gain and zero, with infinite standard errors.
     """
     fit = least_squares(np.column_stack([np.ones(len(x)), x]), y)
-    return Line(fit.estimate(1), _zero(fit), bent=is_bent(x, fit.residuals))
+    return Line(fit.estimate(1), _zero(fit), bent=_is_bent(x, fit))
 
 
 def line_with_flats(x: Array, y: Array) -> Line:
@@ -87,7 +88,7 @@ def line_with_flats(x: Array, y: Array) -> Line:
         dead=(next(knees), next(knees)) if shape.dead else None,
         upper=next(knees) if shape.upper else None,
         zero=_middle(fit, shape) if shape.dead else _zero(fit),
-        bent=shape.count == 0 and is_bent(x, fit.residuals),
+        bent=_is_bent(x, fit),
     )
 
 
@@ -182,6 +183,11 @@ def _criterion(shape: Shape, fit: LeastSquares, y: Array) -> float:
     n = len(y)
     size = (fit.squares + rounding(y)) / n
     return n * math.log(size) + (2.0 + KNEE_COST * shape.count) * math.log(n)
+
+
+def _is_bent(x: Array, fit: LeastSquares) -> bool:
+    order = np.argsort(x, kind="stable")
+    return is_bent(x, fit.residuals) or is_correlated(fit.residuals[order])
 
 
 def _zero(fit: LeastSquares) -> Estimate:

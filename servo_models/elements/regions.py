@@ -21,6 +21,8 @@ FIRST_GUESS = 0.05
 TOP_COST = 4.0
 """Criterion's cost of a top speed, in ln n: its level, and that its edge is searched for."""
 LINE_VOLTAGES, TOP_ROWS = 3, 2
+LEAST_RISE = 0.05
+"""Share of the highest speed by which a line rises at least."""
 ROUNDS = 20
 
 
@@ -113,7 +115,7 @@ def _split(side: Side, turns: Mask) -> tuple[Regions, LeastSquares]:
         if len(voltages) < LINE_VOLTAGES or (len(top) and side.x[order[cut]] == voltages[-1]):
             continue
         line = least_squares(_slopes(side, on_line)[on_line], side.y[on_line])
-        if line.values[1] <= 0.0:
+        if line.values[1] * np.ptp(voltages) < LEAST_RISE * np.max(side.y):
             continue
         squares = line.squares + (float(np.sum((top - top.mean()) ** 2)) if len(top) else 0.0)
         n = len(order)

@@ -19,6 +19,7 @@ from servo_models.elements.estimate import (
     at_optimum,
     combined,
     exactly,
+    is_correlated,
 )
 from servo_models.errors import UserError
 
@@ -38,10 +39,12 @@ class FirstOrder:
     Attributes:
         time_constant: [s].
         gain: change of speed per change of voltage [rad/s/V]; None without the voltage.
+        correlated: residuals follow their neighbours, so that it is not quite first order.
     """
 
     time_constant: Estimate
     gain: Estimate | None
+    correlated: bool
 
 
 def first_order(times: Array, speeds: Array, voltages: Array | None = None) -> FirstOrder:
@@ -64,12 +67,13 @@ def first_order(times: Array, speeds: Array, voltages: Array | None = None) -> F
             " settles"
         )
     fit = _exponential(times[rows] - times[first], speeds[rows])
-    if not 0.0 < fit.values[2] * LEAST_SPAN < times[-1] - times[first]:
+    time_constant = fit.estimate(2)
+    if time_constant.low <= 0.0 or time_constant.value * LEAST_SPAN > times[-1] - times[first]:
         raise UserError(
             "the speed does not settle as that of a first order does; record until it stays"
         )
     gain = None if voltages is None else _gain(fit, speeds[:first], voltages[0], voltages[first:])
-    return FirstOrder(fit.estimate(2), gain)
+    return FirstOrder(time_constant, gain, is_correlated(fit.residuals))
 
 
 def _begun(speeds: Array) -> int:

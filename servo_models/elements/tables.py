@@ -116,6 +116,8 @@ def read_table(
     columns: dict[str, Array] = {}
     for wire in (*wanted, *(wire for wire in optional if wire.name in entry)):
         mapped = map_signal(entry, wire.name, wire, None)
+        if mapped.table or mapped.shift:
+            entry.fail(wire.name, "table and shift of a column belong to logs; leave them out")
         values = in_si(mapped, found.numbers(mapped.column))
         where = found.where(mapped.column)
         if len(values) < rows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from servo_models.actuator import Actuator
+from servo_models.actuators.sg90.measured import MEASURED
 from servo_models.actuators.sg90.plant import PLANT
 from servo_models.actuators.sg90.sets import OSCILLATORY, published
 
@@ -16,7 +17,7 @@ ACTUATOR = Actuator(
     source="Kochuk, Nikitin, Hrinchenko, Bahaiev, Methodology of synthesis nonlinear"
     " mathematical model of a servo",
     plant=PLANT,
-    variants=(*published(), OSCILLATORY),
+    variants=(MEASURED, *published(), OSCILLATORY),
     stop_time=20.0,
     step_size=0.02,
     step=("pulse_width", 2.0e-3),

@@ -6,12 +6,46 @@ import math
 
 from servo_models.reference import sg90
 from servo_models.reference.backlash import ServoBacklash
+from servo_models.reference.real_sg90 import RealServo
 from servo_models.validation.cases import EVENTS, EXACT, TRANSFER, Case, grid, schedule
 
 
 def cases() -> list[Case]:
     """Return the steps of every set, then the others."""
-    return [*_steps(), *_others()]
+    return [*_real(), *_steps(), *_others()]
+
+
+def _real() -> list[Case]:
+    fine, odd = grid(1.0, 1e-3), grid(1.9995, 3.1e-3)
+    pulses = schedule(odd, (0, 1.5e-3), (0.1, 2.2e-3), (0.5, 1.6e-3), (0.9, 0.8e-3), (1.4, 1.5e-3))
+    loads = schedule(odd, (0, 0.0), (0.6, 0.03), (1.6, -0.02))
+    weak = schedule(odd, (0, 5.0), (1.2, 4.0))
+    work = {"pulse_width": pulses, "load_torque": loads, "supply_voltage": weak}
+    real, name = RealServo(), "measured"
+    return [
+        Case(
+            "sg90",
+            name,
+            "step to 2 ms, every 1 ms",
+            fine,
+            {"pulse_width": 2e-3},
+            real,
+            EVENTS,
+            False,
+            is_step=True,
+        ),
+        Case(
+            "sg90",
+            name,
+            "pulses, load and weak supply, every 3.1 ms",
+            odd,
+            work,
+            real,
+            EVENTS,
+            False,
+            cost=("angle", "rate", "motor_voltage"),
+        ),
+    ]
 
 
 def _steps() -> list[Case]:
