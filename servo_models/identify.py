@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from servo_models.description import Description, read_description
 from servo_models.errors import UserError, did_you_mean
@@ -24,9 +24,6 @@ from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
 from servo_models.parameter_set import Estimate, Figure, ParameterSet
 from servo_models.sheets import Sheet
-
-if TYPE_CHECKING:
-    from servo_models.transfer.identify import TransferResult
 
 SIMULATION = "simulation"
 TRANSFER_FUNCTION = "transfer_function"
@@ -151,7 +148,28 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         return sheet_page(table.title, table, {"Bode plot with the data": bode(found)}, date)
 
     files = {log.path.name: log.sha256 for log in told.logs} | _hashes(told, "sweeps")
-    return Outcome(found, table, _of_transfer_function(told, found, files), page)
+    method = f"transfer function, {found.chosen.name}; grey box"
+    constants = found.constants.estimates if found.constants else None
+    parameters = constants and _of_tables(told, constants, method, files, found.warnings)
+    return Outcome(found, table, parameters or None, page)
+
+
+def _by_elements(told: Description) -> Outcome:
+    from servo_models.elements import identify_elements, sheet
+    from servo_models.report.sheet import sheet_page
+    from servo_models.synthesis_pictures import synthesis_picture
+
+    found = identify_elements(told)
+    table = sheet(found)
+
+    def page(date: str) -> str:
+        picture = synthesis_picture(found)
+        return sheet_page(table.title, table, {"Feedback coefficient K_f": picture}, date)
+
+    parameters = _of_tables(
+        told, found.parameters, "element by element", found.files, found.warnings
+    )
+    return Outcome(found, table, parameters, page)
 
 
 def _of_simulation(found: Identification) -> ParameterSet:
@@ -174,24 +192,24 @@ def _of_simulation(found: Identification) -> ParameterSet:
     )
 
 
-def _of_transfer_function(
-    told: Description, found: TransferResult, files: Mapping[str, str]
-) -> ParameterSet | None:
-    if not found.constants:
-        return None
-    estimated = {
-        name: Estimate(name, value, error, "estimated")
-        for name, (value, error) in found.constants.estimates.items()
-    }
+def _of_tables(
+    told: Description,
+    found: Mapping[str, tuple[float, float | None]],
+    method: str,
+    files: Mapping[str, str],
+    warnings: Sequence[str],
+) -> ParameterSet:
+    """Values and standard errors [SI] by name, with what the description gives beside them."""
+    estimated = {name: Estimate(name, *pair, "estimated") for name, pair in found.items()}
     nominal = told.actuator.values(told.variant)
     return ParameterSet(
         actuator=told.actuator.name,
         variant=told.variant,
         estimates=_with_given(nominal, told.model.values, estimated),
-        method=f"transfer function, {found.chosen.name}; grey box",
+        method=method,
         logs={name: f"sha256:{digest}" for name, digest in files.items()},
         date=_today(),
-        warnings=found.warnings,
+        warnings=tuple(warnings),
     )
 
 
