@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from servo_models.actuator import outside
 from servo_models.description import Description, read_description
 from servo_models.elements.each import ELEMENTS
 from servo_models.elements.estimate import Estimate
@@ -97,4 +96,7 @@ def _tell(found: Found, chosen: Choice, unit: float) -> None:
         error = chosen.relative_error * k_f
         found.parameters["feedback_coefficient"] = Estimate(k_f, error, k_f - error, k_f + error)
     else:
-        found.warnings.append(outside("parameter", "feedback_coefficient", k_f, param))
+        found.warnings.append(
+            f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
+            f" {param.high:g}"
+        )
