@@ -104,6 +104,8 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
         rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
         problem.sigma[name] = max(rms, 1e-12 * problem.sigma[name])
     problem.restart(found.vector)
+    if len(problem.sigma) == 1 and not any(free.prior for free in problem.free):
+        return found  # one weight on everything moves no optimum
     again = search(problem, LOCAL, 1, 0, progress)
     return replace(again, costs=found.costs, interrupted=again.interrupted)
 

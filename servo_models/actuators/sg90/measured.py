@@ -39,7 +39,6 @@ MEASURED = Variant(
         "no_load_speed": 51.1 * 4.8,
         "supply_limit.share": 1.0,
         "transport_delay.time": 0.0289,
-        "internal_step": 1e-3,
     },
     "gyro log of 52 steps; stall torque: data sheet",
     uncertainty={
