@@ -24,6 +24,7 @@ from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
 from servo_models.parameter_set import Estimate, Figure, ParameterSet
 from servo_models.sheets import Sheet
+from servo_models.simulate import Model
 
 SIMULATION = "simulation"
 TRANSFER_FUNCTION = "transfer_function"
@@ -113,10 +114,19 @@ def method_of(told: Description) -> str:
 
 
 def _by_simulation(told: Description, found: Identification) -> Outcome:
+    from servo_models.audit import audit, noise_floors
     from servo_models.report.identification import identification_page
+    from servo_models.validate import conditions
 
     def page(date: str) -> str:
-        return identification_page(f"Identification of {told.actuator.name}", found, date=date)
+        return identification_page(
+            f"Identification of {told.actuator.name}",
+            found,
+            _figures_of_merit(found.fitted),
+            floors=noise_floors(audit(log, found.fitted.plant) for log in found.logs),
+            conditions=conditions(),
+            date=date,
+        )
 
     return Outcome(
         result=found,
@@ -125,6 +135,17 @@ def _by_simulation(told: Description, found: Identification) -> Outcome:
         page=page,
         converged=found.converged,
     )
+
+
+def _figures_of_merit(fitted: Model) -> Sheet:
+    """Figures of the fitted model, or why it has none."""
+    from servo_models.figures import figures
+    from servo_models.figures_sheet import figures_sheet
+
+    try:
+        return figures_sheet(figures(fitted))
+    except UserError as error:
+        return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
 
 
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:

@@ -11,11 +11,19 @@ import pytest
 from html_page import Page
 
 from servo_models.errors import UserError
-from servo_models.report import sg90, torque_motor, verdict, write_report
+from servo_models.report import (
+    sg90,
+    sg90_measured,
+    smart_servo,
+    torque_motor,
+    verdict,
+    write_report,
+)
 from servo_models.report.claim import share
 from servo_models.report.paper import DIGITS
 from servo_models.report.parts import number
 from servo_models.report.style import PALETTE
+from servo_models.simulate import model, simulate
 from servo_models.validation.rows import (
     IMPLEMENTATION,
     MODEL,
@@ -67,7 +75,7 @@ def test_page_is_whole_and_stands_alone(text: str) -> None:
 
 def test_every_picture_has_a_name_and_every_table_a_caption(text: str) -> None:
     page = Page(text)
-    assert page.count("svg") == page.count("figcaption") == page.count("figure") == 9
+    assert page.count("svg") == page.count("figcaption") == page.count("figure") == 10
     assert all(attrs.get("aria-label") for tag, attrs in page.tags if tag == "svg")
     assert page.count("table") == page.count("caption") > 0
 
@@ -201,6 +209,55 @@ def test_marks_of_the_sg90_tell_the_truth() -> None:
     assert reached[0.18] == pytest.approx(sg90.REACHED, abs=0.005)
     assert reached[0.1] == pytest.approx(sg90.REACHED, abs=0.005)
     assert reached[0.05] < sg90.REACHED - 0.05
+
+
+def test_figures_of_both_servos_are_those_of_their_responses() -> None:
+    """Against crossings of densely simulated steps and the fundamental of a simulated sine."""
+    rows = {row.name: row for row in sg90_measured.compare()}
+    for kind, stop in (("measured", 1.0), ("printed", 20.0)):
+        chosen = model("sg90", kind)
+        times = np.linspace(0.0, stop, 20_001)
+        angle = np.degrees(simulate(chosen, times, {"pulse_width": 2e-3})["angle"])
+        final = angle[-1]
+        low, high = (times[np.argmax(angle >= part * final)] for part in (0.1, 0.9))
+        away = np.flatnonzero(np.abs(angle - final) > 0.05 * final)[-1]
+        exact = {
+            "slew time": 60.0 * (high - low) / (0.8 * final),
+            "rise from 10 % to 90 %": high - low,
+            "settling to ±5 %": times[away + 1],
+            "overshoot": 100.0 * (angle.max() / final - 1.0),
+            "angle after the step": final,
+        }
+        for name, value in exact.items():
+            assert getattr(rows[name], kind) == pytest.approx(value, rel=3e-3, abs=0.03), name
+        bandwidth = getattr(rows["bandwidth (-3 dB)"], kind)
+        times = np.arange(12 * 400 + 1) / (400 * bandwidth)
+        wave = np.exp(2j * np.pi * bandwidth * times)
+        pulse = 1.5e-3 + 0.5e-3 * wave.imag
+        settled = simulate(chosen, times, {"pulse_width": pulse})["angle"][-1601:-1]
+        gain = 2.0 * abs(np.mean(settled / wave[-1601:-1])) / 0.5e-3
+        static = math.radians(final) / 0.5e-3
+        assert gain / static == pytest.approx(math.sqrt(0.5), rel=0.02), kind
+
+
+def test_how_far_apart_the_servos_are_is_said_with_the_figures_of_the_table() -> None:
+    rows = sg90_measured.compare()
+    said = sg90_measured.sentence(rows)
+    slow = [row.printed / row.measured for row in rows if row.unit in ("s", "s/60 deg")]
+    assert f"{min(slow):.2g} to {max(slow):.2g} times slower" in said
+    for name, digits in (("slew time", 2), ("angle after the step", 3)):
+        row = next(row for row in rows if row.name == name)
+        assert f"{row.printed:.{digits}g}" in said
+        assert f"{row.measured:.{digits}g}" in said
+
+
+def test_friction_of_the_smart_servo_holds_what_the_duty_cannot_move() -> None:
+    run = smart_servo._run(smart_servo.FRICTION)
+    values = model("smart_servo", "xl330").values
+    assert run["rate"][-1] == 0.0
+    assert abs(run["angle"][-1] - smart_servo.GOAL) > math.radians(1.0)
+    stalled = values["torque_constant"] * 7.4 * abs(run["duty"][-1]) / values["resistance"]
+    assert 0.0 < stalled < smart_servo.FRICTION
 
 
 @pytest.mark.parametrize("page", [0, 1], ids=["light", "dark"])

@@ -37,7 +37,7 @@ def _following() -> Picture:
         drive.plot(free.times, free["drive"], color=colour("orange"))
         drive.plot(dry.times, dry["drive"], color=colour("blue"))
         label(drive, (0.2, 2.4), "Coulomb friction of 20.4 N", "blue", (0, 0))
-        label(drive, (1.1, 0.5), "no dry friction", "orange", (0, 0))
+        label(drive, (1.95, 0.5), "no dry friction", "orange", (0, 0), "right")
         drive.set(xlabel="time [s]", ylabel="drive [V]", xlim=(0, 4), ylim=(-3, 3))
         return picture(
             figure,

@@ -17,8 +17,8 @@ def section(validation: Validation) -> Section | None:
     return Section(
         "model",
         TITLE,
-        "The references are written from the papers' equations a second time, without the"
-        " blocks of the model, and solved by other methods. Errors are shares of full scale,"
+        "The references are written from the published equations a second time, without"
+        " the blocks of the model, and solved by other methods. Errors are shares of full scale,"
         " the largest absolute reference value of each output.",
         claim.tables(rows, "Responses against references"),
     )

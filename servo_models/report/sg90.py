@@ -11,7 +11,7 @@ from servo_models.report.style import SERIES, Picture, colour, drawing, label, p
 from servo_models.simulate import Result, model, simulate
 from servo_models.validation.rows import Validation
 
-TITLE = "SG90 servo: step responses"
+TITLE = "SG90 of the paper: step responses"
 COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}
 """Feedback coefficient K_f by the ending of the variant's name."""
 
@@ -38,9 +38,7 @@ def section(validation: Validation) -> Section | None:
     if all(row.actuator != "sg90" for row in validation.rows):
         return None
     pictures = (_linear(), _printed(), _inside(), _rejected())
-    return Section(
-        "sg90", TITLE, "The pulse goes from 1.5 ms to 2.0 ms at time 0.", pictures=pictures
-    )
+    return Section("sg90", TITLE, "The pulse goes from 1.5 to 2.0 ms at time 0.", pictures=pictures)
 
 
 def _linear() -> Picture:

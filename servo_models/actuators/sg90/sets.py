@@ -39,7 +39,7 @@ PRINTED = {
     "end_stops.half_range": HALF_RANGE,
 }
 SLOW = (
-    "the printed model is about 20 times slower than a real SG90, which turns 60 degrees in"
+    "the printed model is 20 to 80 times slower than a real SG90, which turns 60 degrees in"
     " 0.1 s; use it to reproduce the paper"
 )
 
