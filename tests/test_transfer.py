@@ -27,6 +27,7 @@ from servo_models.transfer import (
     TransferFunction,
     TransferResult,
     identify_transfer,
+    raw_records,
     read_sweeps,
     sheet,
     sweep_of_sines,
@@ -476,3 +477,39 @@ def test_what_cannot_be_identified_is_one_clear_line() -> None:
         with pytest.raises(UserError) as error:
             identify_transfer(logs, model=MOTOR, **names)
         assert said in str(error.value)
+
+
+def test_raw_records_of_a_sweep_are_named_in_the_description(tmp_path: Path) -> None:
+    hertz = np.geomspace(5.0, 80.0, 4)
+    times = DT * np.arange(12000)
+    logs = []
+    for f in hertz:
+        u = 10.0 * np.sin(2.0 * np.pi * f * times)
+        logs.append(log(f"{f:.0f} Hz", times, u, 0.5 * u))
+    names = [one.name for one in logs]
+    path = tmp_path / "raw.toml"
+    path.write_text(f'[[sweeps]]\nlogs = {names}\ninput = "voltage"\noutput = "angle"\n')
+    document = read_toml(path)
+    [sweep] = read_sweeps(document, tmp_path, MOTOR.plant, logs)
+    assert sweep.frequencies == pytest.approx(2.0 * np.pi * hertz, rel=1e-6)
+    assert raw_records(document) == set(names)
+    with pytest.raises(UserError, match="logs: unknown log '5 Hz'"):
+        read_sweeps(document, tmp_path, MOTOR.plant, logs[1:])
+
+
+def test_an_interrupt_keeps_the_structures_that_are_done() -> None:
+    times = DT * np.arange(3000)
+    u = np.repeat(np.random.default_rng(4).choice([-10.0, 10.0], 60), 50)
+    _, y, _ = lsim(([3.0], [1.0, 50.0]), u, times, interp=False)
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(y))
+    record = log("lag", times, u, y + noise)
+
+    def stop(structure: str) -> None:
+        if structure.startswith("order 3"):
+            raise KeyboardInterrupt
+
+    found = identify_transfer([record], model=MOTOR, progress=stop)
+    assert found.interrupted
+    assert found.warnings[0].startswith("interrupted")
+    assert max(c.fit.structure.poles for c in found.candidates if c.fit) < 3
+    assert found.chosen.function.response(np.array([0.0])) == pytest.approx(0.06, rel=1e-3)

@@ -7,7 +7,7 @@ from servo_models.transfer.evidence import Record, Sweep
 from servo_models.transfer.functions import STRUCTURES, Structure, TransferFunction
 from servo_models.transfer.identify import TransferResult, identify_transfer
 from servo_models.transfer.sheet import sheet
-from servo_models.transfer.sweeps import read_sweeps, sweep_of_sines
+from servo_models.transfer.sweeps import raw_records, read_sweeps, sweep_of_sines
 
 __all__ = [
     "STRUCTURES",
@@ -18,6 +18,7 @@ __all__ = [
     "TransferFunction",
     "TransferResult",
     "identify_transfer",
+    "raw_records",
     "read_sweeps",
     "sheet",
     "sweep_of_sines",

@@ -19,6 +19,8 @@ from servo_models.transfer.functions import STRUCTURES, Structure, TransferFunct
 from servo_models.transfer.scores import score
 from servo_models.transfer.starts import band, starts
 
+INTERRUPTED = "interrupted: larger structures were not tried; the best of the others is chosen"
+
 
 @dataclass(frozen=True, eq=False)
 class TransferResult:
@@ -31,6 +33,7 @@ class TransferResult:
         chosen: the one without a reason against it.
         constants: physical constants, where the actuator has a grey box.
         warnings: sentences.
+        interrupted: not every structure was tried.
     """
 
     source: Wire
@@ -40,6 +43,7 @@ class TransferResult:
     chosen: Candidate
     constants: PhysicalConstants | None = None
     warnings: tuple[str, ...] = field(default=())
+    interrupted: bool = False
 
 
 def identify_transfer(
@@ -74,18 +78,22 @@ def identify_transfer(
     ends = _wires(model, source, output)
     evidence = _evidence(logs, sweeps, ends)
     longest = max((float(e.times[-1]) for e in evidence if isinstance(e, Record)), default=None)
-    fits = _fits(structures, [e for e in evidence if not np.all(e.rows_held_out)], progress)
+    seen = [one for one in evidence if not np.all(one.rows_held_out)]
+    fits, interrupted = _fits(structures, seen, progress)
     scored: list[Scored] = [(n, f, None, score(f, evidence)) for n, f in (given or {}).items()]
     scored += [(str(f.structure), f.function, f, score(f.function, evidence)) for f in fits]
     judged = choose(with_criteria(scored, evidence), longest)
     chosen = next(c for c in judged if not c.reason)
     constants, vague = _grey_box(model, ends, judged, chosen, known_errors)
     warned = (
+        *((INTERRUPTED,) if interrupted else ()),
         *warnings(chosen, judged, longest),
         *vague,
         *(constants.warnings if constants else ()),
     )
-    return TransferResult(*ends, tuple(evidence), tuple(judged), chosen, constants, warned)
+    return TransferResult(
+        *ends, tuple(evidence), tuple(judged), chosen, constants, warned, interrupted
+    )
 
 
 def _wires(model: Model, source: str | None, output: str | None) -> tuple[Wire, Wire]:
@@ -117,8 +125,11 @@ def _evidence(
 
 def _fits(
     structures: Iterable[Structure], evidence: Sequence[Evidence], progress: Callable[[str], None]
-) -> list[Fit]:
-    """Fit every structure, the small ones first since they are starts of the larger ones."""
+) -> tuple[list[Fit], bool]:
+    """Fit every structure, the small ones first since they are starts of the larger ones.
+
+    Whoever interrupts gets those that are done, and True.
+    """
     noise = [one.noise_guess for one in evidence]
     rows = min(int(np.sum(~one.rows_held_out)) for one in evidence)
     slowest = 1.0 / band(evidence)[0]
@@ -126,13 +137,18 @@ def _fits(
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
         if structure.size >= rows:
             continue
-        progress(str(structure))
         smaller = [done[s].function for s in _parents(structure) if s in done]
-        first = starts(structure, evidence, noise, smaller)
-        found = fit(structure, evidence, noise, first, slowest)
+        try:
+            progress(str(structure))
+            first = starts(structure, evidence, noise, smaller)
+            found = fit(structure, evidence, noise, first, slowest)
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            return list(done.values()), True
         if found:
             done[structure] = found
-    return list(done.values())
+    return list(done.values()), False
 
 
 def _parents(structure: Structure) -> tuple[Structure, ...]:

@@ -21,13 +21,16 @@ from servo_models.units import exponents, factor, parse
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-KEYS = ("file", "table", "frequency", "gain", "phase", "input", "output", "held_out")
+KEYS = ("file", "frequency", "gain", "phase", "input", "output", "table", "held_out")
+RAW_KEYS = ("logs", "input", "output")
 LEAST_POINTS = 4
 LEAST_SPREAD = 1e-4
 """Relative error that a point has at least, so that no noise-free one outweighs all others."""
 
 
-def read_sweeps(document: Section, base: Path, plant: Plant) -> tuple[Sweep, ...]:
+def read_sweeps(
+    document: Section, base: Path, plant: Plant, logs: Sequence[Log] = ()
+) -> tuple[Sweep, ...]:
     """Read the frequency responses of a description::
 
         [[sweeps]]
@@ -39,10 +42,16 @@ def read_sweeps(document: Section, base: Path, plant: Plant) -> tuple[Sweep, ...
         phase = { column = "phase", unit = "deg" }     # of the output; sign = -1 for lags
         held_out = false
 
+        [[sweeps]]
+        logs = ["10 Hz", "20 Hz"]         # raw records, of one sine each, by their names
+        input = "voltage"
+        output = "angle"
+
     Args:
         document: the whole description.
         base: folder of the files.
         plant: says which inputs and outputs there are, and their units.
+        logs: of the description.
 
     Raises:
         UserError: an unknown key, signal or column, a unit that does not convert, fewer than
@@ -52,14 +61,21 @@ def read_sweeps(document: Section, base: Path, plant: Plant) -> tuple[Sweep, ...
     if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
         document.fail("sweeps", "no list of tables; write [[sweeps]]")
     return tuple(
-        _read(Section(document.file, f"sweeps[{k}]", entry), base, plant)
+        _read(Section(document.file, f"sweeps[{k}]", entry), base, plant, logs)
         for k, entry in enumerate(entries, start=1)
     )
 
 
-def _read(entry: Section, base: Path, plant: Plant) -> Sweep:
-    entry.check_keys(KEYS)
-    for key in ("file", "frequency", "gain", "phase", "input", "output"):
+def raw_records(document: Section) -> frozenset[str]:
+    """Return the names of the logs that are records of a sweep, not of their own."""
+    entries = document.content.get("sweeps", [])
+    return frozenset(name for entry in entries for name in entry.get("logs", ()))
+
+
+def _read(entry: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sweep:
+    raw = "logs" in entry
+    entry.check_keys(RAW_KEYS if raw else KEYS)
+    for key in RAW_KEYS if raw else KEYS[:6]:
         if key not in entry:
             entry.fail(key, "missing; a sweep needs file, input, output, frequency, gain, phase")
     inputs = {wire.name: wire for wire in plant.inputs}
@@ -69,6 +85,8 @@ def _read(entry: Section, base: Path, plant: Plant) -> Sweep:
         entry.fail("input", unknown("input", source, inputs))
     if output not in outputs:
         entry.fail("output", unknown("output", output, outputs))
+    if raw:
+        return sweep_of_sines(_named(entry, logs), source, output)
     held_out = entry.content.get("held_out", False)
     if not isinstance(held_out, bool):
         entry.fail("held_out", "neither true nor false")
@@ -89,6 +107,17 @@ def _read(entry: Section, base: Path, plant: Plant) -> Sweep:
         spread=np.ones(len(frequencies)),
         held_out=np.full(len(frequencies), held_out),
     )
+
+
+def _named(entry: Section, logs: Sequence[Log]) -> list[Log]:
+    known = {log.name: log for log in logs}
+    for name in entry.texts("logs"):
+        if name not in known:
+            entry.fail("logs", unknown("log", name, known))
+    found = [known[name] for name in entry.texts("logs")]
+    if len(found) < LEAST_POINTS:
+        entry.fail("logs", f"{len(found)} records: a sweep needs {LEAST_POINTS} at least")
+    return found
 
 
 def _frequencies(section: Section, columns: Columns) -> Array:
