@@ -152,12 +152,13 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     from servo_models.report.sheet import sheet_page
     from servo_models.transfer.identify import identify_transfer
     from servo_models.transfer.sheet import sheet
-    from servo_models.transfer.sweeps import read_sweeps
+    from servo_models.transfer.sweeps import raw_records, read_sweeps
     from servo_models.transfer_pictures import bode
 
-    sweeps = read_sweeps(told.document, told.path.parent, told.model.plant)
+    sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
+    of_sweeps = raw_records(told.document)
     found = identify_transfer(
-        told.logs,
+        [log for log in told.logs if log.name not in of_sweeps],
         sweeps,
         model=told.model,
         known_errors=told.uncertainty,
@@ -168,11 +169,11 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     def page(date: str) -> str:
         return sheet_page(table.title, table, {"Bode plot with the data": bode(found)}, date)
 
-    files = {log.path.name: log.sha256 for log in told.logs} | _hashes(told, "sweeps")
+    files = {log.path.name: log.sha256 for log in told.logs} | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
     parameters = constants and _of_tables(told, constants, method, files, found.warnings)
-    return Outcome(found, table, parameters or None, page)
+    return Outcome(found, table, parameters or None, page, converged=not found.interrupted)
 
 
 def _by_elements(told: Description) -> Outcome:
@@ -245,9 +246,10 @@ def _with_given(
     )
 
 
-def _hashes(told: Description, key: str) -> dict[str, str]:
-    """SHA-256 of the files of records other than logs, by name."""
-    paths = [told.path.parent / entry["file"] for entry in told.document.content.get(key, [])]
+def _sweep_hashes(told: Description) -> dict[str, str]:
+    """SHA-256 of the tables of sweeps, by name of the file."""
+    entries = told.document.content.get("sweeps", [])
+    paths = [told.path.parent / entry["file"] for entry in entries if "file" in entry]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
