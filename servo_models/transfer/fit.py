@@ -137,7 +137,15 @@ def fit(
         if len(evidence) == 1 or np.all(np.abs(problem.noise / before - 1.0) < STEADY):
             break
     problem.noise = problem.levels(x)
-    return _with_uncertainty(problem, x)
+    found = _with_uncertainty(problem, x)
+    return found if _is_finite(found.function, evidence) else None
+
+
+def _is_finite(function: TransferFunction, evidence: Sequence[Evidence]) -> bool:
+    """Whether it can still be evaluated: superfluous poles may run away to any speed."""
+    with np.errstate(all="ignore"):
+        errors = [one.errors(Point.of(function), False)[0] for one in evidence]
+    return all(np.all(np.isfinite(error)) for error in errors)
 
 
 def _descend(problem: _Problem, x: Array, longest_delay: float, evaluations: int) -> Array | None:
