@@ -14,6 +14,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 from servo_models.catalogue import actuators, effects
+from servo_models.check import check
 from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.drafting import draft
@@ -401,3 +402,22 @@ def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> 
         assert (code, err) == (0, "")
         (log,) = read_description(path).logs
         assert signals <= {*log.inputs, *log.outputs}
+
+
+def test_a_delay_that_is_to_be_estimated_is_judged(tmp_path: Path) -> None:
+    """It is fixed during a run, as the internal step is, but it can be asked for."""
+    times = 1e-4 * np.arange(2000)
+    voltage = np.where(np.arange(2000) // 200 % 2 == 1, 20.0, 0.0)
+    angle = simulate(model("torque_motor"), times, {"voltage": voltage})["angle"]
+    noise = 1e-5 * np.random.default_rng(3).standard_normal(2000)
+    rows = np.column_stack([times, voltage, angle + noise])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,u,a", comments="")
+    description = tmp_path / "description.toml"
+    description.write_text(
+        'actuator = "torque_motor"\nfree = ["transport_delay.time"]\n[[logs]]\nfile = "log.csv"\n'
+        'time = "t"\ninputs.voltage = "u"\noutputs.angle = "a"\n'
+    )
+    found = check(read_description(description))
+    [reach] = found.excitation.parameters
+    assert reach.name == "transport_delay.time"
+    assert 0.0 < reach.together * reach.scale < 1e-4

@@ -118,7 +118,7 @@ def excitation(
     """
     given = dict(priors or {})
     asked = dict.fromkeys([*free, *given])
-    judging = [log for log in logs if not log.held_out.all()]
+    judging = [log for log in logs if log.fitted.any()]
     if not judging:
         raise UserError("every sample is held out: leave some to estimate from")
     problem = Problem(model, judging, [], sigma=dict(floor))

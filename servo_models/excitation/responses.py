@@ -41,7 +41,7 @@ class Cause:
 def response(problem: Problem, values: Mapping[str, float]) -> Array | None:
     """Return all outputs that a fit may see, in noise floors, or None if they are not finite."""
     try:
-        found = [run.outputs(values)[~run.log.held_out] for run in problem.runs]
+        found = [run.outputs(values)[run.log.fitted] for run in problem.runs]
     except UserError:
         return None
     weights = [np.array([problem.sigma[name] for name in log.outputs]) for log in problem.logs]
@@ -51,7 +51,7 @@ def response(problem: Problem, values: Mapping[str, float]) -> Array | None:
 def outputs(problem: Problem) -> dict[str, Mask]:
     """Return where in a response each output stands, shape (m,) of bool."""
     names = [
-        np.full(int((~log.held_out).sum()), name) for log in problem.logs for name in log.outputs
+        np.full(int(log.fitted.sum()), name) for log in problem.logs for name in log.outputs
     ]
     every = np.concatenate(names)
     return {name: every == name for name in np.unique(every).tolist()}
@@ -60,15 +60,14 @@ def outputs(problem: Problem) -> dict[str, Mask]:
 def parameters(model: Model, asked: Collection[str], priors: Mapping[str, float]) -> list[Free]:
     """Return the parameters asked for; without any those of the plant and of effects that are on.
 
-    Those that are fixed during a run are left out.
+    Nobody who asks for none means one that is fixed during a run, such as the internal step.
     """
     known = model.plant.parameters
     on = {"", *(name for name, sizes in _switches(model).items() if any(sizes.values()))}
     return [
         free_parameter(parameter, model.values[name], priors.get(name))
         for name, parameter in known.items()
-        if (name in asked if asked else parameter.owner in on)
-        and not parameter.param.fixed
+        if (name in asked if asked else parameter.owner in on and not parameter.param.fixed)
         and parameter.param.low < parameter.param.high
     ]
 
