@@ -104,9 +104,13 @@ def effect_name(name: str) -> str:
 
 def in_display_unit(value: float, parameter: Parameter) -> str:
     """Return a value [SI] of a parameter as a person reads it, without its unit."""
+    return f"{display_scale(parameter) * value:.6g}"
+
+
+def display_scale(parameter: Parameter) -> float:
+    """Return the number that a person reads for 1 in SI."""
     param = parameter.param
-    scale = factor(param.unit, param.display) if param.display else 1.0
-    return f"{scale * value:.6g}"
+    return factor(param.unit, param.display) if param.display else 1.0
 
 
 def display_unit(parameter: Parameter) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from servo_models.actuator import Parameter
 from servo_models.catalogue import actuator as find_actuator
-from servo_models.explain import display_unit, in_display_unit
+from servo_models.explain import display_scale, display_unit, in_display_unit
 from servo_models.parameter_set import Estimate, ParameterSet
-from servo_models.sheets import Sheet, Table
+from servo_models.sheets import Sheet, Table, with_error
 
 
 def parameter_sheet(chosen: ParameterSet) -> Sheet:
@@ -38,11 +38,10 @@ def parameter_sheet(chosen: ParameterSet) -> Sheet:
 
 
 def _row(estimate: Estimate, parameter: Parameter, nominal: float) -> tuple[str, ...]:
-    spread = estimate.standard_error
+    scale, spread = display_scale(parameter), estimate.standard_error
     return (
         estimate.name,
-        in_display_unit(estimate.value, parameter),
-        "" if spread is None else in_display_unit(spread, parameter),
+        *with_error(scale * estimate.value, None if spread is None else scale * spread),
         in_display_unit(nominal, parameter),
         display_unit(parameter),
         estimate.origin,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,8 @@ if TYPE_CHECKING:
 
 WIDE = 160
 """Columns of a sheet as plain text."""
+MOST = 10
+"""Digits that a value is worth, however small its error."""
 
 
 @dataclass(frozen=True)
@@ -63,3 +66,32 @@ class Sheet:
         with console.capture() as capture:
             console.print(self)
         return "\n".join(line.rstrip() for line in capture.get().splitlines())
+
+
+def with_error(value: float, error: float | None) -> tuple[str, str]:
+    """Return a value and its standard error as they are worth printing, in one unit.
+
+    The error has two digits and the value goes to the same decimal place, with 2 to
+    ``MOST`` digits.  Without a finite error its text is empty, and the value has six digits.
+    Source: Review of Particle Physics, Introduction, sec. 5.3 (rounding), with two digits.
+    """
+    if error is None or not math.isfinite(error):
+        return f"{value:.6g}", ""
+    if error == 0.0:
+        return f"{value:.6g}", "0"
+    place = _magnitude(error) - 1
+    digits = min(max(_magnitude(value) - place + 1, 2), MOST) if value else 1
+    if 1e-5 <= error < 1e6 and (1e-5 <= abs(value) < 1e9 or value == 0.0):
+        last = _magnitude(value) + 1 - digits if value else place
+        return _fixed(value, last), _fixed(error, place)
+    return f"{value:.{digits - 1}e}", f"{error:.1e}"
+
+
+def _magnitude(value: float) -> int:
+    """Power of ten of the first digit, when rounded to two digits."""
+    return int(f"{value:.1e}".partition("e")[2])
+
+
+def _fixed(value: float, place: int) -> str:
+    """A number without exponent, rounded to the power of ten ``place``."""
+    return f"{round(value, -place) + 0.0:.{max(-place, 0)}f}"

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 ORDERS = 30
 """Highest order of the autoregressive model of the errors."""
+PREDICTED = 1e-10
+"""Share of their variance down to which errors are predicted; the rest is rounding."""
 
 
 def covariance(problem: Problem, jacobian: Array, residuals: Array) -> Array:
@@ -69,6 +71,8 @@ def _autocovariance(errors: Array) -> Array:
         reflection = (known[order] - weights @ known[order - 1 : 0 : -1]) / variance
         weights = np.append(weights - reflection * weights[::-1], reflection)
         variance *= 1.0 - reflection**2
+        if variance < PREDICTED * known[0]:
+            break
         best = min(best, (n * np.log(variance) + 2.0 * order, weights), key=lambda it: it[0])
     return _extended(known[: len(best[1]) + 1], best[1], n)
 

@@ -70,12 +70,7 @@ def spread(problem: Problem, vector: Array) -> Spread:
 
 
 def _spread(problem: Problem, vector: Array, jacobian: Array) -> Spread:
-    low, high = problem.bounds
-    edge = 1e-6 * np.maximum(1.0, np.abs(vector))
-    at = tuple(
-        "low" if near_low else "high" if near_high else ""
-        for near_low, near_high in zip(vector - low <= edge, high - vector <= edge)
-    )
+    at = problem.sides(vector)
     residuals = problem.residuals(vector)
     inner = np.array([not side for side in at])
     p = len(vector)

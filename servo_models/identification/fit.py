@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.actuator import unknown
 from servo_models.errors import UserError, did_you_mean
@@ -16,6 +17,8 @@ from servo_models.identification.result import Identification, conclude
 from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, search
 from servo_models.recording import Log
 from servo_models.simulate import Model
+
+Array = NDArray[np.float64]
 
 METHODS = {
     "local": "simulation error, least squares",
@@ -61,6 +64,7 @@ def fit(
     found = search(problem, kind, starts, seed, progress)
     if not found.interrupted:
         found = _reweighted(problem, found, progress)
+    found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)
     uncertainty = spread(problem, found.vector)
     said = warnings(problem, found.vector, uncertainty) + _ending(found)
@@ -88,7 +92,7 @@ def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -
                 raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
 
 
-def _nominal_responses(problem: Problem) -> list[dict[str, np.ndarray]]:
+def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
     """Responses before anything is estimated; effects to be freed are still off."""
     return Problem(problem.model, problem.logs, [], sigma=problem.sigma).responses(np.empty(0))
 
@@ -99,15 +103,25 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
         errors = [
             (response[name] - log.outputs[name])[log.fitted]
             for response, log in zip(problem.responses(found.vector), problem.logs)
-            if name in log.outputs
+            if name in log.outputs and log.fitted.any()
         ]
-        rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
-        problem.sigma[name] = max(rms, 1e-12 * problem.sigma[name])
+        if errors:
+            rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+            problem.sigma[name] = max(rms, 1e-12 * problem.sigma[name])
     problem.restart(found.vector)
     if len(problem.sigma) == 1 and not any(free.prior for free in problem.free):
         return found  # one weight on everything moves no optimum
     again = search(problem, LOCAL, 1, 0, progress)
     return replace(again, costs=found.costs, interrupted=again.interrupted)
+
+
+def _on_bounds(problem: Problem, vector: Array) -> Array:
+    """A search inside the bounds comes near them only: an effect that it wants off is off."""
+    sides = np.array(problem.sides(vector))
+    low, high = problem.bounds
+    moved = np.where(sides == "low", low, np.where(sides == "high", high, vector))
+    near, there = problem.costs([vector, moved])
+    return moved if there <= near * (1.0 + 1e-6) else vector
 
 
 def _ending(found: Found) -> list[str]:

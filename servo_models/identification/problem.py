@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
+EDGE = 1e-6
+"""Distance from a bound, in scales and relative to the value, that counts as on it."""
 REFUSED = 1e3
 """Weighted residual of a run that leaves the finite numbers."""
 
@@ -145,9 +147,10 @@ class Problem:
 
     def __post_init__(self) -> None:
         self.runs = [_prepare(self.model, log) for log in self.logs]
-        for log in self.logs:
-            for name, values in log.outputs.items():
-                self.sigma.setdefault(name, float(np.std(values[log.fitted])) or 1.0)
+        for name in dict.fromkeys(name for log in self.logs for name in log.outputs):
+            seen = [log.outputs[name][log.fitted] for log in self.logs if name in log.outputs]
+            values = np.concatenate(seen)
+            self.sigma.setdefault(name, float(np.std(values)) or 1.0 if len(values) else 1.0)
         self.restart(np.array([free.start for free in self.free]) / self.scales)
 
     def restart(self, vector: Array) -> None:
@@ -161,11 +164,25 @@ class Problem:
         return np.array([free.scale for free in self.free])
 
     @property
+    def nominal(self) -> Array:
+        """Vector of the model before the fit, shape (p,)."""
+        return np.array([free.nominal for free in self.free]) / self.scales
+
+    @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of a vector, each of shape (p,)."""
         low = np.array([free.low for free in self.free])
         high = np.array([free.high for free in self.free])
         return low / self.scales, high / self.scales
+
+    def sides(self, vector: Array) -> tuple[str, ...]:
+        """Return for each value of a vector the bound it is on: ``"low"``, ``"high"`` or ``""``."""
+        low, high = self.bounds
+        edge = EDGE * np.maximum(1.0, np.abs(vector))
+        return tuple(
+            "low" if near_low else "high" if near_high else ""
+            for near_low, near_high in zip(vector - low <= edge, high - vector <= edge)
+        )
 
     def values(self, vector: Array) -> dict[str, float]:
         """Return a vector as SI values by name, inside their bounds to the last bit."""
@@ -195,15 +212,34 @@ class Problem:
     def residuals(self, vector: Array) -> Array:
         """Return weighted errors of all samples that a fit may see, then of the priors."""
         residuals = self._residuals(vector)
+        self._note(vector, residuals)
+        self.evaluations += 1
+        return residuals
+
+    def costs(self, vectors: Sequence[Array]) -> list[float]:
+        """Return half the sum of the squared ``residuals`` of each vector, ``jobs`` at once."""
+        found = self._all(vectors)
+        return [self._note(vector, residuals) for vector, residuals in zip(vectors, found)]
+
+    def _note(self, vector: Array, residuals: Array) -> float:
+        """Remember a vector if it is the best so far, and return its cost."""
         cost = 0.5 * float(residuals @ residuals)
         if cost < self.best[0]:
             self.best = (cost, vector.copy())
-        return residuals
+        return cost
+
+    def _all(self, vectors: Sequence[Array]) -> list[Array]:
+        self.evaluations += len(vectors)
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(self._residuals, vectors))
 
     def _residuals(self, vector: Array) -> Array:
         values = self.values(vector)
-        self.evaluations += 1
-        data = [self.errors(run, values)[run.log.fitted].T.ravel() for run in self.runs]
+        data = [
+            self.errors(run, values)[run.log.fitted].T.ravel()
+            for run in self.runs
+            if run.log.fitted.any()
+        ]
         return np.concatenate([*data, self._prior(vector)])
 
     def _prior(self, vector: Array) -> Array:
@@ -236,8 +272,7 @@ class Problem:
             ends, starts = np.minimum(vector + widths, high), np.maximum(vector - widths, low)
             points = [vector + (ends - vector) * e for e in unit]
             points += [vector + (starts - vector) * e for e in unit]
-        with ThreadPoolExecutor(self.jobs) as pool:
-            found = list(pool.map(self._residuals, points))
+        found = self._all(points)
         p = len(vector)
         above, below = (found[1:], found[:1] * p) if widths is None else (found[:p], found[p:])
         steps = ends - starts

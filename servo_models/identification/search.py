@@ -9,7 +9,6 @@ Hansen, The CMA evolution strategy: a tutorial (2016).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +65,7 @@ def search(
     ends: list[tuple[float, Array, bool]] = []
     stopped = False
     try:
+        problem.residuals(problem.nominal)  # a result is never worse
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _evolve(problem, seed, tell)
@@ -73,6 +73,8 @@ def search(
         for count, start in enumerate(_starts(problem, starts, seed)):
             tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
             ends.append(_descend(problem, start))
+        if problem.best[0] < min(cost for cost, _, _ in ends):
+            ends.append(_descend(problem, problem.best[1]))
     except KeyboardInterrupt:
         stopped = True
     cost, vector = problem.best
@@ -134,24 +136,22 @@ def _evolve(problem: Problem, seed: int, tell: Progress) -> None:
     middle = np.full(max(p, 2), 0.5)  # cma wants two dimensions; a second one may be idle
     middle[:p] = np.clip((problem.start - low) / (high - low), 0.05, 0.95)
     population = 8 + int(3.0 * np.log(p))
-    with ThreadPoolExecutor(problem.jobs) as pool:
-        for run in range(RUNS):
-            options = {
-                "bounds": [0.0, 1.0],
-                "seed": seed + run + 1,
-                "verbose": -9,
-                "popsize": population * 2**run,
-                "maxiter": GENERATIONS,
-                "tolfun": 1e-6,
-            }
-            strategy = cma.CMAEvolutionStrategy(middle, 0.25, options)
-            while not strategy.stop():
-                points = strategy.ask()
-                vectors = [low + (high - low) * np.asarray(point)[:p] for point in points]
-                errors = list(pool.map(problem.residuals, vectors))
-                strategy.tell(points, [0.5 * float(e @ e) for e in errors])
-                tell(f"global search {run + 1}, generation {strategy.countiter}{_so_far(problem)}")
-            middle = random.uniform(0.05, 0.95, max(p, 2))
+    for run in range(RUNS):
+        options = {
+            "bounds": [0.0, 1.0],
+            "seed": seed + run + 1,
+            "verbose": -9,
+            "popsize": population * 2**run,
+            "maxiter": GENERATIONS,
+            "tolfun": 1e-6,
+        }
+        strategy = cma.CMAEvolutionStrategy(middle, 0.25, options)
+        while not strategy.stop():
+            points = strategy.ask()
+            vectors = [low + (high - low) * np.asarray(point)[:p] for point in points]
+            strategy.tell(points, problem.costs(vectors))
+            tell(f"global search {run + 1}, generation {strategy.countiter}{_so_far(problem)}")
+        middle = random.uniform(0.05, 0.95, max(p, 2))
 
 
 def _box(problem: Problem) -> tuple[Array, Array]:

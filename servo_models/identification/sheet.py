@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from servo_models.explain import display_unit, in_display_unit
+from servo_models.explain import display_scale, display_unit, in_display_unit
 from servo_models.identification.estimate import doubt
 from servo_models.identification.result import Accuracy, Identification
-from servo_models.sheets import Sheet, Table
+from servo_models.sheets import Sheet, Table, with_error
 from servo_models.units import factor
 
 PARAMETERS = ("parameter", "before", "estimate", "+-", "unit", "")
-ACCURACY = ("log", "output", "part", "RMS before", "RMS after", "unit", "fit", "in the file")
+ACCURACY = (
+    "log",
+    "output",
+    "part",
+    "RMS before",
+    "RMS after",
+    "unit",
+    "fit %",
+    "after, in numbers of the file",
+)
 
 
 def identification_sheet(found: Identification) -> Sheet:
@@ -38,12 +47,12 @@ def _parameters(found: Identification) -> tuple[tuple[str, ...], ...]:
     rows = []
     for free, value, error in zip(found.free, found.values, found.standard_errors):
         parameter = known[free.name]
+        scale = display_scale(parameter)
         rows.append(
             (
                 free.name,
                 in_display_unit(free.nominal, parameter),
-                in_display_unit(float(value), parameter),
-                in_display_unit(float(error), parameter) if error < float("inf") else "",
+                *with_error(scale * float(value), scale * float(error)),
                 display_unit(parameter),
                 doubt(free, float(value), float(error)),
             )
@@ -63,6 +72,6 @@ def _accuracy(found: Identification, row: Accuracy) -> tuple[str, ...]:
         f"{row.before * scale:.4g}",
         f"{row.after * scale:.4g}",
         unit,
-        f"{row.fit:.2f} %",
+        f"{row.fit:.2f}",
         f"{row.after / row.column_scale:.4g}",
     )

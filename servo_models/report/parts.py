@@ -106,9 +106,17 @@ def number(value: float | None, digits: int = 4) -> str:
     if value is None:
         return NONE
     if value == 0.0 or not math.isfinite(value) or 1e-3 <= abs(value) < 1e5:
-        return f"{value:.{digits}g}".replace("-", MINUS)
+        return printed(f"{value:.{digits}g}")
     mantissa, power = f"{value:.{digits - 2}e}".split("e")
-    return f"{number(float(mantissa), digits)}{TIMES}10{str(int(power)).translate(_RAISED)}"
+    return printed(f"{float(mantissa):.{digits}g}e{power}")
+
+
+def printed(text: str) -> str:
+    """Return the text of a number as in print; see ``number``."""
+    mantissa, _, power = text.replace("-", MINUS).partition("e")
+    if not power:
+        return mantissa
+    return f"{mantissa}{TIMES}10{str(int(power.replace(MINUS, '-'))).translate(_RAISED)}"
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 
-from servo_models.explain import display_unit
+from servo_models.explain import display_scale, display_unit
 from servo_models.identification.estimate import doubt
 from servo_models.identification.problem import Free
 from servo_models.identification.result import Identification
-from servo_models.report.parts import MINUS, Line, Section, Table, number
+from servo_models.report.parts import MINUS, NONE, Line, Section, Table, number, printed
 from servo_models.report.style import Picture, colour, drawing, picture
-from servo_models.units import factor
+from servo_models.sheets import with_error
 
 TITLE = "Parameters"
 COLUMNS = ("parameter", "estimate", "± standard error", "unit", "nominal", "prior ±", "meaning")
@@ -39,26 +39,17 @@ def section(found: Identification) -> Section:
 
 def _line(found: Identification, free: Free, value: float, error: float) -> Line:
     parameter = found.fitted.plant.parameters[free.name]
-    unit = display_unit(parameter)
-    scale = factor(parameter.param.unit, unit) if unit else 1.0
+    scale = display_scale(parameter)
     reason = doubt(free, value, error)
     cells = (
         free.name,
-        number(scale * value, digits(value, error)),
-        number(scale * error if math.isfinite(error) else None, 3),
-        unit,
+        *(printed(text) or NONE for text in with_error(scale * value, scale * error)),
+        display_unit(parameter),
         number(scale * free.nominal, 5),
         number(None if free.prior is None else scale * free.prior, 3),
         parameter.param.about,
     )
     return Line(cells, reason or "determined", None if reason else True)
-
-
-def digits(value: float, error: float) -> int:
-    """Return how many digits of a value are worth printing: two of its standard error."""
-    if not (math.isfinite(error) and error > 0.0 and value):
-        return 5
-    return min(max(math.ceil(math.log10(abs(value) / error)) + 2, 4), 7)
 
 
 def _correlations(found: Identification) -> Picture:
