@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 from servo_models.block import SIGNAL, Block, Param
 from servo_models.errors import UserError, did_you_mean
@@ -213,6 +214,7 @@ class Actuator:
         variants: by name; the first one is the default.
         stop_time, step_size: default experiment [s].
         step: name of the main input, size of its standard step in SI.
+        file: that defines it, None for one of the catalogue.
     """
 
     name: str
@@ -225,6 +227,12 @@ class Actuator:
     step_size: float
     step: tuple[str, float]
     picture: str = ""
+    file: Path | None = None
+
+    @property
+    def key(self) -> str:
+        """What ``catalogue.actuator`` finds it by: the name, or the path of its file."""
+        return str(self.file) if self.file else self.name
 
     @property
     def default_variant(self) -> str:

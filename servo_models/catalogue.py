@@ -5,11 +5,13 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
+from pathlib import Path
 from types import ModuleType
 
 from servo_models.actuator import Actuator, unknown
 from servo_models.block import Block
 from servo_models.errors import UserError
+from servo_models.own_actuator import load_actuator
 
 
 def _modules(folder: str) -> dict[str, ModuleType]:
@@ -36,12 +38,18 @@ def effects() -> dict[str, tuple[Block, ...]]:
     }
 
 
-def actuator(name: str) -> Actuator:
-    """Return an actuator by name.
+def actuator(name: str, folder: Path = Path()) -> Actuator:
+    """Return an actuator by name, or the one that a Python file of your own defines.
+
+    Args:
+        name: of the actuator, or the path of a file that ends in ``.py``.
+        folder: where such a path begins.
 
     Raises:
-        UserError: nobody knows that name.
+        UserError: nobody knows that name; see ``own_actuator.load_actuator``.
     """
+    if name.endswith(".py"):
+        return load_actuator(folder / name)
     if name not in actuators():
         raise UserError(unknown("actuator", name, actuators()))
     return actuators()[name]

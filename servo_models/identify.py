@@ -203,7 +203,7 @@ def _of_simulation(found: Identification) -> ParameterSet:
         for name, error in errors.items()
     }
     return ParameterSet(
-        actuator=model.actuator.name,
+        actuator=model.actuator.key,
         variant=model.variant,
         estimates=_with_given(model.actuator.values(model.variant), model.values, estimated),
         method=found.method,
@@ -225,7 +225,7 @@ def _of_tables(
     estimated = {name: Estimate(name, *pair, "estimated") for name, pair in found.items()}
     nominal = told.actuator.values(told.variant)
     return ParameterSet(
-        actuator=told.actuator.name,
+        actuator=told.actuator.key,
         variant=told.variant,
         estimates=_with_given(nominal, told.model.values, estimated),
         method=method,

@@ -4,7 +4,7 @@ A file is TOML.  Names of parameters may be written quoted or as nested tables, 
 what TOML makes of ``[parameters.transport_delay.time]``; every number stands beside its
 unit::
 
-    actuator = "torque_motor"
+    actuator = "torque_motor"               # or "mine.py", seen from this file
     variant = "measured"                    # values of all that is not listed
     method = "simulation error, least squares"
     date = 2026-01-31
@@ -38,6 +38,7 @@ from servo_models.actuator import Actuator, Parameter, check_bounds, unknown
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.errors import UserError
 from servo_models.files import write_whole
+from servo_models.own_actuator import key_from
 from servo_models.simulate import Model, model
 from servo_models.toml_file import Section, nested, read_toml
 from servo_models.units import factor
@@ -76,7 +77,8 @@ class ParameterSet:
     """Parameters of an actuator, as identified or given.
 
     Attributes:
-        actuator, variant: names; the variant has the values of all that is not listed.
+        actuator: name, or path of the file of one of your own, see ``catalogue.actuator``.
+        variant: it has the values of all that is not listed.
         estimates: one for each parameter listed.
         method: how the values were found, in words.
         logs: names of the files they were found from, with the hash of their bytes,
@@ -134,9 +136,10 @@ def write_parameters(chosen: ParameterSet, path: Path) -> None:
 
     if path.suffix.lower() != ".toml":
         raise UserError(f"'{path}' is no name for a parameter file: let it end in .toml")
-    known = chosen.model().plant.parameters
+    told = chosen.model()
+    known = told.plant.parameters
     document = {
-        "actuator": chosen.actuator,
+        "actuator": key_from(told.actuator, path.parent),
         "variant": chosen.variant,
         "method": chosen.method,
         "date": chosen.date,
@@ -146,8 +149,8 @@ def write_parameters(chosen: ParameterSet, path: Path) -> None:
         "parameters": nested({e.name: _entry(e, known[e.name]) for e in chosen.estimates}),
         "figures": {name: figure._asdict() for name, figure in chosen.figures.items()},
     }
-    told = {key: value for key, value in document.items() if value not in (None, "", [], {})}
-    write_whole(path, tomli_w.dumps(told).encode())
+    said = {key: value for key, value in document.items() if value not in (None, "", [], {})}
+    write_whole(path, tomli_w.dumps(said).encode())
 
 
 def _entry(estimate: Estimate, parameter: Parameter) -> dict[str, object]:
@@ -199,7 +202,7 @@ def read_parameters(path: str | Path) -> ParameterSet:
     actuator, variant = _whose(document)
     logs, figures = document.section("logs"), document.section("figures")
     return ParameterSet(
-        actuator=actuator.name,
+        actuator=actuator.key,
         variant=variant,
         estimates=tuple(_estimates(document.section("parameters"), actuator, variant)),
         method=document.text("method"),
@@ -218,7 +221,7 @@ def _whose(document: Section) -> tuple[Actuator, str]:
     if key not in document:
         document.fail(key, "missing; name the actuator that the values are for")
     try:
-        found = find_actuator(document.text(key))
+        found = find_actuator(document.text(key), document.file.parent)
         key = "variant"
         return found, found.variant(document.text(key, found.default_variant)).name
     except UserError as error:

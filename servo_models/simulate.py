@@ -145,7 +145,7 @@ def model(
     """Choose an actuator, a variant of it and overrides of single parameters.
 
     Args:
-        actuator: name, or a declaration of your own.
+        actuator: name, path of a ``.py`` file of your own, or a declaration of your own.
         variant: name of a parameter set; None for the default one.
         parameters: overrides by name, numbers in SI or strings such as ``"3 deg"``.
 

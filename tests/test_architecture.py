@@ -16,7 +16,7 @@ LAYERS = (
     "files compare reference recording toml_file linear_model",
     "units block flat logs",
     "inline actuator printer plants effects",
-    "actuators flatten stepper compiled audit lookalikes",
+    "actuators flatten stepper compiled audit lookalikes own_actuator",
     "catalogue grey_box",
     "simulate",
     "fmu_src experiment tables explain drafting",

@@ -14,7 +14,9 @@ from servo_models.errors import UserError
 def build(
     actuator: Annotated[
         str | None,
-        typer.Argument(help="Name of an actuator; default all.", autocompletion=complete_actuator),
+        typer.Argument(
+            help="An actuator, or your own .py file; default all.", autocompletion=complete_actuator
+        ),
     ] = None,
     variant: Variant = None,
     set_: Settings = None,

@@ -95,7 +95,9 @@ def _typed(ctx: typer.Context) -> list[Any]:
 
 Actuator = Annotated[
     str | None,
-    typer.Argument(help="Name of an actuator, see 'list'.", autocompletion=complete_actuator),
+    typer.Argument(
+        help="An actuator, see 'list', or your own .py file.", autocompletion=complete_actuator
+    ),
 ]
 Params = Annotated[
     Path | None,

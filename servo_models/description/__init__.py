@@ -43,7 +43,6 @@ from pathlib import Path
 from servo_models.actuator import Actuator, unknown
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.description.log import read_log
-from servo_models.description.own_actuator import load_actuator
 from servo_models.description.values import named, quantity, setting
 from servo_models.errors import UserError
 from servo_models.logs import read_columns
@@ -119,11 +118,11 @@ def _model(document: Section) -> tuple[Model, dict[str, float]]:
     actuator = _actuator(document, known)
     own = known.variant if known else actuator.default_variant
     given = document.text("variant", own)
-    if known and (actuator.name, given) != (known.actuator, own):
+    if known and (actuator.key, given) != (known.actuator, own):
         document.fail(
             "params",
             f"'{known.file}' is of actuator '{known.actuator}', variant '{own}', not of"
-            f" '{actuator.name}', '{given}'; leave out actuator and variant here",
+            f" '{actuator.key}', '{given}'; leave out actuator and variant here",
         )
     try:
         variant = actuator.variant(given).name
@@ -147,10 +146,8 @@ def _actuator(document: Section, known: ParameterSet | None) -> Actuator:
     if "actuator" not in document and not known:
         document.fail("actuator", "missing; name the actuator that made the logs")
     name = document.text("actuator", known.actuator if known else "")
-    if name.endswith(".py"):
-        return load_actuator(document.file.parent / name)
     try:
-        return find_actuator(name)
+        return find_actuator(name, document.file.parent)
     except UserError as error:
         document.fail("actuator", error)
 

@@ -17,6 +17,7 @@ from servo_models.drafting.columns import Column, columns_of
 from servo_models.drafting.guess import Match, matches, tells, time_of
 from servo_models.errors import UserError
 from servo_models.files import write_whole
+from servo_models.own_actuator import key_from
 from servo_models.simulate import model, simulate
 from servo_models.units import exponents, factor
 
@@ -114,7 +115,7 @@ def _lines(made: Draft, folder: Path) -> Iterator[str]:
     others = ", ".join(name for name in actuators() if name != made.actuator.name)
     yield "# First description of a log. Lines marked 'guessed' are to be checked."
     doubt = "" if made.given else f"  {CHECK}; there are also {others}"
-    yield f"actuator = {_quoted(made.actuator.name)}{doubt}"
+    yield f"actuator = {_quoted(key_from(made.actuator, folder))}{doubt}"
     yield f"# variant = {_quoted(made.actuator.default_variant)}  # others: servo-models list"
     yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'
     yield ""
