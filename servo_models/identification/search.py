@@ -69,12 +69,12 @@ def search(
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _evolve(problem, seed, tell)
-            ends.append(_descend(problem, problem.best[1]))
+            ends.append(descend(problem, problem.best[1]))
         for count, start in enumerate(_starts(problem, starts, seed)):
             tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
-            ends.append(_descend(problem, start))
+            ends.append(descend(problem, start))
         if problem.best[0] < min(cost for cost, _, _ in ends):
-            ends.append(_descend(problem, problem.best[1]))
+            ends.append(descend(problem, problem.best[1]))
     except KeyboardInterrupt:
         stopped = True
     cost, vector = problem.best
@@ -104,7 +104,10 @@ def _starts(problem: Problem, count: int, seed: int) -> Iterator[Array]:
         yield np.clip(np.array(draw) / problem.scales, low, high)
 
 
-def _descend(problem: Problem, start: Array) -> tuple[float, Array, bool]:
+def descend(
+    problem: Problem, start: Array, tolerance: float = TOLERANCE, limit: int = LIMIT
+) -> tuple[float, Array, bool]:
+    """Return cost, vector and success of one least-squares search of at most ``limit`` steps."""
     from scipy.optimize import least_squares
 
     low, high = problem.bounds
@@ -115,10 +118,10 @@ def _descend(problem: Problem, start: Array) -> tuple[float, Array, bool]:
         inside,
         jac=problem.jacobian,
         bounds=(low, high),
-        ftol=TOLERANCE,
-        xtol=TOLERANCE,
-        gtol=TOLERANCE,
-        max_nfev=LIMIT,
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
+        max_nfev=limit,
     )
     return float(done.cost), done.x, bool(done.status > 0)
 
