@@ -24,11 +24,11 @@ LAYERS = (
     "build parameter_set small_signals excitation",
     "linearise",
     "sine_test",
-    "validation parameter_sheet description figures",
+    "validation parameter_sheet description figures diagnosis",
     "transfer elements",
     "report formats figures_sheet",
     "validate pictures transfer_pictures synthesis_pictures check",
-    "demonstration identify",
+    "demonstration identify diagnose",
     "cli",
     "__main__ build_fmu",
 )

@@ -1,0 +1,116 @@
+"""Diagnose the gap between a model and logs: what ``servo-models diagnose`` does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from servo_models.audit import Audit, audit, noise_floors
+from servo_models.description import Description, read_description
+from servo_models.diagnosis.causes import Bench, Causes, Tell, find_causes
+from servo_models.diagnosis.claims import Claim, Value, claims, estimates
+from servo_models.diagnosis.gap import Gap, gaps
+from servo_models.diagnosis.verdict import NO_GAP, TOLERANCE, Verdict, decide
+from servo_models.errors import UserError
+from servo_models.identification.problem import free_parameter
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a diagnosis found.
+
+    Attributes:
+        model: as it was given.
+        logs: as they were measured.
+        audits: one a log.
+        floors: noise floor [SI] by output.
+        causes: everything that was tried.
+        verdict: what is said.
+        gaps: by output, before, re-tuned and after.
+        claims: effects, most likely first.
+        moved: nominal parameters after re-tuning.
+        tolerance: gap [noise floors] that counts as none.
+    """
+
+    model: Model
+    logs: tuple[Log, ...]
+    audits: tuple[Audit, ...]
+    floors: dict[str, float]
+    causes: Causes
+    verdict: Verdict
+    gaps: tuple[Gap, ...]
+    claims: tuple[Claim, ...]
+    moved: tuple[Value, ...]
+    tolerance: float
+
+    @property
+    def within_tolerance(self) -> bool:
+        return self.verdict.kind == NO_GAP
+
+    @cached_property
+    def fitted(self) -> Model:
+        """The model with nominal parameters re-tuned and the diagnosed effects switched on."""
+        return replace(self.model, values={**self.model.values, **self.causes.taken.values})
+
+
+def diagnose(
+    description: Description | str | Path,
+    tolerance: float = TOLERANCE,
+    seed: int = 0,
+    jobs: int | None = None,
+    left_out: Iterable[str] = (),
+    tell: Tell | None = None,
+) -> Diagnosis:
+    """Find out where a gap lies, what causes it and how far it closes.
+
+    Args:
+        description: model, uncertainties of its parameters and logs; or its TOML file.
+        tolerance: gap in noise floors that counts as none.
+        seed: of the bootstrap.
+        jobs: simulations at once, by default the processors there are.
+        left_out: effects that are not considered.
+        tell: is told what goes on.
+
+    Raises:
+        UserError: see ``read_description``; no logs, or every sample held out.
+    """
+    told = description if isinstance(description, Description) else read_description(description)
+    if not any(log.fitted.any() for log in told.logs):
+        raise UserError(f"'{told.path}' has no log to diagnose: add [[logs]], not held out")
+    audits = tuple(audit(log, told.model.plant) for log in told.logs)
+    floors = noise_floors(audits)
+    origins = _origins(audits)
+    parameters = told.model.plant.parameters
+    nominal = tuple(
+        free_parameter(parameters[name], told.model.values[name], prior)
+        for name, prior in told.uncertainty.items()
+    )
+    bench = Bench(told.model, told.logs, nominal, floors, jobs or os.cpu_count() or 1)
+    causes = find_causes(bench, left_out, tell)
+    verdict = decide(causes, tolerance)
+    return Diagnosis(
+        model=told.model,
+        logs=told.logs,
+        audits=audits,
+        floors=floors,
+        causes=causes,
+        verdict=verdict,
+        gaps=gaps(causes, floors, origins, seed),
+        claims=claims(causes, verdict),
+        moved=estimates(causes.retuned),
+        tolerance=tolerance,
+    )
+
+
+def _origins(audits: Iterable[Audit]) -> dict[str, str]:
+    """What the noise floor of each output comes from, in the log that has the largest."""
+    largest: dict[str, tuple[float, str]] = {}
+    for reading in (reading for one in audits for reading in one.readings):
+        found = (reading.floor.value, reading.floor.origin)
+        largest[reading.name] = max(found, largest.get(reading.name, found))
+    return {name: origin for name, (_, origin) in largest.items()}

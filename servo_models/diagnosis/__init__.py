@@ -1,0 +1,1 @@
+"""Diagnose a gap between a model and logs: where it lies, what causes it, how far it closes."""

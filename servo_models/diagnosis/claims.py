@@ -1,0 +1,91 @@
+"""What a diagnosis says of each effect: how likely, how large, how much of the gap it closes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from servo_models.diagnosis.causes import Causes, Explanation
+from servo_models.diagnosis.verdict import Verdict
+from servo_models.identification.estimate import spread
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter [SI] with its standard error, and its value before."""
+
+    name: str
+    nominal: float
+    value: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class Claim:
+    """An effect in the ranking.
+
+    Attributes:
+        name: of its place, and ``wire`` on which it acts.
+        probability: that it is among the causes.
+        in_set: whether it is in the set that cannot be told apart.
+        taken: whether the after figures are with it.
+        parameters: of the effect, in the best explanation that has it.
+        gap_after: held-out error [noise floors] of that explanation.
+        closed: share of the reducible gap [1] that it closes.
+        converged: False where its fit did not; it is ranked all the same.
+        reach: how far it can move the outputs of these logs [noise floors].
+    """
+
+    name: str
+    wire: str
+    probability: float
+    in_set: bool
+    taken: bool
+    parameters: tuple[Value, ...]
+    gap_after: float
+    closed: float
+    converged: bool
+    reach: float
+
+
+def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
+    """Return every effect that was fitted, most likely first, then by the gap it leaves."""
+    found: dict[str, Claim] = {}
+    for explanation in (causes.taken, *verdict.rivals, *causes.singles):
+        for name in explanation.effects:
+            if name not in found:
+                found[name] = _claim(name, explanation, causes, verdict)
+    return tuple(sorted(found.values(), key=lambda it: (-it.probability, it.gap_after)))
+
+
+def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict) -> Claim:
+    model = explanation.problem.model
+    before, after = causes.before.rms, explanation.evidence.rms
+    reducible = max(before - 1.0, 1e-9)
+    return Claim(
+        name=name,
+        wire=model.plant.placements[name][0].on[0],
+        probability=verdict.chances.get(name, 0.0),
+        in_set=name in verdict.members,
+        taken=name in causes.taken.effects,
+        parameters=tuple(v for v in estimates(explanation) if v.name.startswith(f"{name}.")),
+        gap_after=after,
+        closed=min((before - after) / reducible, 1.0),
+        converged=explanation.converged,
+        reach=causes.reach.get(name, 0.0),
+    )
+
+
+def estimates(explanation: Explanation) -> tuple[Value, ...]:
+    """Return every free parameter of an explanation with its standard error."""
+    problem, vector = explanation.problem, explanation.evidence.vector
+    if not problem.free:
+        return ()
+    errors = spread(problem, vector).standard_errors
+    return tuple(
+        Value(free.name, free.nominal, value, float(error))
+        for free, value, error in zip(
+            problem.free, explanation.values.values(), np.atleast_1d(errors)
+        )
+    )

@@ -1,0 +1,115 @@
+"""How well a fitted model predicts what its fit has not seen.
+
+Blocks of time are left out in turn.  The parameters without a block follow from the fit to
+all by one Gauss-Newton step, which is exact for a linear model, so nothing is fitted again.
+Errors of a model that is not quite right are coloured: a difference between two models is
+judged block by block, not sample by sample.
+Sources: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed., sec.
+7.10 (cross-validation); Allen, Technometrics 16 (1974) (leave-out by one step).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.identification.covariance import autocorrelation
+from servo_models.identification.problem import Problem
+
+Array = NDArray[np.float64]
+
+BLOCKS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A fitted model judged on blocks that it has not seen, errors in noise floors.
+
+    Attributes:
+        vector: the fit, in scales.
+        unseen: errors of each block by the fit without it, shape (m,).
+        errors: of the fit to everything, shape (m,).
+        parts: block of each error, shape (m,).
+    """
+
+    vector: Array
+    unseen: Array
+    errors: Array
+    parts: NDArray[np.int64]
+
+    @cached_property
+    def losses(self) -> Array:
+        """Sum of squared unseen errors of each block, shape (blocks,)."""
+        return np.bincount(self.parts, self.unseen**2).astype(float)
+
+    @property
+    def rms(self) -> float:
+        """Held-out error in noise floors."""
+        return float(np.sqrt(np.mean(self.unseen**2)))
+
+
+def blocks(problem: Problem, count: int = BLOCKS) -> NDArray[np.int64]:
+    """Return the block of every weighted error of a problem, shape (m,).
+
+    All outputs of one stretch of time are in one block; each log has its own, in proportion to
+    its length.
+    """
+    lengths = [int(log.fitted.sum()) for log in problem.logs]
+    total = sum(lengths)
+    made, first = [], 0
+    for log, length in zip(problem.logs, lengths):
+        own = max(2, round(count * length / total))
+        within = first + np.arange(length) * own // max(length, 1)
+        made += [within] * len(log.outputs)
+        first += own
+    return np.concatenate(made)
+
+
+def judge(problem: Problem, vector: Array, parts: NDArray[np.int64]) -> Evidence:
+    """Return the errors of a fit on each block, with the block left out of the fit.
+
+    Args:
+        problem: with the fit's free parameters and weights.
+        vector: the fit.
+        parts: from ``blocks``.
+    """
+    errors, slopes = problem.residuals(vector), problem.jacobian(vector)
+    n = problem.samples
+    gram = slopes.T @ slopes + 1e-12 * np.trace(slopes.T @ slopes) * np.eye(len(vector))
+    unseen = errors[:n].copy()
+    for k in range(int(parts.max()) + 1):
+        rows = np.flatnonzero(parts == k)
+        own, error = slopes[:n][rows], errors[:n][rows]
+        step = np.linalg.lstsq(gram - own.T @ own, own.T @ error, rcond=None)[0]
+        unseen[rows] += own @ step
+    return Evidence(vector, unseen, errors[:n], parts)
+
+
+def dispersion(errors: Array) -> float:
+    """Mean square of errors, times the samples of which one is independent."""
+    mean_square = max(float(np.mean(errors**2)), 1e-30)
+    correlation = autocorrelation(errors)
+    significant = correlation > 2.0 / np.sqrt(len(errors))
+    until = int(np.argmin(significant)) if not significant.all() else len(correlation)
+    return mean_square * (1.0 + 2.0 * float(correlation[1:until].sum()))
+
+
+def advantage(better: Evidence, worse: Evidence) -> float:
+    """Return twice the log likelihood ratio on unseen blocks, in independent samples.
+
+    Errors of the better model say how many samples are independent.
+    """
+    return float((worse.losses - better.losses).sum()) / dispersion(better.errors)
+
+
+def consistency(better: Evidence, worse: Evidence) -> float:
+    """Return the probability of so many blocks in favour by chance (Wilcoxon signed rank)."""
+    from scipy.stats import wilcoxon
+
+    difference = np.log(worse.losses / better.losses)
+    if not np.any(difference):
+        return 1.0
+    return float(wilcoxon(difference, alternative="greater").pvalue)

@@ -1,0 +1,149 @@
+"""How large a gap is: by output, before and after, on blocks that no fit has seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.evidence import Evidence
+from servo_models.identification.problem import Problem
+
+Array = NDArray[np.float64]
+
+STAGES = ("before", "retuned", "after")
+DRAWS = 400
+"""Draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1989))."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """RMS errors of one output [SI], held out.
+
+    Attributes:
+        output: its name.
+        rms: by stage: ``"before"``, ``"retuned"``, ``"after"``.
+        intervals: 95 % interval of each.
+        floor: noise floor, and ``origin`` where it is from.
+        full_scale: largest less smallest measured value.
+        worst: log and time [s] of the largest error before.
+        delay: shift [s] of the simulation that would take most of the gap before away.
+        closed: share of the reducible gap that is closed, with its interval; None where
+            there is nothing to reduce.
+    """
+
+    output: str
+    rms: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    floor: float
+    origin: str
+    full_scale: float
+    worst: tuple[str, float]
+    delay: float
+    closed: tuple[float, float, float] | None
+
+    @property
+    def nrmse(self) -> float:
+        """Error before over the measured range [1]."""
+        return self.rms["before"] / self.full_scale
+
+
+def gaps(
+    causes: Causes, floors: dict[str, float], origins: dict[str, str], seed: int
+) -> tuple[Gap, ...]:
+    """Return the gap of every output."""
+    problem = causes.retuned.problem
+    stages = dict(zip(STAGES, (causes.before, causes.retuned.evidence, causes.taken.evidence)))
+    rows = rows_of(problem)
+    return tuple(
+        _gap(name, rows[name], problem, stages, floors[name], origins[name], seed) for name in rows
+    )
+
+
+def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
+    """Return which weighted errors belong to each output, by name."""
+    found: dict[str, list[Array]] = {}
+    start = 0
+    for log in problem.logs:
+        count = int(log.fitted.sum())
+        for name in log.outputs:
+            found.setdefault(name, []).append(np.arange(start, start + count))
+            start += count
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _gap(
+    name: str,
+    rows: NDArray[np.int64],
+    problem: Problem,
+    stages: dict[str, Evidence],
+    floor: float,
+    origin: str,
+    seed: int,
+) -> Gap:
+    scale = problem.sigma[name]
+    losses = {
+        stage: np.bincount(one.parts[rows], (scale * one.unseen[rows]) ** 2)
+        for stage, one in stages.items()
+    }
+    counts = np.bincount(stages["before"].parts[rows]).astype(float)
+    random = np.random.default_rng(seed)
+    draws = random.integers(0, len(counts), (DRAWS, len(counts)))
+    drawn = {
+        s: np.sqrt(v[draws].sum(axis=1) / counts[draws].sum(axis=1)) for s, v in losses.items()
+    }
+    rms = {s: float(np.sqrt(v.sum() / counts.sum())) for s, v in losses.items()}
+    measured = np.concatenate([log.outputs[name][log.fitted] for log in problem.logs])
+    return Gap(
+        output=name,
+        rms=rms,
+        intervals={s: _interval(v) for s, v in drawn.items()},
+        floor=floor,
+        origin=origin,
+        full_scale=float(np.ptp(measured)),
+        worst=_worst(problem, name, stages["before"].errors[rows]),
+        delay=_delay(problem, name, scale * stages["before"].errors[rows]),
+        closed=_closed(rms, drawn, floor),
+    )
+
+
+def _interval(values: Array) -> tuple[float, float]:
+    low, high = np.quantile(values, (0.025, 0.975))
+    return float(low), float(high)
+
+
+def _closed(
+    rms: dict[str, float], drawn: dict[str, Array], floor: float
+) -> tuple[float, float, float] | None:
+    """(before - after) / (before - floor), and its interval."""
+    if rms["before"] <= floor:
+        return None
+    share = (rms["before"] - rms["after"]) / (rms["before"] - floor)
+    beyond = np.maximum(drawn["before"] - floor, 1e-9 * rms["before"])
+    low, high = _interval((drawn["before"] - drawn["after"]) / beyond)
+    return min(share, 1.0), min(low, 1.0), min(high, 1.0)
+
+
+def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
+    k, start = int(np.argmax(np.abs(errors))), 0
+    for log in problem.logs:
+        if name in log.outputs:
+            count = int(log.fitted.sum())
+            if k < start + count:
+                return log.name, float(log.times[log.fitted][k - start])
+            start += count
+    raise AssertionError("every error belongs to a log")
+
+
+def _delay(problem: Problem, name: str, errors: Array) -> float:
+    """Least squares of simulated minus measured on the measured rate; positive: the rig lags."""
+    rates = [
+        np.gradient(log.outputs[name], log.times)[log.fitted]
+        for log in problem.logs
+        if name in log.outputs
+    ]
+    rate = np.concatenate(rates)
+    power = float(rate @ rate)
+    return float(errors @ rate) / power if power > 0.0 else 0.0

@@ -1,0 +1,78 @@
+"""From what was tried to what is said: one of six verdicts, and how sure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from servo_models.diagnosis.belief import covering, probabilities
+from servo_models.diagnosis.causes import Causes, Explanation
+from servo_models.diagnosis.evidence import dispersion
+
+NO_GAP = "no-gap"
+PARAMETERS = "parameters"
+EFFECT = "effect"
+EFFECTS = "effects"
+OUTSIDE = "outside-catalogue"
+NOT_IDENTIFIABLE = "not-identifiable"
+
+TOLERANCE = 2.0
+"""Gap in noise floors that counts as none."""
+UNEXPLAINED = 1.5
+"""Error left, in noise floors, above which something is missing, if it is also structured."""
+STRUCTURED = 3.0
+"""Dispersion over mean square above which errors are no noise."""
+FEW = 3
+"""Effects that a set may hold and still say something."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What is said.
+
+    Attributes:
+        kind: one of the six.
+        chances: probability of each effect, most likely first, by name.
+        members: effects of the set that holds the cause with ``belief.COVERED``.
+        rivals: explanations of that set, most likely first.
+    """
+
+    kind: str
+    chances: dict[str, float]
+    members: tuple[str, ...]
+    rivals: tuple[Explanation, ...]
+
+
+def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
+    """Return the verdict on what was tried.
+
+    ``tolerance`` is the gap [noise floors] that counts as none.
+    """
+    taken = causes.taken
+    if causes.before.rms <= tolerance:
+        return Verdict(NO_GAP, {}, (), ())
+    missing = taken.evidence.rms > UNEXPLAINED and _structured(taken)
+    if not taken.effects:
+        return Verdict(OUTSIDE if missing else PARAMETERS, {}, (), ())
+    rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
+    chances = probabilities(rivals)
+    held = covering(chances)
+    by_effect: dict[str, float] = {}
+    for explanation, chance in zip(rivals, chances):
+        for name in explanation.effects:
+            by_effect[name] = by_effect.get(name, 0.0) + float(chance)
+    ranked = dict(sorted(by_effect.items(), key=lambda item: -item[1]))
+    inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
+    kind = EFFECT if len(taken.effects) == 1 else EFFECTS
+    if len(held) > FEW:
+        kind = NOT_IDENTIFIABLE
+    elif missing:
+        kind = OUTSIDE
+    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held))
+
+
+def _structured(explanation: Explanation) -> bool:
+    """Whether the errors left have a memory that a white floor has not."""
+    errors = explanation.evidence.errors
+    return dispersion(errors) > STRUCTURED * float(np.mean(errors**2))
