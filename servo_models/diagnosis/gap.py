@@ -64,7 +64,7 @@ def gaps(
 
 def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
     """Return which weighted errors belong to each output, by name."""
-    found: dict[str, list[Array]] = {}
+    found: dict[str, list[NDArray[np.int64]]] = {}
     start = 0
     for log in problem.logs:
         count = int(log.fitted.sum())
