@@ -20,6 +20,7 @@ from scipy.signal import lfilter
 
 from servo_models.identification.fit import fit
 from servo_models.identification.result import HELD_OUT, Identification
+from servo_models.identify import _figures_of_merit, identify
 from servo_models.linearise import linearise
 from servo_models.recording import Channel, Log
 from servo_models.report.identification import identification_page
@@ -40,6 +41,20 @@ SPAN = 1.0
 TRUE = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
 NOMINAL = replace(TRUE, values={**TRUE.values, "torque_constant": 6.0, "inductance": 27.0})
 FREE = ("torque_constant", "inductance", "transport_delay.time")
+DESCRIPTION = """
+actuator = "torque_motor"
+variant = "identified"
+free = ["torque_constant"]
+[parameters]
+torque_constant = 5.0
+end_stops.half_range = 0.0
+[[logs]]
+file = "bench.csv"
+time = { column = "t", unit = "s" }
+inputs.voltage = { column = "u", unit = "V" }
+outputs.angle = { column = "angle", unit = "deg" }
+held_out = { from = "0.6 s", to = "1 s" }
+"""
 HOSTILE = "<script>alert('x')</script> $x_"
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -322,3 +337,32 @@ def test_figures_of_merit_join_the_page(found: Identification) -> None:
     figures = Sheet("Figures of merit", ("At 5 deg.",), (Table("", ("figure",), (("41.7 Hz",),)),))
     page = Page(identification_page("Bench", found, figures))
     assert {"Figures of merit", "At 5 deg.", "41.7 Hz"} <= set(page.text)
+
+
+def test_identify_puts_floors_figures_and_versions_on_its_page(tmp_path: Path) -> None:
+    """A log of a motor in steps, rounded to 0.01 deg: the floor is 0.01 deg / sqrt(12)."""
+    log = _log("bench", _steps, lambda t: t > 0.6)
+    clean = simulate(TRUE, log.times, log.inputs)["angle"]
+    rounded = np.round(np.degrees(clean), 2)
+    rows = zip(log.times, log.inputs["voltage"], rounded)
+    lines = "\n".join(f"{t:.4f},{u:g},{y:.2f}" for t, u, y in rows)
+    (tmp_path / "bench.csv").write_text(f"t,u,angle\n{lines}\n", encoding="utf-8")
+    (tmp_path / "bench.toml").write_text(DESCRIPTION, encoding="utf-8")
+    outcome = identify(tmp_path / "bench.toml")
+    page = Page(outcome.page("2026-01-31"))
+    text = " ".join(page.text)
+    floor = re.search(r"noise floor (\S+) deg", text)
+    assert floor
+    assert _number(floor[1]) == pytest.approx(0.01 / math.sqrt(12.0), rel=0.1)
+    assert {"Python", "numba", "scipy"} <= set(page.text)
+    bandwidth = next(row for row in page.rows if row[0] == "bandwidth (-3 dB)")
+    gain = np.abs(linearise(TRUE).response(np.array([float(bandwidth[1])]), "voltage", "angle"))
+    static = np.abs(linearise(TRUE).response(np.array([1e-4]), "voltage", "angle"))
+    assert gain / static == pytest.approx(math.sqrt(0.5), rel=0.02)
+
+
+def test_a_model_without_figures_of_merit_says_why(found: Identification) -> None:
+    """Beyond its bounds the standard step cannot be simulated."""
+    broken = replace(found.fitted, values={**found.fitted.values, "stiffness": math.nan})
+    (said,) = _figures_of_merit(broken).texts
+    assert said.startswith("None of the fitted model: ")
