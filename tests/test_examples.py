@@ -171,52 +171,14 @@ def test_scripts_make_the_files_beside_them(
         np.testing.assert_allclose(again, kept, rtol=1e-3, atol=digit)
 
 
-@pytest.fixture
-def real(copy: Copy, logs_folder: Path) -> Path:
-    """The descriptions of the real logs, with the logs beside them."""
-    folder = copy("real_logs")
-    for description in folder.glob("*.toml"):
-        text = description.read_text(encoding="utf-8")
-        description.write_text(text.replace('"logs/', f'"{logs_folder.resolve()}/'), "utf-8")
-    return folder
+def test_xl330(copy: Copy, logs_folder: Path) -> None:
+    """Load-dependent friction is beyond doubt, and more than halves the error held out.
 
-
-def test_emps(real: Path) -> None:
-    """Published constants, and the error that was to be reached."""
-    found = identify(real / "emps.toml").result
-    assert found.rms("position", HELD_OUT) < 3.9e-6
-    assert found.rms("drive", HELD_OUT) < 0.15
-    values = found.fitted.values
-    for name, published, within in (
-        ("mass", 95.1, 0.05),
-        ("coulomb_friction.level", 20.4, 0.05),
-        ("force_offset", -3.16, 0.05),
-        ("viscous_coefficient", 203.5, 0.1),
-    ):
-        assert values[name] == pytest.approx(published, rel=within), name
-
-
-def test_sg90_steps(real: Path) -> None:
-    found = identify(real / "sg90_steps.toml").result
-    count = np.radians(7.75)
-    assert found.rms("rate_reading", HELD_OUT) / count < 4.50
-    measured = found.nominal.actuator.values("measured")
-    for name in ("motor_time_constant", "motor_gain", "amplifier_gain", "transport_delay.time"):
-        assert found.fitted.values[name] == pytest.approx(measured[name], rel=0.02), name
-
-
-def test_sg90_video(real: Path) -> None:
-    """The other servo turns as fast as the variant `measured` says."""
-    found = identify(real / "sg90_video.toml").result
-    assert np.degrees(found.rms("angle_reading", HELD_OUT)) < 6.0
-    nominal = found.nominal.actuator.values("measured")["motor_gain"]
-    assert found.fitted.values["motor_gain"] == pytest.approx(nominal, rel=0.1)
-
-
-def test_xl330(real: Path) -> None:
-    """Load-dependent friction is beyond doubt, and more than halves the error held out."""
-    description = real / "xl330.toml"
-    head, *logs = description.read_text(encoding="utf-8").split("[[logs]]")
+    The other real logs are those of test_real_logs.py.
+    """
+    description = copy("real_logs") / "xl330.toml"
+    text = description.read_text(encoding="utf-8")
+    head, *logs = text.replace('"logs/', f'"{logs_folder.resolve().as_posix()}/').split("[[logs]]")
     few = [log for log in logs if "lift_and_drop" in log]  # all of them take their time
     description.write_text("[[logs]]".join([head, *few]), "utf-8")
     found = identify(description).result
