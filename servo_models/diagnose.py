@@ -4,58 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 from servo_models.audit import Audit, audit, noise_floors
 from servo_models.description import Description, read_description
-from servo_models.diagnosis.causes import Bench, Causes, Tell, find_causes
-from servo_models.diagnosis.claims import Claim, Value, claims, estimates
-from servo_models.diagnosis.gap import Gap, gaps
-from servo_models.diagnosis.verdict import NO_GAP, TOLERANCE, Verdict, decide
+from servo_models.diagnosis.causes import Bench, Tell, find_causes
+from servo_models.diagnosis.claims import claims, estimates
+from servo_models.diagnosis.gap import gaps
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.verdict import TOLERANCE, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import free_parameter
-from servo_models.recording import Log
-from servo_models.simulate import Model
 
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What a diagnosis found.
-
-    Attributes:
-        model: as it was given.
-        logs: as they were measured.
-        audits: one a log.
-        floors: noise floor [SI] by output.
-        causes: everything that was tried.
-        verdict: what is said.
-        gaps: by output, before, re-tuned and after.
-        claims: effects, most likely first.
-        moved: nominal parameters after re-tuning.
-        tolerance: gap [noise floors] that counts as none.
-    """
-
-    model: Model
-    logs: tuple[Log, ...]
-    audits: tuple[Audit, ...]
-    floors: dict[str, float]
-    causes: Causes
-    verdict: Verdict
-    gaps: tuple[Gap, ...]
-    claims: tuple[Claim, ...]
-    moved: tuple[Value, ...]
-    tolerance: float
-
-    @property
-    def within_tolerance(self) -> bool:
-        return self.verdict.kind == NO_GAP
-
-    @cached_property
-    def fitted(self) -> Model:
-        """The model with nominal parameters re-tuned and the diagnosed effects switched on."""
-        return replace(self.model, values={**self.model.values, **self.causes.taken.values})
+__all__ = ["Diagnosis", "diagnose"]
 
 
 def diagnose(

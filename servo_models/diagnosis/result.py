@@ -1,0 +1,52 @@
+"""What a diagnosis found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from servo_models.audit import Audit
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.gap import Gap
+from servo_models.diagnosis.verdict import NO_GAP, Verdict
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a diagnosis found.
+
+    Attributes:
+        model: as it was given.
+        logs: as they were measured.
+        audits: one a log.
+        floors: noise floor [SI] by output.
+        causes: everything that was tried.
+        verdict: what is said.
+        gaps: by output, before, re-tuned and after.
+        claims: effects, most likely first.
+        moved: nominal parameters after re-tuning.
+        tolerance: gap [noise floors] that counts as none.
+    """
+
+    model: Model
+    logs: tuple[Log, ...]
+    audits: tuple[Audit, ...]
+    floors: dict[str, float]
+    causes: Causes
+    verdict: Verdict
+    gaps: tuple[Gap, ...]
+    claims: tuple[Claim, ...]
+    moved: tuple[Value, ...]
+    tolerance: float
+
+    @property
+    def within_tolerance(self) -> bool:
+        return self.verdict.kind == NO_GAP
+
+    @cached_property
+    def fitted(self) -> Model:
+        """The model with nominal parameters re-tuned and the diagnosed effects switched on."""
+        return replace(self.model, values={**self.model.values, **self.causes.taken.values})
