@@ -88,7 +88,7 @@ def _about(model: Model) -> str:
     text = f"{model.actuator.title}, variant {variant.name}: {variant.about}."
     text += f" Source: {variant.source}."
     text += f" Parameters changed by: {model.provenance}." if model.provenance else ""
-    return text + (f" Warning: {variant.warning}." if variant.warning else "")
+    return text + (f" Warning: {model.warning}." if model.warning else "")
 
 
 def _add_units(root: ET.Element, every: list[Variable]) -> None:

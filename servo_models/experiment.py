@@ -62,8 +62,7 @@ def summary(result: Result, chosen: Model, stepped: bool) -> Sheet:
     main = chosen.plant.wire[chosen.plant.outputs[0]]
     metrics = step_metrics(result.times, result[main.name])
     title = f"Step response of {main.name}"
-    warning = chosen.actuator.variant(chosen.variant).warning
-    texts = {"Warning": warning, "Parameters changed by": chosen.provenance}
+    texts = {"Warning": chosen.warning, "Parameters changed by": chosen.provenance}
     return Sheet(
         f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
         tuple(f"{key}: {text}." for key, text in texts.items() if text),

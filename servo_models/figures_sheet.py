@@ -35,8 +35,7 @@ SWING = math.radians(60.0)
 def figures_sheet(found: Figures) -> Sheet:
     """Return figures of merit in the units that a person reads."""
     model = found.model
-    variant = model.actuator.variant(model.variant)
-    texts = [f"Warning: {variant.warning}."] if variant.warning else []
+    texts = [f"Warning: {model.warning}."] if model.warning else []
     texts += [f"Parameters changed by: {model.provenance}."] if model.provenance else []
     texts += [_at(found), DEFINITIONS]
     texts += [f"{why[0].upper()}{why[1:]}." for why in found.missing]

@@ -11,7 +11,7 @@ import datetime
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +122,7 @@ def _by_simulation(told: Description, found: Identification) -> Outcome:
         return identification_page(
             f"Identification of {told.actuator.name}",
             found,
-            _figures_of_merit(found.fitted),
+            _figures_of_merit(replace(found.fitted, provenance="this identification")),
             floors=noise_floors(audit(log, found.fitted.plant) for log in found.logs),
             conditions=conditions(),
             date=date,
@@ -143,7 +143,7 @@ def _figures_of_merit(fitted: Model) -> Sheet:
     from servo_models.figures_sheet import figures_sheet
 
     try:
-        return figures_sheet(figures(fitted))
+        return replace(figures_sheet(figures(fitted)), title="Figures of merit")
     except UserError as error:
         return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
 

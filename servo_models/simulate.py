@@ -96,6 +96,11 @@ class Model:
         return self.actuator.variant(self.variant).step_size or self.actuator.step_size
 
     @property
+    def warning(self) -> str:
+        """What is wrong with the variant's values, "" for nothing and for values not its own."""
+        return "" if self.provenance else self.actuator.variant(self.variant).warning
+
+    @property
     def vector(self) -> Array:
         """Parameter vector in the order of ``values``, SI."""
         return np.array(list(self.values.values()))

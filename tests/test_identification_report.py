@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from servo_models.figures import figures
+from servo_models.figures_sheet import figures_sheet
 from servo_models.identification.fit import fit
 from servo_models.identification.result import HELD_OUT, Identification
 from servo_models.identify import _figures_of_merit, identify
@@ -359,6 +361,14 @@ def test_identify_puts_floors_figures_and_versions_on_its_page(tmp_path: Path) -
     gain = np.abs(linearise(TRUE).response(np.array([float(bandwidth[1])]), "voltage", "angle"))
     static = np.abs(linearise(TRUE).response(np.array([1e-4]), "voltage", "angle"))
     assert gain / static == pytest.approx(math.sqrt(0.5), rel=0.02)
+
+
+def test_a_warning_is_about_the_values_of_its_variant() -> None:
+    """Values found by identification are not those that the warning is about."""
+    printed = model("sg90", "linear")
+    fitted = replace(printed, provenance="this identification")
+    assert any("slower than a real SG90" in text for text in figures_sheet(figures(printed)).texts)
+    assert not any("slower" in text for text in _figures_of_merit(fitted).texts)
 
 
 def test_a_model_without_figures_of_merit_says_why(found: Identification) -> None:
