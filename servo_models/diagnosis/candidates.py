@@ -7,6 +7,7 @@ bounds allow.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,10 @@ from servo_models.simulate import Model
 
 SHARES = (0.1, 0.3, 1.0, 3.0)
 """Sizes that are tried, over the typical size."""
+LEAST = 0.01
+"""Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
+SHAPE = 0.1
+"""Least shape parameter in a fit over its default, and the inverse of the largest."""
 CHOICES = ("rounding", "full_scale", "jitter")
 """Shape parameters that say how an effect is counted, not how it looks."""
 DETECTED = ("quantisation", "sample_hold")
@@ -66,7 +71,8 @@ def _candidate(
     shape = [
         p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
     ]
-    free = [free_parameter(p, model.values[p.name], None) for p in (*switches, *shape)]
+    free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
+    free += [_narrowed(model, p, SHAPE, 1.0 / SHAPE) for p in shape]
     sizes = [
         {switch.name: sign * share * switch.param.typical}
         for switch in switches
@@ -75,3 +81,12 @@ def _candidate(
         if switch.param.low <= sign * share * switch.param.typical <= switch.param.high
     ]
     return Candidate(name, model.plant.placements[name][0].on[0], tuple(free), tuple(sizes))
+
+
+def _narrowed(model: Model, parameter: Parameter, least: float, most: float) -> Free:
+    """A free parameter between shares of its start, where that is positive."""
+    free = free_parameter(parameter, model.values[parameter.name], None)
+    if free.start <= 0.0:
+        return free
+    low = max(free.low, least * free.start) if free.low >= 0.0 else free.low
+    return replace(free, low=low, high=min(free.high, most * free.start))

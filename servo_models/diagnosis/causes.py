@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
 BY_CHANCE = 0.05
 """Probability that so many blocks favour it by chance."""
+DISGUISE = 1.25
+"""Factor on the squared errors that an effect on its bound leaves."""
 WORTH = 0.02
 """Share of the error left [mean square] that an effect has to take away at least."""
 
@@ -59,9 +62,17 @@ class Explanation:
         """Free parameters [SI] by name."""
         return self.problem.values(self.evidence.vector)
 
-    @property
+    @cached_property
+    def disguised(self) -> bool:
+        """Whether a parameter of an effect sits on a bound: another effect may look so."""
+        sides = self.problem.sides(self.evidence.vector)
+        free = self.problem.free
+        return any(side and one.prior is None for side, one in zip(sides, free))
+
+    @cached_property
     def loss(self) -> float:
-        return float(self.evidence.losses.sum())
+        """Sum of squared unseen errors; larger for a disguise, which yields to a plain effect."""
+        return float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
