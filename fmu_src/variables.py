@@ -17,7 +17,7 @@ class Variable:
         start: value at the start; None for an output, which is calculated.
         low, high: inclusive bounds, None for none.
         fixed: a parameter that cannot be set once a run has begun.
-        flag: it is Boolean.
+        flag: it is Boolean; only an output may be.
     """
 
     name: str
@@ -54,7 +54,7 @@ def _of_wire(wire: Wire, causality: str) -> Variable:
         start=float(wire.rest) if causality == "input" else None,
         low=wire.low,
         high=wire.high,
-        flag=wire.flag,
+        flag=wire.flag and causality == "output",  # the slave takes Real only
     )
 
 

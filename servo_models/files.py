@@ -19,15 +19,7 @@ def write_with(path: Path, write: Callable[[Path], object]) -> None:
     Raises:
         UserError: the folder cannot be made or written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise UserError(
-            f"cannot write '{path}': {error.strerror or error}; choose a folder that you may write"
-        ) from error
-    os.close(handle)
-    part = Path(name)
+    part = _beside(path)
     try:
         write(part)
         mask = os.umask(0)
@@ -38,6 +30,30 @@ def write_with(path: Path, write: Callable[[Path], object]) -> None:
         raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Find out before long work whether ``write_with`` can write ``path`` after it.
+
+    Raises:
+        UserError: it cannot.
+    """
+    _beside(path).unlink()
+    if path.is_dir():
+        raise UserError(f"cannot write '{path}': it is a folder; name a file")
+
+
+def _beside(path: Path) -> Path:
+    """An empty temporary file beside ``path``, whose folder is made."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise UserError(
+            f"cannot write '{path}': {error.strerror or error}; choose a folder that you may write"
+        ) from error
+    os.close(handle)
+    return Path(name)
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -14,7 +14,8 @@ NOT_CONVERGED = 1
 
 def identify(
     description: Annotated[
-        Path, typer.Argument(help="Log description, see 'check LOG --init' for a first one.")
+        Path,
+        typer.Argument(help="Description of the files, see 'check LOG --init' for a first one."),
     ],
     free: Annotated[
         str,
@@ -28,7 +29,7 @@ def identify(
         str, typer.Option(help="local (least squares) or global (CMA-ES, then least squares).")
     ] = "local",
     starts: Annotated[int, typer.Option(min=1, help="Local searches from different starts.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of those starts.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of those starts and of CMA-ES.")] = 0,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
     ] = None,
@@ -41,8 +42,9 @@ def identify(
 ) -> int:
     """Estimate parameters from measured files.
 
-    The description tells what is measured: logs of a run (fitted by simulation), frequency
-    responses (a transfer function), or tables of single elements.
+    The description tells what is measured: logs of a run (fitted by
+    simulation), frequency responses (a transfer function), or tables of
+    single elements.
 
     Examples:
 
@@ -50,30 +52,35 @@ def identify(
 
     servo-models identify mine.toml --free torque_constant,coulomb_friction --search global
 
-    Ctrl-C ends the search and keeps the best values so far.
+    Ctrl-C ends the search and keeps the best values so far; exit code 1 then,
+    or where a search met no end.
     """
     from servo_models.cli.console import progress, show
     from servo_models.identify import identify as run
     from servo_models.parameter_set import write_parameters
 
-    _check_names(out, report)
+    _check_outputs(out, report)
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, 1, it))
     show(found.sheet)
-    if out and not found.parameters:
-        raise UserError(f"'{out}' is not written: this actuator has no parameters of this kind")
     if out and found.parameters:
         write_parameters(found.parameters, out)
         print(f"parameters: {out}")
     if report:
         found.write_report(report)
         print(f"report: {report}")
+    if out and not found.parameters:
+        raise UserError(f"'{out}' is not written: this actuator has no parameters of this kind")
     return 0 if found.converged else NOT_CONVERGED
 
 
-def _check_names(out: Path | None, report: Path | None) -> None:
+def _check_outputs(out: Path | None, report: Path | None) -> None:
     """Before a long fit, not after it."""
+    from servo_models.files import check_writable
+
     for path, suffix in ((out, ".toml"), (report, ".html")):
         if path and path.suffix.lower() != suffix:
             raise UserError(f"'{path}': let the name end in {suffix}")
+        if path:
+            check_writable(path)

@@ -64,6 +64,8 @@ def fit(
     found = search(problem, kind, starts, seed, progress)
     if not found.interrupted:
         found = _reweighted(problem, found, progress)
+    if progress:
+        progress("standard errors")
     found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)
     uncertainty = spread(problem, found.vector)

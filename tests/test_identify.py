@@ -1,0 +1,484 @@
+"""From a description to parameters to an FMU, on the command line and in Python.
+
+The rig is that of ``test_identification``: the valve paper's equations by the matrix
+exponential, which shares nothing with the product's integrator.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from html_page import Page
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from test_description import OWN
+from test_identification import STEP, TRUE, log_of, noisy, nominal, prbs, rig
+
+from servo_models.cli import main
+from servo_models.identification.covariance import covariance
+from servo_models.identification.fit import fit
+from servo_models.identification.problem import Problem, free_parameter
+from servo_models.identify import identify
+from servo_models.parameter_set import ParameterSet, read_parameters
+from servo_models.sheets import MOST, with_error
+from servo_models.simulate import simulate
+
+Array = NDArray[np.float64]
+Run = Callable[..., tuple[int, str, str]]
+
+NOISE = np.radians(0.01)
+ESTIMATED = {name: TRUE[name] for name in ("torque_constant", "inductance", "friction_coefficient")}
+
+HEAD = """
+actuator = "torque_motor"
+variant = "measured"
+free = ["torque_constant", "inductance", "friction_coefficient"]
+[parameters]
+end_stops.half_range = 0.0
+"""
+LOG = """
+[[logs]]
+file = "log.csv"
+time = { column = "time_ms", unit = "ms" }
+inputs.voltage = { column = "u", unit = "V" }
+outputs.angle = { column = "angle_deg", unit = "deg" }
+held_out = { from = "0.5 s", to = "0.75 s" }
+"""
+
+
+def rows_of(count: int = 1500, seed: int = 3) -> list[list[str]]:
+    """Cells of a bench log: ms, V and deg with noise."""
+    voltage = prbs(count, seed)
+    voltage[:20] = 0.0  # at rest, as a bench log begins
+    noise = NOISE * np.random.default_rng(seed).standard_normal(count)
+    angle = np.degrees(rig(TRUE, voltage) + noise)
+    times = 1e3 * STEP * np.arange(count)
+    return [[f"{t:g}", f"{u:g}", f"{y:.6f}"] for t, u, y in zip(times, voltage, angle)]
+
+
+def write_log(folder: Path, rows: list[list[str]]) -> None:
+    lines = [",".join(row) for row in [["time_ms", "u", "angle_deg"], *rows]]
+    (folder / "log.csv").write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A folder with a log and its description, ``mine.toml``."""
+    write_log(tmp_path, rows_of())
+    (tmp_path / "mine.toml").write_text(HEAD + LOG)
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def command(*words: str | Path) -> tuple[int, str, str]:
+        code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return command
+
+
+def settings_of(found: ParameterSet | None) -> dict[str, float]:
+    assert found
+    return found.settings()
+
+
+# From files to an FMU
+
+
+def test_from_two_files_to_an_fmu(bench: Path, run: Run) -> None:
+    out, report = bench / "made" / "PARAMS.toml", bench / "report.html"
+    code, said, complaint = run("identify", bench / "mine.toml", "--out", out, "--report", report)
+    assert (code, complaint) == (0, "")
+    assert f"parameters: {out}" in said
+    assert "Warning" not in said
+    found = read_parameters(out)
+    for estimate in found.estimates:
+        if estimate.origin == "estimated":
+            assert estimate.standard_error
+            assert abs(estimate.value - TRUE[estimate.name]) < 4.0 * estimate.standard_error
+            assert estimate.standard_error < 0.02 * estimate.value
+    assert {e.name for e in found.estimates} == {*ESTIMATED, "end_stops.half_range"}
+    assert found.figures["angle_rms_held_out"].value == pytest.approx(NOISE, rel=0.1)
+    Page(report.read_text(encoding="utf-8")).assert_stands_alone()
+
+    assert run("build", "--params", out, "--out", bench)[0] == 0
+    result = fmpy.simulate_fmu(
+        str(bench / "torque_motor.fmu"),
+        stop_time=0.1,
+        output_interval=1e-3,
+        start_values={"voltage": 12.0},
+        output=["angle"],
+    )
+    same = simulate(found.model(), result["time"], {"voltage": 12.0})["angle"]
+    assert np.ptp(same) > 0.01
+    np.testing.assert_allclose(result["angle"], same, rtol=1e-12, atol=1e-15)
+
+
+def test_python_and_command_line_say_the_same(bench: Path, run: Run) -> None:
+    out = bench / "PARAMS.toml"
+    run("identify", bench / "mine.toml", "--out", out)
+    found = identify(bench / "mine.toml")
+    assert settings_of(found.parameters) == read_parameters(out).settings()
+    assert found.converged
+
+
+def test_what_was_identified_is_where_the_next_description_begins(bench: Path, run: Run) -> None:
+    run("identify", bench / "mine.toml", "--out", bench / "PARAMS.toml")
+    (bench / "next.toml").write_text('params = "PARAMS.toml"\nfree = ["stiffness"]\n' + LOG)
+    found = identify(bench / "next.toml")
+    after = settings_of(found.parameters)
+    before = read_parameters(bench / "PARAMS.toml").settings()
+    assert {name: after[name] for name in before} == before
+    assert after["stiffness"] == pytest.approx(TRUE["stiffness"], rel=0.01)
+
+
+def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The parameter file names it as seen from its own folder, wherever one stands."""
+    lag = 0.35
+    times = 0.01 * np.arange(300)
+    angle = 1.0 - np.exp(-times / lag)
+    goal = np.ones(300)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "mine.py").write_text(OWN)
+    (tmp_path / "logs" / "joint.toml").write_text("""
+        actuator = "../mine.py"
+        free = ["time_constant"]
+        [[logs]]
+        file = "joint.csv"
+        time = "t"
+        settle = 0
+        inputs.goal = "goal"
+        outputs.angle = "angle"
+        """)
+    table = np.column_stack([times, goal, angle])
+    np.savetxt(
+        tmp_path / "logs" / "joint.csv", table, delimiter=",", header="t,goal,angle", comments=""
+    )
+    out = tmp_path / "found" / "deep" / "PARAMS.toml"
+    assert run("identify", tmp_path / "logs" / "joint.toml", "--out", out)[0] == 0
+    assert 'actuator = "../../mine.py"' in out.read_text()
+    monkeypatch.chdir(out.parent)
+    assert settings_of(read_parameters("PARAMS.toml"))["time_constant"] == pytest.approx(
+        lag, rel=1e-6
+    )
+    assert run("explain", "--params", "PARAMS.toml")[0] == 0
+    assert run("build", "--params", "PARAMS.toml")[0] == 0
+    result = fmpy.simulate_fmu(
+        str(Path("fmus") / "joint.fmu"),
+        stop_time=1.0,
+        output_interval=0.1,
+        start_values={"goal": 1.0},
+        output=["angle"],
+    )
+    np.testing.assert_allclose(result["angle"], 1.0 - np.exp(-result["time"] / lag), atol=1e-6)
+
+
+# The same again
+
+
+@pytest.mark.parametrize(
+    "options", [{"search": "global", "seed": 4}, {"starts": 4, "seed": 4}], ids=["global", "starts"]
+)
+def test_the_same_seed_gives_the_same_numbers_on_any_number_of_processors(
+    tmp_path: Path, options: dict[str, str | int]
+) -> None:
+    write_log(tmp_path, rows_of(300))
+    (tmp_path / "mine.toml").write_text(HEAD + LOG.partition("held_out")[0])
+    free = ["torque_constant", "drive_dead_zone.half_width"]
+    found = [
+        identify(tmp_path / "mine.toml", free, jobs=jobs, **options)  # type: ignore[arg-type]
+        for jobs in (1, 2, 2)
+    ]
+    for other in found[1:]:
+        assert settings_of(other.parameters) == settings_of(found[0].parameters)
+        assert np.array_equal(
+            other.result.standard_errors, found[0].result.standard_errors, equal_nan=True
+        )
+
+
+# Bad input
+
+
+def cell(row: int, column: int, text: str) -> Callable[[Path], None]:
+    """Spoil one cell, the row counted as in the file."""
+
+    def spoil(folder: Path) -> None:
+        rows = rows_of()
+        rows[row - 2][column] = text
+        write_log(folder, rows)
+
+    return spoil
+
+
+def cut(count: int) -> Callable[[Path], None]:
+    return lambda folder: write_log(folder, rows_of()[:count])
+
+
+def constant(folder: Path) -> None:
+    write_log(folder, [[t, u, "0.5"] for t, u, _ in rows_of()])
+
+
+def text(old: str, new: str) -> Callable[[Path], None]:
+    """Change the description."""
+
+    def change(folder: Path) -> None:
+        whole = HEAD + LOG
+        assert old in whole
+        (folder / "mine.toml").write_text(whole.replace(old, new))
+
+    return change
+
+
+def of_another(folder: Path) -> None:
+    (folder / "other.toml").write_text(
+        'actuator = "sg90"\n[parameters.gear_ratio]\nvalue = 24.0\nunit = "1"\n'
+    )
+    text('variant = "measured"', 'params = "other.toml"')(folder)
+
+
+def nothing(folder: Path) -> None:
+    """Leave all as it is."""
+
+
+@pytest.mark.parametrize(
+    ("spoil", "options", "said"),
+    [
+        (cell(8, 2, "nan"), "", ["log.csv", "row 8", "column 'angle_deg'", "not finite", "remove"]),
+        (cell(8, 1, "inf"), "", ["log.csv", "row 8", "column 'u'", "not finite"]),
+        (cell(8, 2, "off"), "", ["log.csv", "row 8", "'angle_deg'", "'off' is not a number"]),
+        (cell(8, 2, ""), "", ["log.csv", "row 8", "'angle_deg'", "is empty", "fill"]),
+        (cell(8, 0, "2.4"), "", ["log.csv", "row 8", "'time_ms'", "runs backward", "sort"]),
+        (cell(8, 0, "2.5"), "", ["log.csv", "row 8", "'time_ms'", "repeats", "remove"]),
+        (constant, "", ["log.csv", "'angle_deg'", "constant", "leave it out"]),
+        (cut(9), "", ["log.csv", "9 samples", "at least", "record longer"]),
+        (text('"0.5 s", to', '"1 ms", to'), "", ["2 samples to fit for 3", "hold out less"]),
+        (text('unit = "deg"', 'unit = "V"'), "", ["outputs.angle.unit", "'V'", "unit like rad"]),
+        (text('unit = "deg"', 'unit = "dge"'), "", ["outputs.angle.unit", "'dge'"]),
+        (text('unit = "V"', 'unit = "kV"'), "", ["row 2", "'u'", "outside", "unit and scale"]),
+        (text('"angle_deg"', '"angle"'), "", ["log.csv", "'angle'", "did you mean 'angle_deg'"]),
+        (text('"log.csv"', '"lag.csv"'), "", ["lag.csv", "No such file"]),
+        (text("[[logs]]", "[[log]]"), "", ["mine.toml", "'log'", "did you mean 'logs'"]),
+        (text("[parameters]", "[parameters"), "", ["mine.toml", "line 5", "correct"]),
+        (text('"inductance"', '"inductanse"'), "", ["free", "did you mean 'inductance'"]),
+        (text("end_stops.half", "end_stop.half"), "", ["mine.toml", "end_stop"]),
+        (text('"measured"', '"mesured"'), "", ["mine.toml", "did you mean 'measured'"]),
+        (
+            text("free =", 'method = "simulacion"\nfree ='),
+            "",
+            ["mine.toml", "method", "simulation"],
+        ),
+        (of_another, "", ["params", "other.toml", "'sg90'", "leave out actuator"]),
+        (nothing, "--free torque_constnt", ["did you mean 'torque_constant'"]),
+        (nothing, "--search globl", ["did you mean 'global'"]),
+        (nothing, "--out PARAMS.txt", ["PARAMS.txt", "end in .toml"]),
+        (nothing, "--report report.pdf", ["report.pdf", "end in .html"]),
+        (nothing, "--out log.csv/PARAMS.toml", ["cannot write", "choose a folder"]),
+        (nothing, "--out folder.toml", ["cannot write", "it is a folder"]),
+    ],
+)
+def test_bad_input_is_one_line_with_place_and_cure(
+    bench: Path,
+    run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    spoil: Callable[[Path], None],
+    options: str,
+    said: list[str],
+) -> None:
+    (bench / "folder.toml").mkdir()
+    monkeypatch.chdir(bench)
+    spoil(bench)
+    before = sorted(bench.rglob("*"))
+    code, out, complaint = run("identify", "mine.toml", *options.split())
+    assert code == 2
+    assert out == ""
+    assert complaint.count("\n") == 1
+    for words in said:
+        assert words in complaint
+    assert sorted(bench.rglob("*")) == before
+
+
+def test_a_missing_description_is_one_line(tmp_path: Path, run: Run) -> None:
+    code, _, complaint = run("identify", tmp_path / "mine.toml")
+    assert code == 2
+    assert complaint == f"servo-models: cannot read '{tmp_path / 'mine.toml'}': {os.strerror(2)}\n"
+
+
+def test_outputs_are_tried_before_the_fit(
+    bench: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(sys.modules["servo_models.identify"], "identify", never)
+    assert run("identify", bench / "mine.toml", "--out", bench / "log.csv" / "P.toml")[0] == 2
+
+
+# Interrupted
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")
+@pytest.mark.parametrize("signals", [1, 3])
+def test_ctrl_c_keeps_the_best_values(bench: Path, signals: int) -> None:
+    """A fit of a thousand starts is interrupted when the first ones have ended.
+
+    Progress is shown on a terminal only, so stderr is one.  More of Ctrl-C and it may stop
+    without a result, but never leaves half of one.
+    """
+    import pty
+
+    out = bench / "PARAMS.toml"
+    code = "import signal, sys, servo_models.cli; "
+    code += "signal.signal(signal.SIGINT, signal.default_int_handler); "
+    code += "sys.exit(servo_models.cli.main())"
+    master, terminal = pty.openpty()
+    words = ["identify", "mine.toml", "--starts", "1000", "--out", "PARAMS.toml"]
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *words],
+        cwd=bench,
+        stdout=subprocess.PIPE,
+        stderr=terminal,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
+    ) as process:
+        os.close(terminal)
+        shown = b""
+        while not re.search(rb"start ([3-9]|\d\d+) of", shown):
+            shown += os.read(master, 1024)
+        for _ in range(signals):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.02)  # else the system makes one signal of them
+        stdout, _ = process.communicate()
+    os.close(master)
+    left = {path.name for path in bench.iterdir()}
+    if signals > 1 and "PARAMS.toml" not in left:
+        assert process.returncode in (2, -signal.SIGINT)
+        assert left == {"log.csv", "mine.toml"}
+        return
+    assert signals > 1 or process.returncode == 1
+    assert left == {"log.csv", "mine.toml", "PARAMS.toml"}
+    assert b"stopped before it converged" in stdout
+    found = read_parameters(out)
+    assert found.warnings[-1].startswith("stopped before it converged")
+    assert settings_of(found)["torque_constant"] == pytest.approx(5.4, rel=0.01)
+
+
+# Laws of a fit
+
+NAMES = tuple(name for name in nominal().plant.parameters if name != "internal_step")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    names=st.lists(st.sampled_from(NAMES), min_size=1, max_size=4, unique=True),
+    seed=st.integers(0, 99),
+    noise=st.sampled_from([0.0, 1e-4, 1e-2, 1.0]),
+    prior=st.sampled_from([0.0, 1e-3, 1.0]),
+)
+def test_a_fit_of_anything_stays_in_bounds_and_never_makes_it_worse(
+    names: list[str], seed: int, noise: float, prior: float
+) -> None:
+    count = 120
+    voltage = prbs(count, seed)
+    angle = rig(TRUE, voltage) + noise * np.random.default_rng(seed).standard_normal(count)
+    log = log_of(voltage, angle)
+    chosen = nominal()
+    priors = {name: prior * abs(chosen.values[name]) for name in names if prior}
+    priors = {name: size for name, size in priors.items() if size > 0.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = fit(chosen, [log], names, priors)
+    for free, value in zip(found.free, found.values):
+        assert free.low <= value <= free.high
+    if not priors:
+        (row,) = found.accuracy
+        assert row.after <= row.before * (1.0 + 1e-6)
+    assert all(error >= 0.0 for error in found.standard_errors if not np.isnan(error))
+
+
+def test_smooth_errors_have_a_covariance() -> None:
+    """What a model lacks may be a smooth bump, which its own past predicts to rounding."""
+    chosen = nominal()
+    voltage = prbs(600, 1)
+    log = log_of(voltage, rig(TRUE, voltage))
+    free = [free_parameter(chosen.plant.parameters["stiffness"], 1.1, None)]
+    problem = Problem(chosen, [log], free)
+    slopes = problem.jacobian(problem.start)
+    for width in (20.0, 40.0, 80.0):
+        bump = np.exp(-(((np.arange(600) - 300.0) / width) ** 2))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = covariance(problem, slopes, bump)
+        white = covariance(problem, slopes, np.random.default_rng(1).permutation(bump))
+        assert np.isfinite(found).all()
+        assert found[0, 0] > 2.0 * white[0, 0]
+
+
+# What is printed
+
+
+@given(st.floats(-1e12, 1e12), st.floats(1e-12, 1e12))
+def test_a_value_is_printed_to_the_digits_of_its_error(value: float, error: float) -> None:
+    shown, spread = with_error(value, error)
+    assert float(spread) == pytest.approx(error, rel=0.051)
+    digits = len(re.sub(r"e.*|^-?0*\.?0*|\.", "", shown))
+    if digits < MOST and value:
+        assert abs(float(shown) - value) <= 0.0501 * max(float(spread), 0.0)
+    assert digits <= MOST or float(shown) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [
+        (95.1801867, 0.139384, ("95.18", "0.14")),
+        (-3.17631, 0.0957138, ("-3.176", "0.096")),
+        (241560.0, 3204.0, ("241600", "3200")),
+        (1.9996, 0.0996, ("2.00", "0.10")),
+        (7.246e-7, 1.2e-9, ("7.246e-07", "1.2e-09")),
+        (0.02, 300.0, ("0.020", "300")),
+        (0.0, 0.3, ("0.00", "0.30")),
+        (5.2277, None, ("5.2277", "")),
+        (5.2277, float("inf"), ("5.2277", "")),
+    ],
+)
+def test_printed_values(value: float, error: float | None, expected: tuple[str, str]) -> None:
+    assert with_error(value, error) == expected
+
+
+def test_a_parameter_on_its_bound_is_there_to_the_last_bit() -> None:
+    """Searches stop short of bounds; an effect that the data want off has to be off."""
+    found = fit(nominal(), [noisy(17)], ["torque_constant", "coulomb_friction.level"])
+    assert found.fitted.values["coulomb_friction.level"] == 0.0
+    assert np.isnan(found.standard_errors[-1])
+
+
+def test_logs_all_held_out_cost_no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are simulated before and after the fit only."""
+    voltage = prbs(200, 1)
+    log = log_of(voltage, rig(TRUE, voltage))
+    other = replace(log, name="other", held_out=np.ones(200, dtype=bool))
+    counted: list[str] = []
+    plain = Problem.errors
+
+    def errors(self: Problem, run_: object, values: dict[str, float]) -> Array:
+        counted.append(run_.log.name)  # type: ignore[attr-defined]
+        return plain(self, run_, values)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Problem, "errors", errors)
+    fit(nominal(), [other, log], ["torque_constant"])
+    assert set(counted) == {"rig"}
