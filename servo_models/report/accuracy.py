@@ -36,7 +36,7 @@ def _picture(curve: CostCurve, index: int) -> Picture:
         for series, mark, output in zip(SERIES, MARKERS, curve.points[0].error):
             values = [point.error[output] for point in curve.points]
             error.loglog(steps, values, f"{mark}-", color=colour(series), ms=4.5, label=output)
-        error.legend(loc="lower right", frameon=False)
+        error.legend(loc="best", frameon=False)
         seconds = [point.seconds for point in curve.points]
         cost.loglog(steps, seconds, "o-", color=colour("ink"), ms=4.5)
         for axes in (error, cost):
