@@ -11,10 +11,11 @@ from servo_models.description import Description, read_description
 from servo_models.diagnosis.causes import Bench, Tell, find_causes
 from servo_models.diagnosis.claims import claims, estimates
 from servo_models.diagnosis.gap import gaps
+from servo_models.diagnosis.preconditions import check_logs
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import TOLERANCE, decide
-from servo_models.errors import UserError
 from servo_models.identification.problem import free_parameter
+from servo_models.threads import one_blas_thread
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -38,11 +39,22 @@ def diagnose(
         tell: is told what goes on.
 
     Raises:
-        UserError: see ``read_description``; no logs, or every sample held out.
+        UserError: see ``read_description`` and ``preconditions.check_logs``.
     """
     told = description if isinstance(description, Description) else read_description(description)
-    if not any(log.fitted.any() for log in told.logs):
-        raise UserError(f"'{told.path}' has no log to diagnose: add [[logs]], not held out")
+    check_logs(told.path, told.model, told.logs)
+    with one_blas_thread():
+        return _diagnose(told, tolerance, seed, jobs or os.cpu_count() or 1, left_out, tell)
+
+
+def _diagnose(
+    told: Description,
+    tolerance: float,
+    seed: int,
+    jobs: int,
+    left_out: Iterable[str],
+    tell: Tell | None,
+) -> Diagnosis:
     audits = tuple(audit(log, told.model.plant) for log in told.logs)
     floors = noise_floors(audits)
     origins = _origins(audits)
@@ -51,7 +63,7 @@ def diagnose(
         free_parameter(parameters[name], told.model.values[name], prior)
         for name, prior in told.uncertainty.items()
     )
-    bench = Bench(told.model, told.logs, nominal, floors, jobs or os.cpu_count() or 1)
+    bench = Bench(told.model, told.logs, nominal, floors, jobs)
     causes = find_causes(bench, left_out, tell)
     verdict = decide(causes, tolerance)
     return Diagnosis(

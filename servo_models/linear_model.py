@@ -64,6 +64,15 @@ class LinearModel:
         growth = abs(poles) - 1.0 if self.period else poles.real
         return bool(np.all(growth <= 1e-9 * np.max(abs(poles), initial=0.0)))
 
+    def slowest(self) -> float:
+        """Return the longest time constant [s] of the poles that decay, 0 without any."""
+        poles = np.linalg.eigvals(self.matrices()[0]).astype(complex)
+        if self.period:
+            poles = np.log(poles[poles != 0.0]) / self.period
+        rates = -poles.real
+        decaying = rates[rates > 1e-9 * np.max(abs(poles), initial=0.0)]
+        return float(1.0 / decaying.min()) if len(decaying) else 0.0
+
     def channel(self, input_: str, output: str) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C, D from one input to one output, shapes (n, n), (n, 1), (1, n), (1, 1)."""
         a, b, c, d = self.matrices()

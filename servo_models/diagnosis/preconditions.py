@@ -1,0 +1,45 @@
+"""What a diagnosis cannot do without: logs to fit, long enough to show the slowest motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from servo_models.errors import UserError
+from servo_models.linearise import linearise
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+
+def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
+    """Refuse what nothing could be said of.
+
+    Args:
+        where: the description, for the message.
+        model: nominal.
+        logs: of the description.
+
+    Raises:
+        UserError: no logs, every sample held out, or the longest log is shorter than the
+            slowest time constant of the model.
+    """
+    if not logs:
+        raise UserError(f"'{where}' describes no log to diagnose: add [[logs]]")
+    judging = [log for log in logs if log.fitted.any()]
+    if not judging:
+        raise UserError(f"'{where}' holds out every sample: leave some to diagnose")
+    longest = max(judging, key=lambda log: log.duration)
+    slowest = slowest_time_constant(model)
+    if longest.duration < slowest:
+        raise UserError(
+            f"log '{longest.name}' lasts {longest.duration:.3g} s, but the slowest time constant"
+            f" of '{model.actuator.name}' is {slowest:.3g} s: log ten of them, or name the"
+            " actuator that made it"
+        )
+
+
+def slowest_time_constant(model: Model) -> float:
+    """Return the slowest time constant [s] about rest; 0 where nothing decays or rests."""
+    try:
+        return linearise(model).slowest()
+    except UserError:
+        return 0.0
