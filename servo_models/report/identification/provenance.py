@@ -19,7 +19,7 @@ def section(found: Identification, conditions: Mapping[str, str]) -> Section:
         ("actuator", f"{model.actuator.name}, variant {model.variant}"),
         ("method", found.method),
         ("search", _ending(found)),
-        *((f"log {log.name}", _log(log)) for log in found.logs),
+        *((f"log {log.name}", log_text(log)) for log in found.logs),
         *{"servo-models": installed_version(), **conditions}.items(),
     ]
     return Section("provenance", TITLE, facts=tuple((name, text) for name, text in facts if text))
@@ -33,7 +33,8 @@ def _ending(found: Identification) -> str:
     return f"{ending}; {found.evaluations} simulations of all logs; cost of each start: {ends}"
 
 
-def _log(log: Log) -> str:
+def log_text(log: Log) -> str:
+    """Return file, hash, length, held-out share and constants of a log."""
     parts = [
         f"{log.path.name}, sha256 {log.sha256}",
         f"{len(log.times)} samples over {number(log.duration)} s",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -28,14 +28,16 @@ SHOWN = 8
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One output of one log, measured and simulated before and after the fit.
+    """One output of one log, measured and simulated by several models.
 
     Attributes:
         log: it belongs to.
         output: its name.
-        unit: of ``measured``, ``before`` and ``after``, in words of the log's author.
+        unit: of ``measured`` and ``simulated``, in words of the log's author.
         scale: SI per that unit.
-        measured, before, after: shape (n,).
+        measured: shape (n,).
+        simulated: by the name of the model, the nominal one first and the one that is judged
+            last; each of shape (n,).
     """
 
     log: Log
@@ -43,13 +45,12 @@ class Reading:
     unit: str
     scale: float
     measured: Array
-    before: Array
-    after: Array
+    simulated: Mapping[str, Array]
 
     @cached_property
     def error(self) -> Array:
-        """Simulated minus measured, after the fit, shape (n,)."""
-        return self.after - self.measured
+        """What the model that is judged leaves, simulated minus measured, shape (n,)."""
+        return list(self.simulated.values())[-1] - self.measured
 
     @property
     def title(self) -> str:
@@ -59,16 +60,17 @@ class Reading:
 def readings(found: Identification) -> list[Reading]:
     """Return every output of every log, in their order."""
     return [
-        _reading(log, output, old[output], new[output])
+        reading(log, output, {"nominal": old[output], "fitted": new[output]})
         for log, old, new in zip(found.logs, found.before, found.after)
         for output in log.outputs
     ]
 
 
-def _reading(log: Log, output: str, before: Array, after: Array) -> Reading:
+def reading(log: Log, output: str, simulated: Mapping[str, Array]) -> Reading:
+    """Return an output of a log beside what models [SI] make of it, by their names."""
     unit, scale = unit_of(log, output)
-    measured = log.outputs[output]
-    return Reading(log, output, unit, scale, measured / scale, before / scale, after / scale)
+    curves = {name: values / scale for name, values in simulated.items()}
+    return Reading(log, output, unit, scale, log.outputs[output] / scale, curves)
 
 
 def unit_of(log: Log, output: str) -> tuple[str, float]:
@@ -77,20 +79,28 @@ def unit_of(log: Log, output: str) -> tuple[str, float]:
     return channel.unit, abs(channel.scale)
 
 
+def unit_among(logs: Iterable[Log], output: str) -> tuple[str, float]:
+    """Return the unit of an output in the first log that has it, and its size in SI."""
+    return unit_of(next(log for log in logs if output in log.outputs), output)
+
+
 def drawn(found: Identification) -> list[Reading]:
     """Return the readings to be drawn: all, or those that the fitted model misses most."""
-    every = readings(found)
+    return most_missed(readings(found), found.sigma)
+
+
+def most_missed(every: Sequence[Reading], sigma: Mapping[str, float]) -> list[Reading]:
+    """Return the readings with the largest errors over ``sigma`` [SI] by output, in order."""
     weights = [
-        float(np.sqrt(np.mean(reading.error**2))) * reading.scale / found.sigma[reading.output]
-        for reading in every
+        float(np.sqrt(np.mean(one.error**2))) * one.scale / sigma[one.output] for one in every
     ]
     worst = sorted(np.argsort(weights)[::-1][:SHOWN])
     return [every[i] for i in worst]
 
 
-def not_drawn(found: Identification) -> str:
+def not_drawn(logs: Iterable[Log]) -> str:
     """Return a sentence on responses that are not drawn, "" if all are."""
-    left = sum(len(log.outputs) for log in found.logs) - SHOWN
+    left = sum(len(log.outputs) for log in logs) - SHOWN
     if left <= 0:
         return ""
     return f"Drawn are the {SHOWN} with the largest errors; {left} more are in the table."

@@ -9,7 +9,7 @@ from servo_models.report.identification.readings import (
     in_unit,
     judged_part,
     spread_of,
-    unit_of,
+    unit_among,
     with_unit,
     words,
 )
@@ -71,13 +71,13 @@ def _count(found: Identification, output: str, floor: float | None) -> Count:
     if spread > 0.0:
         text += f", {number(100.0 * after / spread, 2)} % of its range"
     if floor is not None:
-        unit, scale = _unit(found, output)
+        unit, scale = unit_among(found.logs, output)
         text += f"; noise floor {in_unit(floor / scale, unit)}"
     return Count("responses", f"{words(output)}, {part}", text, _better(found, output))
 
 
 def _change(found: Identification, output: str, part: str) -> str:
-    unit, scale = _unit(found, output)
+    unit, scale = unit_among(found.logs, output)
     before, after = (found.rms(output, part, stage) / scale for stage in ("before", "after"))
     return with_unit(f"{number(before)} → {number(after)}", unit)
 
@@ -85,8 +85,3 @@ def _change(found: Identification, output: str, part: str) -> str:
 def _better(found: Identification, output: str) -> bool:
     part = judged_part(found, output)
     return found.rms(output, part) <= found.rms(output, part, "before")
-
-
-def _unit(found: Identification, output: str) -> tuple[str, float]:
-    """Unit of an output in the first log that has it."""
-    return unit_of(next(log for log in found.logs if output in log.outputs), output)
