@@ -96,9 +96,12 @@ class _Run:
 
     def outputs(self, values: Mapping[str, float]) -> Array:
         """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
+        return np.asarray(self.simulate(values)[:, self.columns])
+
+    def simulate(self, values: Mapping[str, float]) -> Array:
+        """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
         chosen = replace(self.model, values={**self.model.values, **values})
-        out = chosen.run(self.times, self.inputs)
-        return out[-len(self.log.times) :, self.columns]
+        return chosen.run(self.times, self.inputs)[-len(self.log.times) :]
 
 
 def _prepare(model: Model, log: Log) -> _Run:

@@ -1,0 +1,37 @@
+"""Where a gap lies: shares of the squared error before and after, by what the actuator did."""
+
+from __future__ import annotations
+
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.where.breakdown import Bin, Breakdown
+from servo_models.diagnosis.where.regimes import (
+    by_amplitude,
+    by_position,
+    by_reversal,
+    by_signal,
+    by_speed,
+    by_time,
+)
+from servo_models.diagnosis.where.samples import collect
+from servo_models.diagnosis.where.spectrum import by_frequency
+
+__all__ = ["Bin", "Breakdown", "where"]
+
+
+def where(causes: Causes) -> tuple[Breakdown, ...]:
+    """Break a gap down by signal, time, frequency, command amplitude, speed, reversals, position.
+
+    Errors before are those of the nominal model; errors after are on blocks of time that no
+    fit has seen.  All outputs count together, in noise floors.
+    """
+    samples = collect(causes)
+    found = (
+        by_signal(samples),
+        by_time(samples),
+        by_frequency(samples),
+        by_amplitude(samples),
+        by_speed(samples),
+        by_reversal(samples),
+        by_position(samples),
+    )
+    return tuple(one for one in found if one)

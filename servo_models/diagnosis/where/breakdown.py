@@ -1,0 +1,182 @@
+"""Shares of the squared error by one dimension, such as speed: the table, and it in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+MOVING = 3.0
+"""Local amplitude in noise floors from which a relative error says something."""
+STANDS_OUT = 2.0
+"""Relative error over that of everything from which it is worth saying."""
+CONCENTRATED = 0.1
+"""Share of the squared error beyond the share of the samples that is worth saying."""
+WORSE = 1.1
+"""Error after over error before from which a regime gets worse."""
+SURE = 2.0
+"""Standard errors by which it does, as blocks of time scatter."""
+
+
+@dataclass(frozen=True)
+class Bin:
+    """One row of a breakdown.
+
+    Attributes:
+        label: what a person reads, with units.
+        low, high: edges in the unit of the breakdown, nan where there are none.
+        share_before, share_after: of the squared error at that stage [1].
+        rms_before, rms_after: error in noise floors.
+        relative_before, relative_after: error RMS over the RMS of the local amplitude of
+            the response [1], nan where nothing moves.
+        count: samples; 0 for a band of frequency, in which all of them have a part.
+        worse: the error after is larger than before, beyond chance.
+    """
+
+    label: str
+    low: float
+    high: float
+    share_before: float
+    share_after: float
+    rms_before: float
+    rms_after: float
+    relative_before: float
+    relative_after: float
+    count: int
+    worse: bool
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """Where the squared error lies along one dimension; the shares of all bins make 1.
+
+    Attributes:
+        dimension: one word or two, such as ``"speed"``.
+        unit: of the edges, as a person reads them.
+        bins: in order.
+        sentence: it in words.
+    """
+
+    dimension: str
+    unit: str
+    bins: tuple[Bin, ...]
+    sentence: str
+
+    @property
+    def worse(self) -> tuple[Bin, ...]:
+        """Regimes that get worse."""
+        return tuple(one for one in self.bins if one.worse)
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums by bin that a breakdown is made of, each of shape (k,).
+
+    Attributes:
+        before, after: squared errors [noise floors^2].
+        amplitude: squared local amplitudes of the response [noise floors^2].
+        weight: number of samples that the sums are of.
+        worse: see ``Bin``.
+    """
+
+    before: Array
+    after: Array
+    amplitude: Array
+    weight: Array
+    worse: NDArray[np.bool_]
+
+
+def tabulate(
+    dimension: str,
+    unit: str,
+    edges: Sequence[tuple[str, float, float]],
+    sums: Sums,
+    phrase: str,
+    samples: bool = True,
+) -> Breakdown:
+    """Make a breakdown of label and edges of every bin, and its sums; empty bins are left out.
+
+    Args:
+        dimension, unit: see ``Breakdown``.
+        edges: label, low and high of every bin.
+        sums: of the same bins.
+        phrase: words that go before a label in a sentence.
+        samples: whether a bin has samples of its own.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rms = [np.sqrt(part / sums.weight) for part in (sums.before, sums.after)]
+        relative = [np.sqrt(part / sums.amplitude) for part in (sums.before, sums.after)]
+    shares = [part / (part.sum() or 1.0) for part in (sums.before, sums.after)]
+    bins = tuple(
+        Bin(
+            label,
+            low,
+            high,
+            *(float(share[k]) for share in shares),
+            *(float(error[k]) for error in rms),
+            *(float(part[k]) if sums.amplitude[k] > 0.0 else np.nan for part in relative),
+            int(sums.weight[k]) if samples else 0,
+            bool(sums.worse[k]),
+        )
+        for k, (label, low, high) in enumerate(edges)
+        if sums.weight[k] > 0
+    )
+    whole = float(np.sqrt(sums.before.sum() / (sums.amplitude.sum() or np.inf)))
+    return Breakdown(dimension, unit, bins, _sentence(dimension, bins, phrase, whole))
+
+
+def _sentence(dimension: str, bins: Sequence[Bin], phrase: str, whole: float) -> str:
+    """Where most of the error lies, where it is large for what moves there, and where it grows.
+
+    ``whole`` is the relative error of everything.
+    """
+    total = sum(one.count for one in bins)
+    excess = [one.share_before - one.count / max(total, 1) for one in bins]
+    top = bins[int(np.argmax(excess))]
+    if len(bins) > 1 and max(excess) < CONCENTRATED:
+        text = f"The squared error is spread evenly over {dimension}."
+    else:
+        of = f", {_percent(top.count / total)} of the samples" if top.count < total else ""
+        text = (
+            f"{_percent(top.share_before)} of the squared error lies {phrase}{top.label}{of};"
+            f" its RMS there goes from {top.rms_before:.3g} to {top.rms_after:.3g} noise floors."
+        )
+    moving = [one for one in bins if one.rms_before > MOVING * one.relative_before]
+    small = max(moving, key=lambda one: one.relative_before, default=top)
+    if small.relative_before > STANDS_OUT * whole:
+        text += (
+            f" Over the local amplitude it is largest {phrase}{small.label}:"
+            f" {_percent(small.relative_before)} before, {_percent(small.relative_after)} after."
+        )
+    grown = [one.label for one in bins if one.worse]
+    return f"{text} It grows {phrase}{' and '.join(grown)}." if grown else text
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
+
+
+def grows(before: Array, after: Array, at: Rows, parts: Rows, count: int) -> NDArray[np.bool_]:
+    """Return for each bin whether its error grows, beyond what blocks of time scatter.
+
+    Args:
+        before, after: squared errors, shape (n,).
+        at: bin of each, shape (n,).
+        parts: block of time of each, shape (n,).
+        count: number of bins.
+    """
+    blocks = int(parts.max()) + 1
+    change = np.bincount(at * blocks + parts, after - before, count * blocks)
+    change = change.reshape(count, blocks)
+    present = np.bincount(at * blocks + parts, minlength=count * blocks).reshape(count, blocks) > 0
+    seen = np.maximum(present.sum(axis=1), 1)
+    mean = change.sum(axis=1) / seen
+    scatter = np.sqrt(((change - mean[:, None]) ** 2 * present).sum(axis=1))
+    old, new = np.bincount(at, before, count), np.bincount(at, after, count)
+    larger = new > WORSE**2 * np.maximum(old, np.bincount(at, minlength=count))
+    return np.asarray(larger & (change.sum(axis=1) > SURE * scatter))

@@ -1,0 +1,141 @@
+"""The dimensions of a breakdown: into which bin each sample falls, and what the bin is called."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from servo_models.diagnosis.where.breakdown import Array, Breakdown, Rows, Sums, grows, tabulate
+from servo_models.diagnosis.where.samples import Samples
+from servo_models.experiment import display
+
+WINDOWS = 12
+"""Windows of time, over all logs."""
+REST = 0.01
+"""Amplitude over the largest one up to which a command rests."""
+AMPLITUDES = (0.03, 0.1, 0.2, 0.5, 1.0)
+SPEEDS = (0.1, 0.4, 1.0)
+"""Edges over the largest value."""
+POSITIONS = 6
+AROUND = 0.1
+"""Window around reversals over the time between them."""
+Edge = tuple[str, float, float]
+
+
+def by_signal(samples: Samples) -> Breakdown:
+    """Shares of the outputs."""
+    edges = [(name, math.nan, math.nan) for name in samples.names]
+    return _split(samples, "signal", "", edges, samples.output, "in ")
+
+
+def by_time(samples: Samples) -> Breakdown:
+    """Shares of windows of time, each log with at least one."""
+    total = sum(log.duration for log in samples.logs)
+    edges: list[Edge] = []
+    firsts, counts = [], []
+    for log in samples.logs:
+        own = max(1, round(WINDOWS * log.duration / total))
+        name = f" of {log.name}" if len(samples.logs) > 1 else ""
+        firsts.append(len(edges))
+        counts.append(own)
+        cuts = np.linspace(0.0, log.duration, own + 1)
+        edges += [(f"{_between(a, b, 's')}{name}", a, b) for a, b in zip(cuts, cuts[1:])]
+    durations = np.array([log.duration for log in samples.logs])
+    own_count = np.array(counts)[samples.log]
+    within = (samples.times / durations[samples.log] * own_count).astype(int)
+    at = np.array(firsts)[samples.log] + np.minimum(within, own_count - 1)
+    return _split(samples, "time", "s", edges, at, "from ")
+
+
+def by_amplitude(samples: Samples) -> Breakdown:
+    """Shares of local amplitudes of the command, half its range in a move there and back."""
+    scale, unit = display(samples.command)
+    values = scale * samples.commanded
+    most = values.max()
+    cuts = [REST * most, *(_round(share * most) for share in AMPLITUDES[:-1]), math.inf]
+    at = np.searchsorted(cuts, values)
+    edges = [(f"below {cuts[0]:.3g} {unit}", 0.0, cuts[0])]
+    edges += [(_between(a, b, unit), a, b) for a, b in zip(cuts, cuts[1:])]
+    return _split(samples, "command amplitude", unit, edges, at, "at command amplitude ")
+
+
+def by_speed(samples: Samples) -> Breakdown:
+    """Shares of speeds of the output, by direction."""
+    scale, unit = display(samples.main)
+    per = f"{unit}/s"
+    values = scale * samples.speed
+    most = float(np.quantile(np.abs(values), 0.995)) or 1.0
+    cuts = [_round(share * most) for share in SPEEDS[:-1]]
+    fall = np.searchsorted(cuts, np.abs(values))
+    k = len(SPEEDS)
+    at = np.where(values == 0.0, k, np.where(values > 0.0, k + 1 + fall, k - 1 - fall))
+    bounds = [0.0, *cuts, math.inf]
+    up = [(f"{_between(a, b, per)} up", a, b) for a, b in zip(bounds, bounds[1:])]
+    down = [(f"{_between(a, b, per)} down", -b, -a) for a, b in zip(bounds, bounds[1:])]
+    edges = [*down[::-1], ("standstill", 0.0, 0.0), *up]
+    return _split(samples, "speed", per, edges, at, "at ")
+
+
+def by_reversal(samples: Samples) -> Breakdown | None:
+    """Shares of windows around reversals of motion, None where nothing turns."""
+    if samples.between == 0.0:
+        return None
+    near = _round(AROUND * samples.between)
+    at = np.where(samples.since < near, 1, np.where(samples.since < 3 * near, 2, 3))
+    at = np.where((samples.until <= near) & (at == 3), 0, at)
+    width, far = _time(near), _time(3 * near)
+    edges = [
+        (f"within {width} before a reversal", -near, 0.0),
+        (f"within {width} after a reversal", 0.0, near),
+        (f"from {width} to {far} after a reversal", near, 3 * near),
+        ("far from reversals", math.nan, math.nan),
+    ]
+    return _split(samples, "time since a reversal", "s", edges, at, "")
+
+
+def by_position(samples: Samples) -> Breakdown:
+    """Shares of equal parts of the range of the output."""
+    scale, unit = display(samples.main)
+    values = scale * samples.position
+    low, high = float(values.min()), float(values.max())
+    cuts = np.linspace(low, high, POSITIONS + 1)
+    at = np.clip(np.searchsorted(cuts, values, side="right") - 1, 0, POSITIONS - 1)
+    edges = [(_between(a, b, unit), a, b) for a, b in zip(cuts, cuts[1:])]
+    return _split(samples, "position", unit, edges, at, "at position ")
+
+
+def _split(
+    samples: Samples, dimension: str, unit: str, edges: Sequence[Edge], at: Rows, phrase: str
+) -> Breakdown:
+    k = len(edges)
+    before, after = samples.before**2, samples.after**2
+
+    def total(values: Array) -> Array:
+        return np.bincount(at, values, k).astype(float)
+
+    sums = Sums(
+        total(before),
+        total(after),
+        total(samples.amplitude**2),
+        np.bincount(at, minlength=k).astype(float),
+        grows(before, after, at, samples.parts, k),
+    )
+    return tabulate(dimension, unit, edges, sums, phrase)
+
+
+def _between(low: float, high: float, unit: str) -> str:
+    if high == math.inf:
+        return f"above {low:.3g} {unit}".rstrip()
+    return f"{low:.3g} to {high:.3g} {unit}".rstrip()
+
+
+def _round(value: float) -> float:
+    """The number 1, 2 or 5 times a power of ten that is nearest."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return float(min((1, 2, 5, 10), key=lambda m: abs(math.log(value / power / m))) * power)
+
+
+def _time(value: float) -> str:
+    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"

@@ -1,0 +1,176 @@
+"""Every weighted error of a diagnosis, with what the actuator was doing at that moment.
+
+Motion is that of the fitted model: it has no noise, so its speed has a sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuator import Wire
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.where.breakdown import Array, Rows
+from servo_models.recording import Log
+
+STANDSTILL = 0.01
+"""Speed over the largest one of a log up to which nothing moves."""
+CYCLE = 2
+"""Distances between reversals over which an amplitude is taken: a move there and back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """One output of one log, at the samples that count.
+
+    Attributes:
+        log, output: which, and its place among the names of all outputs.
+        rows: of the weighted errors, shape (m,).
+        times: [s], shape (m,).
+        measured: in noise floors, shape (m,).
+    """
+
+    log: int
+    output: int
+    rows: Rows
+    times: Array
+    measured: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Errors and circumstances of all samples, each of shape (n,).
+
+    Attributes:
+        names: of the outputs.
+        logs: measured runs.
+        main: wire of the position.
+        command: wire of the input that moves.
+        stretches: which samples belong together.
+        before, after: errors in noise floors, the latter on blocks that no fit has seen.
+        parts: block of time.
+        times: [s].
+        output, log: places among the names and the logs.
+        amplitude: local amplitude of the output in noise floors.
+        commanded: local amplitude of the command [SI].
+        position, speed: of the fitted model [SI]; the speed is 0 at standstill.
+        since, until: time [s] since the last reversal and until the next one, inf for none.
+        between: time [s] between reversals, the longer ones take half of all time; 0 for none.
+    """
+
+    names: tuple[str, ...]
+    logs: Sequence[Log]
+    main: Wire
+    command: Wire
+    stretches: tuple[Stretch, ...]
+    before: Array
+    after: Array
+    parts: Rows
+    times: Array
+    output: Rows
+    log: Rows
+    amplitude: Array
+    commanded: Array
+    position: Array
+    speed: Array
+    since: Array
+    until: Array
+    between: float
+
+
+def collect(causes: Causes) -> Samples:
+    """Return all samples that count in a diagnosis."""
+    problem = causes.taken.problem
+    plant, values = problem.model.plant, causes.taken.values
+    names = tuple(problem.sigma)
+    moving = np.ptp(np.vstack([run.inputs for run in problem.runs]), axis=0)
+    column = int(np.argmax(moving / np.array([wire.scale for wire in plant.inputs])))
+    stretches: list[Stretch] = []
+    found: list[tuple[Array, ...]] = []
+    gaps: list[Array] = []
+    start = 0
+    for k, run in enumerate(problem.runs):
+        fitted = run.log.fitted
+        if not fitted.any():
+            continue
+        times, count = run.log.times, int(fitted.sum())
+        position = run.simulate(values)[:, 0]
+        speed = _speed(times, position)
+        turns = _reversals(times, speed)
+        gaps.append(np.diff(turns))
+        width = _width(times, turns)
+        commanded = _amplitude(run.inputs[-len(times) :, column], width)
+        since, until = _around(times, turns)
+        for name, signal in run.log.outputs.items():
+            rows = np.arange(start, start + count)
+            start += count
+            measured = signal / problem.sigma[name]
+            stretches.append(
+                Stretch(k, names.index(name), rows, times[fitted], measured[fitted])
+            )
+            own = (times, _amplitude(measured, width), commanded, position, speed, since, until)
+            found.append(tuple(part[fitted] for part in own))
+    lengths = [len(one.rows) for one in stretches]
+    every = [np.concatenate(part) for part in zip(*found)]
+    return Samples(
+        names,
+        problem.logs,
+        plant.wire[plant.outputs[0]],
+        plant.inputs[column],
+        tuple(stretches),
+        causes.before.errors,
+        causes.taken.evidence.unseen,
+        causes.taken.evidence.parts,
+        every[0],
+        np.repeat([one.output for one in stretches], lengths),
+        np.repeat([one.log for one in stretches], lengths),
+        *every[1:],
+        between=_typical(np.concatenate(gaps)),
+    )
+
+
+def _speed(times: Array, position: Array) -> Array:
+    speed = np.gradient(position, times)
+    speed[np.abs(speed) <= STANDSTILL * np.abs(speed).max()] = 0.0
+    return speed
+
+
+def _reversals(times: Array, speed: Array) -> Array:
+    """Times [s] at which motion goes on in the other direction."""
+    moving = np.flatnonzero(speed)
+    turned = np.diff(np.sign(speed[moving])) != 0.0
+    return np.asarray(times[moving[1:][turned]])
+
+
+def _around(times: Array, turns: Array) -> tuple[Array, Array]:
+    """Time since the last turn and until the next one."""
+    padded = np.concatenate([[-np.inf], turns, [np.inf]])
+    last = np.searchsorted(turns, times, side="right")
+    return times - padded[last], padded[last + 1] - times
+
+
+def _typical(gaps: Array) -> float:
+    """The gap up to which half of the time goes by: short ones are many, as in ringing."""
+    if len(gaps) == 0:
+        return 0.0
+    ordered = np.sort(gaps)
+    return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * ordered.sum())])
+
+
+def _width(times: Array, turns: Array) -> int:
+    """Samples of a move there and back, a tenth of the log where nothing turns."""
+    span = CYCLE * _typical(np.diff(turns)) or 0.1 * (times[-1] - times[0])
+    step = (times[-1] - times[0]) / (len(times) - 1)
+    return int(np.clip(span / step, 3, len(times)))
+
+
+def _amplitude(signal: Array, width: int) -> Array:
+    """Half the range within ``width`` samples around each."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    high: NDArray[np.float64] = maximum_filter1d(signal, width, mode="nearest")
+    low: NDArray[np.float64] = minimum_filter1d(signal, width, mode="nearest")
+    return 0.5 * (high - low)

@@ -1,0 +1,75 @@
+"""Shares of the squared error by bands of frequency.
+
+Source: Parseval's theorem; Oppenheim, Schafer, Discrete-Time Signal Processing, 3rd ed.,
+sec. 8.6.  No window, so that the shares make 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servo_models.diagnosis.where.breakdown import (
+    WORSE,
+    Array,
+    Breakdown,
+    Rows,
+    Sums,
+    tabulate,
+)
+from servo_models.diagnosis.where.samples import Samples
+
+OCTAVES = 1.5
+"""Width of a band."""
+BANDS = 8
+"""At most; the lowest one holds at least the two lowest frequencies of the longest log."""
+GAP = 1.5
+"""Sampling steps between neighbours beyond which samples do not belong together."""
+
+
+def by_frequency(samples: Samples) -> Breakdown:
+    """Shares of bands up to the highest frequency that sampling shows; the lowest has offsets."""
+    step = min(float(np.median(np.diff(one.times))) for one in samples.stretches)
+    longest = max(float(np.ptp(one.times)) for one in samples.stretches)
+    count = int(np.clip(1 + np.log2(longest / (4.0 * step)) / OCTAVES, 1, BANDS))
+    tops = 0.5 / step * 2.0 ** (-OCTAVES * np.arange(count - 1, -1, -1))
+    powers = np.zeros((3, count))
+    for stretch in samples.stretches:
+        for piece in _pieces(stretch.times):
+            rows, measured = stretch.rows[piece], stretch.measured[piece]
+            signals = np.vstack(
+                [samples.before[rows], samples.after[rows], measured - measured.mean()]
+            )
+            powers += _power(stretch.times[piece], signals, tops)
+    before, after, amplitude = powers
+    bottoms = np.array([0.0, *tops[:-1]])
+    edges = [
+        (f"below {top:.3g} Hz" if not low else f"{low:.3g} to {top:.3g} Hz", low, top)
+        for low, top in zip(bottoms.tolist(), tops.tolist())
+    ]
+    weight = np.full(count, float(len(samples.before)))
+    white = weight * (tops - bottoms) / tops[-1]
+    worse = after > WORSE**2 * np.maximum(before, white)
+    sums = Sums(before, after, amplitude, weight, worse)
+    return tabulate("frequency", "Hz", edges, sums, "at ", samples=False)
+
+
+def _pieces(times: Array) -> list[Rows]:
+    """Indices of samples that follow each other without a gap."""
+    steps = np.diff(times)
+    cuts = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    return [piece for piece in np.split(np.arange(len(times)), cuts) if len(piece) > 1]
+
+
+def _power(times: Array, signals: Array, tops: Array) -> Array:
+    """Sums of squares of signals of shape (s, n) in bands up to ``tops``, shape (s, bands).
+
+    Samples that are not evenly spaced are taken on an even grid between them.
+    """
+    n = len(times)
+    even = np.linspace(times[0], times[-1], n)
+    signals = np.vstack([np.interp(even, times, signal) for signal in signals])
+    power = np.abs(np.fft.rfft(signals)) ** 2 / n
+    power[:, 1 : (n + 1) // 2] *= 2.0
+    frequencies = np.arange(power.shape[1]) * (n - 1) / (n * (times[-1] - times[0]))
+    at = np.minimum(np.searchsorted(tops, frequencies), len(tops) - 1)
+    return np.vstack([np.bincount(at, row, len(tops)) for row in power])
