@@ -220,6 +220,7 @@ def clock(base: Identification) -> float:
         return float(best)
 
     period(np.full(len(every), True), WIDE, "all steps, searched from 19.9 to 20.1 ms,")
+    period(seen, WIDE, "the fitted steps, searched as widely,")
     return period(seen, NARROW, "the fitted steps, searched from 19.98 to 20.02 ms,")
 
 
@@ -248,6 +249,8 @@ def in_frame(told: Description, base: Identification) -> list[list[str]]:
     logs = [framed(log, period, phase) for phase in np.arange(0.0, period, 1e-3)]
     fits = [fit(told.model, [each], told.free) for each in logs]
     best = int(np.argmin([counts(each, FIT) for each in fits]))
+    beside = [f"{counts(fits[(best + k) % len(fits)], HELD_OUT):.2f}" for k in (-1, 1)]
+    print(f"\nThe phase is {best} ms; 1 ms beside it {' and '.join(beside)} counts held out.")
     rows = [
         compared("20 ms frame", fits[best], base, estimates(fits[best], ["transport_delay.time"]))
     ]

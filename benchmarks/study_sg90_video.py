@@ -113,7 +113,7 @@ def draw(log: Log, measured: Array, times: Array, simulated: Array) -> None:
         angle.plot(log.times, measured, ".", color=colour("ink"))
         angle.plot(times, simulated, color=colour("blue"), lw=1.2)
         label(angle, (1.12, 60.0), "dots: video", "ink", (0, 0), "center")
-        label(angle, (1.12, 30.0), "line: measured", "blue", (0, 0), "center")
+        label(angle, (1.12, 30.0), "line: variant", "blue", (0, 0), "center")
         angle.set(ylabel="angle [deg]")
         error = np.interp(log.times, times, simulated) - measured
         difference.plot(log.times, error, ".-", color=colour("orange"), lw=1.0)
