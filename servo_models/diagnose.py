@@ -10,7 +10,7 @@ from servo_models.audit import Audit, audit, noise_floors
 from servo_models.description import Description, read_description
 from servo_models.diagnosis.causes import Bench, Tell, find_causes
 from servo_models.diagnosis.claims import claims, estimates
-from servo_models.diagnosis.gap import gaps
+from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import TOLERANCE, decide
@@ -73,6 +73,7 @@ def _diagnose(
         floors=floors,
         causes=causes,
         verdict=verdict,
+        gap=whole_gap(causes, seed),
         gaps=gaps(causes, floors, origins, seed),
         claims=claims(causes, verdict),
         moved=estimates(causes.retuned),

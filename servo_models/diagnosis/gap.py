@@ -19,30 +19,40 @@ DRAWS = 400
 
 
 @dataclass(frozen=True)
-class Gap:
-    """RMS errors of one output [SI], held out.
+class Reduction:
+    """How far a gap closes: RMS errors on blocks that the fit of each stage has not seen.
 
     Attributes:
-        output: its name.
         rms: by stage: ``"before"``, ``"retuned"``, ``"after"``.
         intervals: 95 % interval of each.
-        floor: noise floor, and ``origin`` where it is from.
-        full_scale: largest less smallest measured value.
-        worst: log and time [s] of the largest error before.
-        delay: shift [s] of the simulation that would take most of the gap before away.
+        floor: noise floor, in the same unit.
         closed: share of the reducible gap that is closed, with its interval; None where
             there is nothing to reduce.
     """
 
-    output: str
     rms: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     floor: float
+    closed: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class Gap(Reduction):
+    """The gap of one output [SI].
+
+    Attributes:
+        output: its name.
+        origin: where its noise floor is from.
+        full_scale: largest less smallest measured value.
+        worst: log and time [s] of the largest error before.
+        delay: shift [s] of the simulation that would take most of the gap before away.
+    """
+
+    output: str
     origin: str
     full_scale: float
     worst: tuple[str, float]
     delay: float
-    closed: tuple[float, float, float] | None
 
     @property
     def nrmse(self) -> float:
@@ -54,12 +64,21 @@ def gaps(
     causes: Causes, floors: dict[str, float], origins: dict[str, str], seed: int
 ) -> tuple[Gap, ...]:
     """Return the gap of every output."""
-    problem = causes.retuned.problem
-    stages = dict(zip(STAGES, (causes.before, causes.retuned.evidence, causes.taken.evidence)))
+    problem, stages = causes.retuned.problem, _stages(causes)
     rows = rows_of(problem)
     return tuple(
         _gap(name, rows[name], problem, stages, floors[name], origins[name], seed) for name in rows
     )
+
+
+def whole_gap(causes: Causes, seed: int) -> Reduction:
+    """Return the gap of all outputs together, in noise floors."""
+    stages = _stages(causes)
+    return _reduction(np.arange(len(causes.before.unseen)), stages, 1.0, 1.0, seed)
+
+
+def _stages(causes: Causes) -> dict[str, Evidence]:
+    return dict(zip(STAGES, (causes.before, causes.retuned.evidence, causes.taken.evidence)))
 
 
 def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
@@ -84,6 +103,22 @@ def _gap(
     seed: int,
 ) -> Gap:
     scale = problem.sigma[name]
+    measured = np.concatenate([log.outputs[name][log.fitted] for log in problem.logs])
+    errors = stages["before"].errors[rows]
+    return Gap(
+        **vars(_reduction(rows, stages, scale, floor, seed)),
+        output=name,
+        origin=origin,
+        full_scale=float(np.ptp(measured)),
+        worst=_worst(problem, name, errors),
+        delay=_delay(problem, name, scale * errors),
+    )
+
+
+def _reduction(
+    rows: NDArray[np.int64], stages: dict[str, Evidence], scale: float, floor: float, seed: int
+) -> Reduction:
+    """RMS of some weighted errors by stage; ``scale`` is one of them in the unit of ``floor``."""
     losses = {
         stage: np.bincount(one.parts[rows], (scale * one.unseen[rows]) ** 2)
         for stage, one in stages.items()
@@ -95,18 +130,8 @@ def _gap(
         s: np.sqrt(v[draws].sum(axis=1) / counts[draws].sum(axis=1)) for s, v in losses.items()
     }
     rms = {s: float(np.sqrt(v.sum() / counts.sum())) for s, v in losses.items()}
-    measured = np.concatenate([log.outputs[name][log.fitted] for log in problem.logs])
-    return Gap(
-        output=name,
-        rms=rms,
-        intervals={s: _interval(v) for s, v in drawn.items()},
-        floor=floor,
-        origin=origin,
-        full_scale=float(np.ptp(measured)),
-        worst=_worst(problem, name, stages["before"].errors[rows]),
-        delay=_delay(problem, name, scale * stages["before"].errors[rows]),
-        closed=_closed(rms, drawn, floor),
-    )
+    intervals = {s: _interval(v) for s, v in drawn.items()}
+    return Reduction(rms, intervals, floor, _closed(rms, drawn, floor))
 
 
 def _interval(values: Array) -> tuple[float, float]:

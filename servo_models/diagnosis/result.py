@@ -7,8 +7,8 @@ from functools import cached_property
 
 from servo_models.audit import Audit
 from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.claims import Claim, Value
-from servo_models.diagnosis.gap import Gap
+from servo_models.diagnosis.claims import Claim, Value, estimates
+from servo_models.diagnosis.gap import Gap, Reduction
 from servo_models.diagnosis.verdict import NO_GAP, Verdict
 from servo_models.recording import Log
 from servo_models.simulate import Model
@@ -25,7 +25,8 @@ class Diagnosis:
         floors: noise floor [SI] by output.
         causes: everything that was tried.
         verdict: what is said.
-        gaps: by output, before, re-tuned and after.
+        gap: before, re-tuned and after, in noise floors.
+        gaps: the same by output, in SI.
         claims: effects, most likely first.
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
@@ -37,6 +38,7 @@ class Diagnosis:
     floors: dict[str, float]
     causes: Causes
     verdict: Verdict
+    gap: Reduction
     gaps: tuple[Gap, ...]
     claims: tuple[Claim, ...]
     moved: tuple[Value, ...]
@@ -50,3 +52,8 @@ class Diagnosis:
     def fitted(self) -> Model:
         """The model with nominal parameters re-tuned and the diagnosed effects switched on."""
         return replace(self.model, values={**self.model.values, **self.causes.taken.values})
+
+    @cached_property
+    def found(self) -> tuple[Value, ...]:
+        """Every parameter that is other in ``fitted``, nominal ones first."""
+        return estimates(self.causes.taken)
