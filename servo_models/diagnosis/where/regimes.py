@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -41,7 +42,7 @@ def by_time(samples: Samples) -> Breakdown:
         firsts.append(len(edges))
         counts.append(own)
         cuts = np.linspace(0.0, log.duration, own + 1)
-        edges += [(f"{_between(a, b, 's')}{name}", a, b) for a, b in zip(cuts, cuts[1:])]
+        edges += [(f"{_between(a, b, 's')}{name}", a, b) for a, b in itertools.pairwise(cuts)]
     durations = np.array([log.duration for log in samples.logs])
     own_count = np.array(counts)[samples.log]
     within = (samples.times / durations[samples.log] * own_count).astype(int)
@@ -57,7 +58,7 @@ def by_amplitude(samples: Samples) -> Breakdown:
     cuts = [REST * most, *(_round(share * most) for share in AMPLITUDES[:-1]), math.inf]
     at = np.searchsorted(cuts, values)
     edges = [(f"below {cuts[0]:.3g} {unit}", 0.0, cuts[0])]
-    edges += [(_between(a, b, unit), a, b) for a, b in zip(cuts, cuts[1:])]
+    edges += [(_between(a, b, unit), a, b) for a, b in itertools.pairwise(cuts)]
     return _split(samples, "command amplitude", unit, edges, at, "at command amplitude ")
 
 
@@ -72,8 +73,8 @@ def by_speed(samples: Samples) -> Breakdown:
     k = len(SPEEDS)
     at = np.where(values == 0.0, k, np.where(values > 0.0, k + 1 + fall, k - 1 - fall))
     bounds = [0.0, *cuts, math.inf]
-    up = [(f"{_between(a, b, per)} up", a, b) for a, b in zip(bounds, bounds[1:])]
-    down = [(f"{_between(a, b, per)} down", -b, -a) for a, b in zip(bounds, bounds[1:])]
+    up = [(f"{_between(a, b, per)} up", a, b) for a, b in itertools.pairwise(bounds)]
+    down = [(f"{_between(a, b, per)} down", -b, -a) for a, b in itertools.pairwise(bounds)]
     edges = [*down[::-1], ("standstill", 0.0, 0.0), *up]
     return _split(samples, "speed", per, edges, at, "at ")
 
@@ -102,7 +103,7 @@ def by_position(samples: Samples) -> Breakdown:
     low, high = float(values.min()), float(values.max())
     cuts = np.linspace(low, high, POSITIONS + 1)
     at = np.clip(np.searchsorted(cuts, values, side="right") - 1, 0, POSITIONS - 1)
-    edges = [(_between(a, b, unit), a, b) for a, b in zip(cuts, cuts[1:])]
+    edges = [(_between(a, b, unit), a, b) for a, b in itertools.pairwise(cuts)]
     return _split(samples, "position", unit, edges, at, "at position ")
 
 

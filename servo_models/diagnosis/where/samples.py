@@ -16,8 +16,8 @@ from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.where.breakdown import Array, Rows
 from servo_models.recording import Log
 
-STANDSTILL = 0.01
-"""Speed over the largest one of a log up to which nothing moves."""
+STILL = 0.01
+"""Speed over the largest one of a log, or change of a command over its range, that is none."""
 CYCLE = 2
 """Distances between reversals over which an amplitude is taken: a move there and back."""
 
@@ -93,48 +93,51 @@ def collect(causes: Causes) -> Samples:
     gaps: list[Array] = []
     start = 0
     for k, run in enumerate(problem.runs):
-        fitted = run.log.fitted
-        if not fitted.any():
-            continue
-        times, count = run.log.times, int(fitted.sum())
+        log, times = run.log, run.log.times
         position = run.simulate(values)[:, 0]
         speed = _speed(times, position)
         turns = _reversals(times, speed)
         gaps.append(np.diff(turns))
-        width = _width(times, turns)
-        commanded = _amplitude(run.inputs[-len(times) :, column], width)
-        since, until = _around(times, turns)
-        for name, signal in run.log.outputs.items():
-            rows = np.arange(start, start + count)
-            start += count
+        command = run.inputs[-len(times) :, column]
+        width = _width(times, command, moving[column])
+        circumstances = (_amplitude(command, width), position, speed, *_around(times, turns))
+        for name, signal in log.outputs.items():
+            rows = np.arange(start, start + int(log.fitted.sum()))
+            start += len(rows)
             measured = signal / problem.sigma[name]
-            stretches.append(
-                Stretch(k, names.index(name), rows, times[fitted], measured[fitted])
-            )
-            own = (times, _amplitude(measured, width), commanded, position, speed, since, until)
-            found.append(tuple(part[fitted] for part in own))
+            stretch = Stretch(k, names.index(name), rows, times[log.fitted], measured[log.fitted])
+            stretches.append(stretch)
+            own = (times, _amplitude(measured, width), *circumstances)
+            found.append(tuple(part[log.fitted] for part in own))
     lengths = [len(one.rows) for one in stretches]
-    every = [np.concatenate(part) for part in zip(*found)]
+    clock, amplitude, commanded, positions, speeds, since, until = (
+        np.concatenate(part) for part in zip(*found)
+    )
     return Samples(
-        names,
-        problem.logs,
-        plant.wire[plant.outputs[0]],
-        plant.inputs[column],
-        tuple(stretches),
-        causes.before.errors,
-        causes.taken.evidence.unseen,
-        causes.taken.evidence.parts,
-        every[0],
-        np.repeat([one.output for one in stretches], lengths),
-        np.repeat([one.log for one in stretches], lengths),
-        *every[1:],
+        names=names,
+        logs=problem.logs,
+        main=plant.wire[plant.outputs[0]],
+        command=plant.inputs[column],
+        stretches=tuple(one for one in stretches if len(one.rows)),
+        before=causes.before.errors,
+        after=causes.taken.evidence.unseen,
+        parts=causes.taken.evidence.parts,
+        times=clock,
+        output=np.repeat([one.output for one in stretches], lengths),
+        log=np.repeat([one.log for one in stretches], lengths),
+        amplitude=amplitude,
+        commanded=commanded,
+        position=positions,
+        speed=speeds,
+        since=since,
+        until=until,
         between=_typical(np.concatenate(gaps)),
     )
 
 
 def _speed(times: Array, position: Array) -> Array:
     speed = np.gradient(position, times)
-    speed[np.abs(speed) <= STANDSTILL * np.abs(speed).max()] = 0.0
+    speed[np.abs(speed) <= STILL * np.abs(speed).max()] = 0.0
     return speed
 
 
@@ -160,11 +163,16 @@ def _typical(gaps: Array) -> float:
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * ordered.sum())])
 
 
-def _width(times: Array, turns: Array) -> int:
-    """Samples of a move there and back, a tenth of the log where nothing turns."""
-    span = CYCLE * _typical(np.diff(turns)) or 0.1 * (times[-1] - times[0])
+def _width(times: Array, command: Array, span: float) -> int:
+    """Samples of a move of the command there and back, a tenth of the log where it never turns.
+
+    ``span`` is the range of the command over all logs; changes far below do not count.
+    """
+    steps = np.diff(np.rint(command / (STILL * span))) if span > 0.0 else np.zeros(1)
+    turns = _reversals(times[1:], steps)
+    length = CYCLE * _typical(np.diff(turns)) or 0.1 * (times[-1] - times[0])
     step = (times[-1] - times[0]) / (len(times) - 1)
-    return int(np.clip(span / step, 3, len(times)))
+    return int(np.clip(length / step, 3, len(times)))
 
 
 def _amplitude(signal: Array, width: int) -> Array:

@@ -72,4 +72,4 @@ def _power(times: Array, signals: Array, tops: Array) -> Array:
     power[:, 1 : (n + 1) // 2] *= 2.0
     frequencies = np.arange(power.shape[1]) * (n - 1) / (n * (times[-1] - times[0]))
     at = np.minimum(np.searchsorted(tops, frequencies), len(tops) - 1)
-    return np.vstack([np.bincount(at, row, len(tops)) for row in power])
+    return np.vstack([np.bincount(at, row, len(tops)).astype(float) for row in power])
