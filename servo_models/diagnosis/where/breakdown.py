@@ -112,16 +112,20 @@ def tabulate(
         rms = [np.sqrt(part / sums.weight) for part in (sums.before, sums.after)]
         relative = [np.sqrt(part / sums.amplitude) for part in (sums.before, sums.after)]
     shares = [part / (part.sum() or 1.0) for part in (sums.before, sums.after)]
+    moved = sums.amplitude > 0.0
     bins = tuple(
         Bin(
             label,
             low,
             high,
-            *(float(share[k]) for share in shares),
-            *(float(error[k]) for error in rms),
-            *(float(part[k]) if sums.amplitude[k] > 0.0 else np.nan for part in relative),
-            int(sums.weight[k]) if samples else 0,
-            bool(sums.worse[k]),
+            share_before=float(shares[0][k]),
+            share_after=float(shares[1][k]),
+            rms_before=float(rms[0][k]),
+            rms_after=float(rms[1][k]),
+            relative_before=float(relative[0][k]) if moved[k] else np.nan,
+            relative_after=float(relative[1][k]) if moved[k] else np.nan,
+            count=int(sums.weight[k]) if samples else 0,
+            worse=bool(sums.worse[k]),
         )
         for k, (label, low, high) in enumerate(edges)
         if sums.weight[k] > 0

@@ -51,13 +51,13 @@ def by_time(samples: Samples) -> Breakdown:
 
 
 def by_amplitude(samples: Samples) -> Breakdown:
-    """Shares of local amplitudes of the command, half its range in a move there and back."""
+    """Shares of amplitudes of the command: half its range between two reversals of it."""
     scale, unit = display(samples.command)
     values = scale * samples.commanded
     most = values.max()
     cuts = [REST * most, *(_round(share * most) for share in AMPLITUDES[:-1]), math.inf]
     at = np.searchsorted(cuts, values)
-    edges = [(f"below {cuts[0]:.3g} {unit}", 0.0, cuts[0])]
+    edges = [("0, held", 0.0, cuts[0])]
     edges += [(_between(a, b, unit), a, b) for a, b in itertools.pairwise(cuts)]
     return _split(samples, "command amplitude", unit, edges, at, "at command amplitude ")
 

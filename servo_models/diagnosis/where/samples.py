@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models.actuator import Wire
 from servo_models.diagnosis.causes import Causes
@@ -18,8 +17,6 @@ from servo_models.recording import Log
 
 STILL = 0.01
 """Speed over the largest one of a log, or change of a command over its range, that is none."""
-CYCLE = 2
-"""Distances between reversals over which an amplitude is taken: a move there and back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +51,9 @@ class Samples:
         parts: block of time.
         times: [s].
         output, log: places among the names and the logs.
-        amplitude: local amplitude of the output in noise floors.
-        commanded: local amplitude of the command [SI].
+        amplitude: half the range of the output in its move, in noise floors.
+        commanded: half the range of the command in its move [SI]; a move ends where the
+            command turns.
         position, speed: of the fitted model [SI]; the speed is 0 at standstill.
         since, until: time [s] since the last reversal and until the next one, inf for none.
         between: time [s] between reversals, the longer ones take half of all time; 0 for none.
@@ -96,18 +94,18 @@ def collect(causes: Causes) -> Samples:
         log, times = run.log, run.log.times
         position = run.simulate(values)[:, 0]
         speed = _speed(times, position)
-        turns = _reversals(times, speed)
+        turns = times[_turns(speed)]
         gaps.append(np.diff(turns))
         command = run.inputs[-len(times) :, column]
-        width = _width(times, command, moving[column])
-        circumstances = (_amplitude(command, width), position, speed, *_around(times, turns))
+        moves = _moves(command, moving[column])
+        circumstances = (_amplitude(command, moves), position, speed, *_around(times, turns))
         for name, signal in log.outputs.items():
             rows = np.arange(start, start + int(log.fitted.sum()))
             start += len(rows)
             measured = signal / problem.sigma[name]
             stretch = Stretch(k, names.index(name), rows, times[log.fitted], measured[log.fitted])
             stretches.append(stretch)
-            own = (times, _amplitude(measured, width), *circumstances)
+            own = (times, _amplitude(measured, moves), *circumstances)
             found.append(tuple(part[log.fitted] for part in own))
     lengths = [len(one.rows) for one in stretches]
     clock, amplitude, commanded, positions, speeds, since, until = (
@@ -141,11 +139,11 @@ def _speed(times: Array, position: Array) -> Array:
     return speed
 
 
-def _reversals(times: Array, speed: Array) -> Array:
-    """Times [s] at which motion goes on in the other direction."""
+def _turns(speed: Array) -> Rows:
+    """Samples at which motion goes on in the other direction."""
     moving = np.flatnonzero(speed)
     turned = np.diff(np.sign(speed[moving])) != 0.0
-    return np.asarray(times[moving[1:][turned]])
+    return np.asarray(moving[1:][turned])
 
 
 def _around(times: Array, turns: Array) -> tuple[Array, Array]:
@@ -163,22 +161,19 @@ def _typical(gaps: Array) -> float:
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * ordered.sum())])
 
 
-def _width(times: Array, command: Array, span: float) -> int:
-    """Samples of a move of the command there and back, a tenth of the log where it never turns.
+def _moves(command: Array, span: float) -> Rows:
+    """First samples of the moves of a command: one goes on until the command turns.
 
     ``span`` is the range of the command over all logs; changes far below do not count.
     """
-    steps = np.diff(np.rint(command / (STILL * span))) if span > 0.0 else np.zeros(1)
-    turns = _reversals(times[1:], steps)
-    length = CYCLE * _typical(np.diff(turns)) or 0.1 * (times[-1] - times[0])
-    step = (times[-1] - times[0]) / (len(times) - 1)
-    return int(np.clip(length / step, 3, len(times)))
+    if span == 0.0:
+        return np.zeros(1, dtype=np.int64)
+    return np.concatenate([[0], 1 + _turns(np.diff(np.rint(command / (STILL * span))))])
 
 
-def _amplitude(signal: Array, width: int) -> Array:
-    """Half the range within ``width`` samples around each."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
-    high: NDArray[np.float64] = maximum_filter1d(signal, width, mode="nearest")
-    low: NDArray[np.float64] = minimum_filter1d(signal, width, mode="nearest")
-    return 0.5 * (high - low)
+def _amplitude(signal: Array, moves: Rows) -> Array:
+    """Half the range of a signal in the move that each sample belongs to, its start included."""
+    before = signal[np.maximum(moves - 1, 0)]
+    high = np.maximum(np.maximum.reduceat(signal, moves), before)
+    low = np.minimum(np.minimum.reduceat(signal, moves), before)
+    return np.repeat(0.5 * (high - low), np.diff([*moves, len(signal)]))

@@ -31,7 +31,7 @@ def by_frequency(samples: Samples) -> Breakdown:
     step = min(float(np.median(np.diff(one.times))) for one in samples.stretches)
     longest = max(float(np.ptp(one.times)) for one in samples.stretches)
     count = int(np.clip(1 + np.log2(longest / (4.0 * step)) / OCTAVES, 1, BANDS))
-    tops = 0.5 / step * 2.0 ** (-OCTAVES * np.arange(count - 1, -1, -1))
+    tops = 0.5 / step * np.exp2(-OCTAVES * np.arange(count - 1.0, -1.0, -1.0))
     powers = np.zeros((3, count))
     for stretch in samples.stretches:
         for piece in _pieces(stretch.times):
