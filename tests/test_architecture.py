@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 LAYERS = (
     "errors sheets threads",
-    "files compare reference recording toml_file linear_model",
+    "files noise compare reference recording toml_file linear_model",
     "units block flat logs",
     "inline actuator printer plants effects",
     "actuators flatten stepper compiled audit lookalikes own_actuator",
@@ -29,6 +29,7 @@ LAYERS = (
     "report formats figures_sheet",
     "validate pictures transfer_pictures synthesis_pictures check",
     "demonstration identify diagnose",
+    "blind",
     "cli",
     "__main__ build_fmu",
 )
@@ -89,6 +90,12 @@ def test_blocks_know_nothing_but_blocks(folder: str) -> None:
 def test_the_references_know_nothing_of_the_models() -> None:
     for path in ROOT.glob("servo_models/reference/*.py"):
         assert own_parts(path) <= {"reference"}, path.name
+
+
+def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
+    for path in ROOT.glob("servo_models/blind/generator/*.py"):
+        own = {name for name in imported(path) if name.startswith("servo_models")}
+        assert all(name.startswith("servo_models.blind.generator.") for name in own), path.name
 
 
 TRAVELLERS = ("flat", "printer", "stepper")

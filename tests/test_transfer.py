@@ -15,6 +15,7 @@ from scipy.stats import binom
 
 from servo_models import UserError, model, simulate
 from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
+from servo_models.noise import dependence, inflation, whiteness
 from servo_models.recording import Log
 from servo_models.reference.inputs import changes
 from servo_models.reference.linear import LinearSystem
@@ -34,7 +35,6 @@ from servo_models.transfer import (
 )
 from servo_models.transfer.evidence import Point
 from servo_models.transfer.fit import Fit, fit
-from servo_models.transfer.residuals import dependence, inflation, whiteness
 from servo_models.transfer.soundness import pole_trouble, surplus_zero
 from servo_models.transfer.starts import starts
 from servo_models.transfer_pictures import bode

@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.identification.covariance import autocorrelation
 from servo_models.identification.problem import Problem
+from servo_models.noise import inflation
 
 Array = NDArray[np.float64]
 
@@ -90,11 +90,7 @@ def judge(problem: Problem, vector: Array, parts: NDArray[np.int64]) -> Evidence
 
 def dispersion(errors: Array) -> float:
     """Mean square of errors, times the samples of which one is independent."""
-    mean_square = max(float(np.mean(errors**2)), 1e-30)
-    correlation = autocorrelation(errors)
-    significant = correlation > 2.0 / np.sqrt(len(errors))
-    until = int(np.argmin(significant)) if not significant.all() else len(correlation)
-    return mean_square * (1.0 + 2.0 * float(correlation[1:until].sum()))
+    return max(float(np.mean(errors**2)), 1e-30) * inflation(errors)
 
 
 def advantage(better: Evidence, worse: Evidence) -> float:

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.errors import UserError
+from servo_models.noise import inflation
 from servo_models.transfer.evidence import Evidence
 from servo_models.transfer.fit import Fit
 from servo_models.transfer.functions import TransferFunction
-from servo_models.transfer.residuals import inflation
 from servo_models.transfer.scores import Score
 from servo_models.transfer.soundness import pole_trouble, slow_pole, surplus_zero
 

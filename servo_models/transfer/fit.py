@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.noise import autocovariance, whiteness
 from servo_models.transfer.evidence import Evidence, Point, Record
 from servo_models.transfer.functions import Structure, TransferFunction
-from servo_models.transfer.residuals import autocovariance, whiteness
 
 Array = NDArray[np.float64]
 

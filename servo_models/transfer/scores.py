@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.noise import dependence, whiteness
 from servo_models.transfer.evidence import Evidence, Point, Record
 from servo_models.transfer.functions import TransferFunction
-from servo_models.transfer.residuals import dependence, whiteness
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servo_models.identification.covariance import autocorrelation, memory
 from servo_models.identification.result import Identification
+from servo_models.noise import autocorrelation, memory
 from servo_models.report.identification.readings import (
     BUCKETS,
     Reading,

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.identification.covariance import memory
 from servo_models.identification.result import Accuracy, Identification
-from servo_models.recording import Mask
+from servo_models.noise import memory
+from servo_models.recording import Log, Mask
 from servo_models.report.identification.readings import (
     BUCKETS,
     Reading,
@@ -36,6 +37,7 @@ ZOOM = 8
 """Width of the zoomed panel, in times over which errors hang together ..."""
 LARGEST, FEWEST = 0.1, 60
 """... at most that share of the log, at least so many samples."""
+DASHED = (0, (4, 3))
 ROOM = 0.15
 """Space above and below the measured and the judged curve, as a part of their range."""
 
@@ -71,80 +73,86 @@ def _line(row: Accuracy, unit: str, scale: float) -> Line:
 
 
 def _picture(reading: Reading, name: str) -> Picture:
-    """Zoomed at the worst sample of those held out, if there are any."""
     held = reading.log.held_out
-    return response(reading, name, "fitted", held if held.any() else ~held)
-
-
-def response(reading: Reading, name: str, missed: str, judged: Mask) -> Picture:
-    """Return a response as a whole, and around the sample that a model misses most.
-
-    Args:
-        reading: measured and simulated.
-        name: keeps the ids of the drawing unique on the page.
-        missed: name of the model whose largest error is shown.
-        judged: samples among which it is sought, shape (n,).
-    """
-    errors = reading.simulated[missed] - reading.measured
-    worst = int(np.argmax(np.where(judged, np.abs(errors), -1.0)))
-    window = _window(errors, worst)
+    worst = worst_sample(reading.error, held if held.any() else ~held)
+    window = stretch(reading.error, worst)
     times = reading.log.times
     with drawing(name, rows=2, height=4.6, shared=False) as (figure, (whole, zoom)):
-        _curves(whole, reading, slice(None))
-        whole.axvspan(
-            times[window.start],
-            times[window.stop - 1],
-            facecolor="none",
-            edgecolor=colour("ink"),
-            lw=0.8,
-        )
-        whole.legend(
-            loc="lower left",
-            bbox_to_anchor=(-0.02, 0.98),
-            ncols=1 + len(reading.simulated),
-            frameon=False,
-            columnspacing=1.2,
-        )
-        _curves(zoom, reading, window)
-        zoom.axvline(times[worst], color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
+        draw_responses(whole, reading, slice(None))
+        draw_frame(whole, times[window])
+        draw_legend(whole, 1 + len(reading.simulated))
+        draw_responses(zoom, reading, window)
+        zoom.axvline(times[worst], color=colour("muted"), lw=0.8, ls=DASHED)
         zoom.set_xlabel("time [s]")
-        shaded = " Shaded: held out." if reading.log.held_out.any() else ""
-        error = in_unit(abs(errors[worst]), reading.unit)
+        shaded = " Shaded: held out." if held.any() else ""
+        error = in_unit(abs(reading.error[worst]), reading.unit)
         return picture(
             figure,
             name,
             reading.title,
-            f"Below: around the largest error of the {missed} model, {error}"
+            f"Below: around the largest error of the fitted model, {error}"
             f" at {times[worst]:.6g} s.{shaded}",
         )
 
 
-def _window(errors: Array, worst: int) -> slice:
+def worst_sample(errors: Array, judged: Mask) -> int:
+    """Return the sample with the largest error, of those that are judged."""
+    return int(np.argmax(np.where(judged, np.abs(errors), -1.0)))
+
+
+def stretch(errors: Array, worst: int) -> slice:
+    """Return the samples around one that a zoomed panel shows."""
     n = len(errors)
     half = max(min(ZOOM * memory(errors), int(LARGEST * n)), FEWEST) // 2
     first = min(max(worst - half, 0), max(n - 2 * half, 0))
     return slice(first, min(first + 2 * half, n))
 
 
-def _curves(axes: Axes, reading: Reading, part: slice) -> None:
-    """Measured broad and grey, nominal dashed, the judged model on top; shaded if held out."""
-    times = reading.log.times[part]
-    shade_held_out(axes, reading.log, part)
+def draw_responses(axes: Axes, reading: Reading, part: slice) -> None:
+    """Draw measured broad and grey, the judged model on top; shaded where held out."""
     measured = reading.measured[part]
     simulated = {name: values[part] for name, values in reading.simulated.items()}
-    styles = [NOMINAL, *[BETWEEN] * (len(simulated) - 2), JUDGED][-len(simulated) :]
-    _curve(axes, times, measured, "measured", MEASURED)
-    for (name, values), style in zip(simulated.items(), styles):
-        _curve(axes, times, values, name, style)
-    axes.set_xlim(times[0], times[-1])
+    draw_curve(axes, reading.log.times[part], measured, "measured", MEASURED)
+    draw_models(axes, reading.log, part, simulated)
     axes.set_ylim(*_limits(np.concatenate([measured, list(simulated.values())[-1]])))
     axes.set_ylabel(f"{words(reading.output)} [{reading.unit}]", parse_math=False)
 
 
-def _curve(axes: Axes, times: Array, values: Array, name: str, style: Style) -> None:
+def draw_models(axes: Axes, log: Log, part: slice, curves: Mapping[str, Array]) -> None:
+    """Draw a curve for each model, nominal dashed and first, the judged one solid and last."""
+    times = log.times[part]
+    shade_held_out(axes, log, part)
+    styles = [NOMINAL, *[BETWEEN] * (len(curves) - 2), JUDGED][: len(curves)]
+    for (name, values), style in zip(curves.items(), styles):
+        draw_curve(axes, times, values, name, style)
+    axes.set_xlim(times[0], times[-1])
+
+
+def draw_curve(axes: Axes, times: Array, values: Array, name: str, style: Style) -> None:
+    """Draw a curve, thinned out to what a screen shows."""
     series, dash, width, opacity = style
     curve = envelope(times, values, BUCKETS)
     axes.plot(*curve, color=colour(series), ls=dash, lw=width, alpha=opacity, label=name)
+
+
+def draw_frame(axes: Axes, times: Array) -> None:
+    """Frame the stretch that another panel shows."""
+    axes.axvspan(times[0], times[-1], facecolor="none", edgecolor=colour("ink"), lw=0.8)
+
+
+def draw_legend(axes: Axes, count: int) -> None:
+    """Name ``count`` curves in one line above a panel."""
+    legend = axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(-0.02, 0.98),
+        ncols=count,
+        frameon=False,
+        handlelength=1.6,
+        handletextpad=0.5,
+        columnspacing=1.1,
+        fontsize=8.5,
+    )
+    legend.set_in_layout(count <= 3)
 
 
 def _limits(values: Array) -> tuple[float, float]:

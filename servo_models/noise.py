@@ -1,4 +1,4 @@
-"""Tests of residuals: are they noise, and do they still depend on the input?
+"""What errors are: noise or not, how long they remember, and whether they depend on the input.
 
 Source: Ljung, System Identification, 2nd ed., sec. 16.6; Ljung and Box, Biometrika 65 (1978).
 """
@@ -96,3 +96,23 @@ def inflation(residuals: Array) -> float:
     """Return by how much correlation shrinks the number of independent residuals, at least 1."""
     r = autocovariance(residuals)
     return max(1.0, float(1.0 + 2.0 * np.sum(r[1:]) / r[0])) if r[0] > 0.0 else 1.0
+
+
+def autocorrelation(errors: Array) -> Array:
+    """Return the correlation of errors with themselves, at lags of 0 to a fifth of their length.
+
+    Empty for errors that do not move.
+    """
+    n = len(errors)
+    centred = errors - errors.mean()
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    spectrum = np.fft.rfft(centred, size)
+    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 5 + 1]
+    return correlation / correlation[0] if correlation[0] > 0.0 else correlation[:0]
+
+
+def memory(errors: Array) -> int:
+    """Return the first lag at which the errors' correlation is no longer significant."""
+    correlation = autocorrelation(errors)
+    quiet = np.flatnonzero(correlation < 2.0 / np.sqrt(len(errors)))
+    return int(quiet[0]) - 1 if len(quiet) else max(len(correlation) - 1, 0)
