@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 LAYERS = (
-    "errors sheets threads",
+    "errors sheets threads interchange",
     "files noise compare reference recording toml_file linear_model",
     "units block flat logs",
     "inline actuator printer plants effects",

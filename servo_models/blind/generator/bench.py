@@ -1,0 +1,234 @@
+"""The two rigs on the bench: numbers, what is known of them, and how they are driven and logged.
+
+Nominal numbers and their uncertainties are those that a description states; the names in them
+are the product's, the constants of the simulation are frequencies and ratios made from them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A column of a log: number in the file = (SI - ``zero``) / ``unit_size``."""
+
+    name: str
+    unit: str
+    unit_size: float
+    digits: int = 9
+
+    @property
+    def column(self) -> str:
+        return f"{self.name}_{self.unit}"
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A rig and how it is used.
+
+    Attributes:
+        actuator, variant: as descriptions call them.
+        nominal: true values scatter about these [SI].
+        spread: relative standard deviations of that scatter.
+        constants: from true values to settings of the simulation.
+        units: from true values to settings per SI unit of an effect's parameter, by name.
+        command: what is commanded, ``rest`` its value at rest [SI].
+        amplitude: range of the largest excursion from rest [SI].
+        load: range of the constant load torque [N m], known to the description.
+        readings: what is logged always, then what may be logged as well: signal and place.
+        fastest, slowest: time constants of the nominal rig [s].
+        step: of the simulation [s]; ``sampling`` in these steps.
+        settle: time [s] for which the rig is held at rest before a log begins.
+        chirp: range of the highest frequency [Hz].
+    """
+
+    actuator: str
+    variant: str
+    about: str
+    nominal: Values
+    spread: Values
+    constants: Callable[[Values], dict[str, float]]
+    units: Callable[[Values], dict[str, float]]
+    command: Signal
+    rest: float
+    amplitude: tuple[float, float]
+    load: tuple[float, float]
+    readings: tuple[tuple[Signal, int], ...]
+    fastest: float
+    slowest: float
+    step: float
+    sampling: tuple[int, ...]
+    settle: float
+    chirp: tuple[float, float]
+
+
+REST, VOLTS_PER_SECOND, SUPPLY, GEAR, K_F = 1.5e-3, 250.0, 5.0, 24.0, 0.1
+PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi
+STALL_TORQUE, STALL_VOLTAGE, NO_LOAD = 0.1765, 4.8, 51.1 * 4.8 / GEAR
+ARMATURE = 7.0
+SERVO = {
+    "motor_time_constant": 0.0347,
+    "motor_gain": 51.1,
+    "amplifier_gain": 77.7,
+    "potentiometer_gain": VOLTS_PER_SECOND * PULSE_PER_ANGLE / K_F,
+    "transport_delay.time": 0.0289,
+}
+
+
+def servo_constants(true: Values) -> dict[str, float]:
+    """Natural frequency [rad/s], damping ratio and top speed [rad/s] of the loop."""
+    lag, top = true["motor_time_constant"], true["motor_gain"] * SUPPLY / GEAR
+    band = SUPPLY / (true["amplifier_gain"] * K_F * true["potentiometer_gain"])
+    natural = math.sqrt(top / (band * lag))
+    return {
+        "servo": 1.0,
+        "inertia": lag * STALL_TORQUE / NO_LOAD,
+        "natural_frequency": natural,
+        "damping_ratio": 1.0 / (2.0 * natural * lag),
+        "top_speed": top,
+        "rest": REST * VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
+        "drive_per_load": STALL_VOLTAGE / STALL_TORQUE / SUPPLY,
+        "full_scale": 6.0 / true["potentiometer_gain"],
+        "scale": VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
+        "delay": true["transport_delay.time"],
+        "stop_frequency": 3e3,
+        "contact_rate": 1e4,
+        "bristle_stiffness": 1000.0,
+    }
+
+
+def servo_units(true: Values) -> dict[str, float]:
+    """An angle per volt of command and of feedback, shares of the drive per volt, and so on."""
+    return {
+        "1": 1.0,
+        "command": 1.0 / (K_F * true["potentiometer_gain"]),
+        "feedback": 1.0 / true["potentiometer_gain"],
+        "drive": 1.0 / SUPPLY,
+        "drag": 1.0 / NO_LOAD,
+        "speed": NO_LOAD,
+        "source": 1.0 / ARMATURE,
+    }
+
+
+STOP = math.radians(3.0)
+MOTOR = {
+    "torque_constant": 6.432,
+    "back_emf_constant": 0.08,
+    "resistance": 3630.0,
+    "inductance": 34.0,
+    "rotor_inertia": 7.246e-7,
+    "friction_coefficient": 2.7e-4,
+    "stiffness": 1.1,
+}
+
+
+def motor_constants(true: Values) -> dict[str, float]:
+    """Electrical corner [rad/s], natural frequency [rad/s] and damping ratio of the rotor."""
+    natural = math.sqrt(true["stiffness"] / true["rotor_inertia"])
+    drag = true["friction_coefficient"] / true["rotor_inertia"]
+    return {
+        "inertia": true["rotor_inertia"],
+        "natural_frequency": natural,
+        "damping_ratio": drag / (2.0 * natural),
+        "corner": true["resistance"] / true["inductance"],
+        "resistance": true["resistance"],
+        "flux_per_angle": true["back_emf_constant"] / true["inductance"],
+        "torque_per_current": true["torque_constant"],
+        "travel": STOP,
+        "stop_frequency": 3.5e4,
+        "bristle_stiffness": 600.0,
+        "reading_scale": STOP,
+    }
+
+
+def motor_units(true: Values) -> dict[str, float]:
+    """All in SI; drag and speed per full speed."""
+    return {"1": 1.0, "drag": 1.0 / 100.0, "speed": 100.0}
+
+
+def motor_poles(true: Values) -> tuple[float, float]:
+    """Magnitude of the fastest and of the slowest pole [rad/s] of the linear rig."""
+    c = motor_constants(true)
+    drag, spring = 2.0 * c["damping_ratio"] * c["natural_frequency"], c["natural_frequency"] ** 2
+    pull = c["torque_per_current"] / c["inertia"]
+    # current, angle, speed
+    system = np.array(
+        [
+            [-c["corner"], 0.0, -c["flux_per_angle"]],
+            [0.0, 0.0, 1.0],
+            [pull, -spring, -drag],
+        ]
+    )
+    sizes = np.abs(np.linalg.eigvals(system))
+    return float(sizes.max()), float(sizes.min())
+
+
+FAST, SLOW = motor_poles(MOTOR)
+DEGREE = math.pi / 180.0
+BENCHES = (
+    Bench(
+        actuator="sg90",
+        variant="measured",
+        about="SG90 on the bench, its horn tracked from outside",
+        nominal=SERVO,
+        spread={
+            "motor_time_constant": 0.2,
+            "motor_gain": 0.1,
+            "amplifier_gain": 0.2,
+            "transport_delay.time": 0.35,
+            "potentiometer_gain": 0.05,
+        },
+        constants=servo_constants,
+        units=servo_units,
+        command=Signal("pulse_width", "us", 1e-6, 2),
+        rest=REST,
+        amplitude=(45.0 * DEGREE * PULSE_PER_ANGLE, 75.0 * DEGREE * PULSE_PER_ANGLE),
+        load=(0.01, 0.04),
+        readings=(
+            (Signal("angle_reading", "deg", DEGREE), 0),
+            (Signal("motor_voltage", "V", 1.0), 1),
+            (Signal("feedback_voltage", "V", 1.0), 2),
+        ),
+        fastest=SERVO["motor_time_constant"],
+        slowest=2.0 * SERVO["motor_time_constant"],
+        step=1e-4,
+        sampling=(10, 12, 16),
+        settle=0.4,
+        chirp=(5.0, 9.0),
+    ),
+    Bench(
+        actuator="torque_motor",
+        variant="measured",
+        about="torque motor of a servo valve on the bench",
+        nominal=MOTOR,
+        spread={
+            "torque_constant": 0.25,
+            "inductance": 0.25,
+            "back_emf_constant": 0.5,
+            "friction_coefficient": 0.5,
+            "resistance": 0.01,
+            "rotor_inertia": 0.01,
+            "stiffness": 0.01,
+        },
+        constants=motor_constants,
+        units=motor_units,
+        command=Signal("voltage", "V", 1.0, 4),
+        rest=0.0,
+        amplitude=(16.0, 26.0),
+        load=(0.002, 0.008),
+        readings=((Signal("angle", "deg", DEGREE), 0), (Signal("current", "mA", 1e-3), 1)),
+        fastest=1.0 / FAST,
+        slowest=1.0 / SLOW,
+        step=1e-5,
+        sampling=(3, 4),
+        settle=0.05,
+        chirp=(150.0, 300.0),
+    ),
+)
