@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 from servo_models.files import write_whole
+from servo_models.interchange import command, finite_json
 from servo_models.sheets import Sheet, Table
 from servo_models.validation.rows import (
     CLAIMS,
@@ -72,20 +72,17 @@ def sentence(validation: Validation) -> str:
 
 def as_json(validation: Validation) -> str:
     """Return everything as JSON; a figure that is not finite becomes null."""
-    return json.dumps(_finite(validation.as_dict()), indent=2)
+    return finite_json(validation.as_dict())
 
 
 def github(validation: Validation) -> Iterator[str]:
-    """Return workflow commands: an error for each failed row, and a notice with the verdict.
-
-    Source: GitHub Docs, Workflow commands for GitHub Actions.
-    """
+    """Return workflow commands: an error for each failed row, and a notice with the verdict."""
     for row in validation.failures:
-        yield f"::error title={_property(_title(row))}::{_message(_reason(row))}"
+        yield command("error", _title(row), _reason(row))
     for row in validation.rows:
         if row.passed is None and row.note:
-            yield f"::notice title={_property(_title(row))}::{_message(_reason(row))}"
-    yield f"::notice title=servo-models::{_message(sentence(validation))}"
+            yield command("notice", _title(row), _reason(row))
+    yield command("notice", "servo-models", sentence(validation))
 
 
 def write_junit(validation: Validation, path: Path) -> None:
@@ -151,22 +148,3 @@ def _title(row: Row) -> str:
 def _reason(row: Row) -> str:
     note = f"; {row.note}" if row.note else ""
     return f"{row.verdict}: {_figure(row.value, row.unit)} {_limit(row)}".rstrip() + note
-
-
-def _message(words: str) -> str:
-    return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _property(words: str) -> str:
-    return _message(words).replace(":", "%3A").replace(",", "%2C")
-
-
-def _finite(value: object) -> object:
-    """JSON has no infinity."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and not abs(value) < float("inf"):
-        return None
-    return value

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from servo_models.identification.fit import fit
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
-from servo_models.parameter_set import Estimate, Figure, ParameterSet
+from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.sheets import Sheet
 from servo_models.simulate import Model
 
@@ -199,13 +198,13 @@ def _of_simulation(found: Identification) -> ParameterSet:
     model = found.fitted
     errors = dict(zip((free.name for free in found.free), found.standard_errors.tolist()))
     estimated = {
-        name: Estimate(name, model.values[name], _known(error), "estimated")
+        name: Estimate(name, model.values[name], known_error(error), "estimated")
         for name, error in errors.items()
     }
     return ParameterSet(
         actuator=model.actuator.key,
         variant=model.variant,
-        estimates=_with_given(model.actuator.values(model.variant), model.values, estimated),
+        estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
         method=found.method,
         logs={log.path.name: f"sha256:{log.sha256}" for log in found.logs},
         date=_today(),
@@ -227,22 +226,11 @@ def _of_tables(
     return ParameterSet(
         actuator=told.actuator.key,
         variant=told.variant,
-        estimates=_with_given(nominal, told.model.values, estimated),
+        estimates=with_given(nominal, told.model.values, estimated),
         method=method,
         logs={name: f"sha256:{digest}" for name, digest in files.items()},
         date=_today(),
         warnings=tuple(warnings),
-    )
-
-
-def _with_given(
-    variant: Mapping[str, float], values: Mapping[str, float], estimated: Mapping[str, Estimate]
-) -> tuple[Estimate, ...]:
-    """Estimates in the order of the parameters, with what was given unlike the variant."""
-    return tuple(
-        estimated.get(name, Estimate(name, value))
-        for name, value in values.items()
-        if name in estimated or value != variant[name]
     )
 
 
@@ -251,11 +239,6 @@ def _sweep_hashes(told: Description) -> dict[str, str]:
     entries = told.document.content.get("sweeps", [])
     paths = [told.path.parent / entry["file"] for entry in entries if "file" in entry]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
-
-
-def _known(error: float) -> float | None:
-    """A standard error that a file can hold: on a bound there is none."""
-    return None if math.isnan(error) else error
 
 
 def _figures(found: Identification) -> dict[str, Figure]:

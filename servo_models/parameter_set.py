@@ -28,6 +28,7 @@ unit::
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
@@ -120,6 +121,25 @@ class ParameterSet:
         parts = [self.file, self.method, self.date.isoformat() if self.date else ""]
         parts += [f"then set: {', '.join(sorted(overrides))}"] if overrides else []
         return "; ".join(part for part in parts if part)
+
+
+def with_given(
+    nominal: Mapping[str, float], values: Mapping[str, float], estimated: Mapping[str, Estimate]
+) -> tuple[Estimate, ...]:
+    """Return estimates in the order of ``values``, with what was given unlike the variant.
+
+    ``nominal`` are the variant's values [SI] by name, ``values`` those of the fitted model.
+    """
+    return tuple(
+        estimated.get(name, Estimate(name, value))
+        for name, value in values.items()
+        if name in estimated or value != nominal[name]
+    )
+
+
+def known_error(error: float) -> float | None:
+    """Return a standard error that a file can hold: on a bound, NaN, there is none."""
+    return None if math.isnan(error) else error
 
 
 def write_parameters(chosen: ParameterSet, path: Path) -> None:

@@ -88,9 +88,15 @@ class Identification:
 
         ``stage`` is ``"before"`` or ``"after"`` the fit.
         """
-        rows = [a for a in self.accuracy if (a.output, a.part) == (output, part)]
-        count = sum(row.samples for row in rows)
-        return float(np.sqrt(sum(row.samples * getattr(row, stage) ** 2 for row in rows) / count))
+        return overall(self.accuracy, output, part, stage)
+
+
+def overall(rows: Sequence[Accuracy], output: str, part: str, stage: str) -> float:
+    """Return the RMS error [SI] of an output over the rows of a part; NaN without any."""
+    kept = [a for a in rows if (a.output, a.part) == (output, part)]
+    count = sum(row.samples for row in kept)
+    squares = sum(row.samples * getattr(row, stage) ** 2 for row in kept)
+    return float(np.sqrt(squares / count)) if count else float("nan")
 
 
 def accuracy(

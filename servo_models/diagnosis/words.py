@@ -1,0 +1,164 @@
+"""A diagnosis in sentences: the verdict, why an effect is ruled out, what to be careful with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from servo_models.diagnosis.causes import Explanation
+from servo_models.diagnosis.gap import Reduction
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.verdict import (
+    EFFECT,
+    EFFECTS,
+    NO_GAP,
+    NOT_IDENTIFIABLE,
+    OUTSIDE,
+    PARAMETERS,
+)
+from servo_models.experiment import display
+from servo_models.identification.estimate import doubt
+
+SEEN = 1.0
+"""Movement [noise floors] from which logs can show an effect."""
+SURPRISING = 3.0
+"""Prior standard deviations from which a nominal parameter has moved further than it should."""
+
+
+def sentence(found: Diagnosis) -> str:
+    """Return the verdict in one sentence."""
+    taken, kind = found.causes.taken.effects, found.verdict.kind
+    before, retuned = found.gap.rms["before"], found.gap.rms["retuned"]
+    if kind == NO_GAP:
+        return (
+            f"No gap: the model leaves {before:.3g} noise floors, {found.tolerance:g} are allowed."
+        )
+    if kind == PARAMETERS:
+        return f"Re-tuned parameters explain the gap, no effect is needed: {change(found)}."
+    if kind == NOT_IDENTIFIABLE:
+        return (
+            f"These logs cannot tell which effect it is: {', '.join(found.verdict.members)} leave"
+            f" much the same; {change(found)}."
+        )
+    if kind == OUTSIDE:
+        best = f"with the nearest, {placed(found, taken)}" if taken else "with parameters re-tuned"
+        return f"Outside the catalogue: {best}, something is left; {change(found)}."
+    verb = {EFFECT: "explains", EFFECTS: "explain"}[kind]
+    alone = f", parameters alone leave {retuned:.3g}" if found.moved else ""
+    others = [name for name in found.verdict.members if name not in taken]
+    rivals = f"; cannot be told apart from {', '.join(others)}" if others else ""
+    return f"{placed(found, taken)} {verb} the gap: {change(found)}{alone}{rivals}."
+
+
+def placed(found: Diagnosis, effects: Iterable[str]) -> str:
+    """Return effects with the wires on which they act."""
+    where = found.model.plant.placements
+    return " and ".join(f"{name} on '{where[name][0].on[0]}'" for name in effects)
+
+
+def change(found: Diagnosis) -> str:
+    """Return how far the gap closes, in noise floors and in the unit of each output."""
+    rms, outputs = found.gap.rms, []
+    for gap in found.gaps:
+        scale, unit = display(found.model.plant.wire[gap.output])
+        before, after = (f"{scale * gap.rms[stage]:.3g}" for stage in ("before", "after"))
+        outputs.append(f"{gap.output} {before} -> {after} {unit}".rstrip())
+    floors = f"{rms['before']:.3g} -> {rms['after']:.3g} noise floors held out"
+    return f"{floors} ({', '.join(outputs)}){_closing(found.gap)}"
+
+
+def _closing(gap: Reduction) -> str:
+    if gap.closed is None:
+        return ""
+    return f", which closes {closed(gap)} of what can be closed"
+
+
+def closed(gap: Reduction) -> str:
+    """Return the share of the reducible gap that is closed with its interval; "" for none."""
+    if gap.closed is None:
+        return ""
+    share, low, high = (f"{100.0 * value:.3g}" for value in gap.closed)
+    return f"{share} % ({low}..{high})"
+
+
+def ruled_out(found: Diagnosis) -> dict[str, str]:
+    """Return why each effect is not named, by its name, the nearest first."""
+    reach = found.causes.reach
+    named = {*found.verdict.members, *found.causes.taken.effects}
+    singles = {one.effects[0]: one for one in found.causes.singles}
+    fitted = [name for name in singles if name not in named]
+    rest = [name for name in reach if name not in named and name not in singles]
+    said = {name: _loses(found, singles[name]) for name in fitted}
+    for name in sorted(rest, key=lambda name: -reach[name]):
+        said[name] = "explains too little beside those that were fitted"
+    unseen = {name: _unseen(reach[name]) for name in said if reach[name] < SEEN}
+    return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
+
+
+def _unseen(reach: float) -> str:
+    if reach == 0.0:
+        return "these logs cannot show it: it moves nothing measured"
+    return f"these logs cannot show it: it moves the outputs by {reach:.1g} noise floors at most"
+
+
+def _loses(found: Diagnosis, single: Explanation) -> str:
+    left, alone = single.evidence.rms, found.gap.rms["retuned"]
+    why = [f"leaves {left:.3g} noise floors held out"]
+    if left >= alone:
+        why = [f"worse held out than parameters alone, {left:.3g} noise floors"]
+    if single.disguised:
+        why.append("on a bound")
+    if not single.converged:
+        why.append("its fit did not converge")
+    return ", ".join(why)
+
+
+def warnings(found: Diagnosis) -> tuple[str, ...]:
+    """Return what to be careful with, one sentence each."""
+    said = [f"log '{one.log.name}': {text}" for one in found.audits for text in one.warnings]
+    taken = found.causes.taken
+    if not found.moved:
+        said.append(
+            "no nominal parameter has an uncertainty, and frozen ones invent effects: add"
+            " [uncertainty] to the description"
+        )
+    for gap in found.gaps:
+        readings = [log.outputs[gap.output] for log in found.logs if gap.output in log.outputs]
+        if gap.rms["after"] > np.std(np.concatenate(readings)):
+            said.append(
+                f"the model explains nothing of '{gap.output}': check scale and sign of its"
+                f" column, and that the log is of '{found.model.actuator.name}'"
+            )
+    if taken.effects and not taken.converged:
+        said.append(f"the fit with {' and '.join(taken.effects)} did not converge")
+    for name, far in moves(found).items():
+        if abs(far) > SURPRISING:
+            said.append(
+                f"'{name}' moved by {abs(far):.2g} of its prior deviations: either its"
+                " uncertainty is larger, or it stands in for an effect that is missing"
+            )
+    for name, doubtful in doubts(found).items():
+        if name.rpartition(".")[0] in taken.effects:
+            said.append(f"'{name}' is {doubtful}")
+    return tuple(said)
+
+
+def moves(found: Diagnosis) -> dict[str, float]:
+    """Return how far nominal parameters moved, in prior standard deviations, by name."""
+    free = {one.name: one for one in found.causes.taken.problem.free}
+    return {
+        value.name: (value.value - value.nominal) / prior
+        for value in found.found
+        if (prior := free[value.name].prior) is not None
+    }
+
+
+def doubts(found: Diagnosis) -> dict[str, str]:
+    """Return in a few words why a parameter's value is doubtful, by name, if it is."""
+    free = {one.name: one for one in found.causes.taken.problem.free}
+    said = {
+        value.name: doubt(free[value.name], value.value, value.standard_error)
+        for value in found.found
+    }
+    return {name: text for name, text in said.items() if text}

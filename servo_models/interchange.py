@@ -1,0 +1,34 @@
+"""Results for other programs: JSON, and GitHub's workflow commands."""
+
+from __future__ import annotations
+
+import json
+
+
+def finite_json(document: object) -> str:
+    """Return a document as JSON; a figure that is not finite becomes null."""
+    return json.dumps(_finite(document), indent=2)
+
+
+def command(kind: str, title: str, message: str) -> str:
+    """Return a workflow command: ``kind`` is ``"error"``, ``"warning"`` or ``"notice"``.
+
+    Source: GitHub Docs, Workflow commands for GitHub Actions.
+    """
+    escaped = _escaped(title).replace(":", "%3A").replace(",", "%2C")
+    return f"::{kind} title={escaped}::{_escaped(message)}"
+
+
+def _escaped(words: str) -> str:
+    return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _finite(value: object) -> object:
+    """JSON has no infinity."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
