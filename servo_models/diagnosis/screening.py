@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.errors import UserError
-from servo_models.identification.problem import Problem
+from servo_models.identification.problem import Problem, workers
 
 Array = NDArray[np.float64]
 
@@ -56,8 +55,8 @@ def look(
     left = _without(basis, errors)
     base = problem.values(vector)
     tasks = [(one, size) for one in every for size in one.sizes]
-    with ThreadPoolExecutor(problem.jobs) as pool:
-        found = list(pool.map(lambda task: _difference(problem, base, errors, task[1]), tasks))
+    threads = workers(problem.jobs)
+    found = threads.map(lambda task: _difference(problem, base, errors, task[1]), tasks)
     sights, reach = [], {one.name: 0.0 for one in every}
     for (one, size), difference in zip(tasks, found):
         if difference is None:

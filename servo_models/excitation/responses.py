@@ -50,9 +50,7 @@ def response(problem: Problem, values: Mapping[str, float]) -> Array | None:
 
 def outputs(problem: Problem) -> dict[str, Mask]:
     """Return where in a response each output stands, shape (m,) of bool."""
-    names = [
-        np.full(int(log.fitted.sum()), name) for log in problem.logs for name in log.outputs
-    ]
+    names = [np.full(int(log.fitted.sum()), name) for log in problem.logs for name in log.outputs]
     every = np.concatenate(names)
     return {name: every == name for name in np.unique(every).tolist()}
 

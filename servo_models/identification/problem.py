@@ -7,6 +7,7 @@ Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -27,6 +28,15 @@ EDGE = 1e-6
 """Distance from a bound, in scales and relative to the value, that counts as on it."""
 REFUSED = 1e3
 """Weighted residual of a run that leaves the finite numbers."""
+
+
+@functools.cache
+def workers(jobs: int) -> ThreadPoolExecutor:
+    """Return the process's threads for so many simulations at once.
+
+    A compiled run lets the other threads go on.
+    """
+    return ThreadPoolExecutor(jobs)
 
 
 @dataclass(frozen=True)
@@ -147,6 +157,8 @@ class Problem:
     best: tuple[float, Array] = field(init=False)
     runs: list[_Run] = field(init=False)
     evaluations: int = field(init=False, default=0)
+    _latest: tuple[Array, Array] = field(init=False, repr=False)
+    """A vector and its residuals, which the slopes there begin with."""
 
     def __post_init__(self) -> None:
         self.runs = [_prepare(self.model, log) for log in self.logs]
@@ -160,6 +172,7 @@ class Problem:
         """Begin again from ``vector``; costs so far do not count, weights may have changed."""
         self.start = vector
         self.best = (np.inf, vector)
+        self._latest = (np.full(len(vector), np.nan), np.empty(0))
 
     @property
     def scales(self) -> Array:
@@ -217,6 +230,7 @@ class Problem:
         residuals = self._residuals(vector)
         self._note(vector, residuals)
         self.evaluations += 1
+        self._latest = (vector.copy(), residuals)
         return residuals
 
     def costs(self, vectors: Sequence[Array]) -> list[float]:
@@ -233,8 +247,7 @@ class Problem:
 
     def _all(self, vectors: Sequence[Array]) -> list[Array]:
         self.evaluations += len(vectors)
-        with ThreadPoolExecutor(self.jobs) as pool:
-            return list(pool.map(self._residuals, vectors))
+        return list(workers(self.jobs).map(self._residuals, vectors))
 
     def _residuals(self, vector: Array) -> Array:
         values = self.values(vector)
@@ -270,13 +283,16 @@ class Problem:
         if widths is None:
             ends = vector + np.where(vector + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
             starts = vector
-            points = [vector, *(vector + (ends - vector) * e for e in unit)]
+            points = [vector + (ends - vector) * e for e in unit]
         else:
             ends, starts = np.minimum(vector + widths, high), np.maximum(vector - widths, low)
             points = [vector + (ends - vector) * e for e in unit]
             points += [vector + (starts - vector) * e for e in unit]
+        known, base = self._latest
+        if widths is None and not np.array_equal(known, vector):
+            base = self._all([vector])[0]
         found = self._all(points)
         p = len(vector)
-        above, below = (found[1:], found[:1] * p) if widths is None else (found[:p], found[p:])
+        above, below = (found, [base] * p) if widths is None else (found[:p], found[p:])
         steps = ends - starts
         return np.column_stack([(u - d) / s for u, d, s in zip(above, below, steps)])
