@@ -144,7 +144,8 @@ def find_causes(bench: Bench, left_out: Iterable[str] = (), tell: Tell | None = 
     """
     say = tell or (lambda _: None)
     nominal = bench.problem()
-    before = judge(nominal, nominal.nominal, blocks(nominal))
+    errors = nominal.residuals(nominal.nominal)[: nominal.samples]
+    before = Evidence(nominal.nominal, errors, errors, blocks(nominal))  # no fit, all is unseen
     say("re-tuning nominal parameters")
     retuned = bench.fit((), ())
     every = candidates(bench.model, left_out)
