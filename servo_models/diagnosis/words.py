@@ -28,27 +28,39 @@ SURPRISING = 3.0
 
 def sentence(found: Diagnosis) -> str:
     """Return the verdict in one sentence."""
-    taken, kind = found.causes.taken.effects, found.verdict.kind
+    kind, said = found.verdict.kind, headline(found)
     before, retuned = found.gap.rms["before"], found.gap.rms["retuned"]
     if kind == NO_GAP:
-        return (
-            f"No gap: the model leaves {before:.3g} noise floors, {found.tolerance:g} are allowed."
-        )
+        allowed = f"{found.tolerance:g} are allowed"
+        return f"{said}: the model leaves {before:.3g} noise floors, {allowed}."
+    if kind in (NOT_IDENTIFIABLE, OUTSIDE):
+        return f"{said}; {change(found)}."
+    alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
+    return f"{said}: {change(found)}{alone}{rivals(found)}."
+
+
+def headline(found: Diagnosis) -> str:
+    """Return the verdict in a clause, without figures and rivals."""
+    taken, kind = found.causes.taken.effects, found.verdict.kind
+    if kind == NO_GAP:
+        return "No gap"
     if kind == PARAMETERS:
-        return f"Re-tuned parameters explain the gap, no effect is needed: {change(found)}."
+        return "Re-tuned parameters explain the gap, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
-        return (
-            f"These logs cannot tell which effect it is: {', '.join(found.verdict.members)} leave"
-            f" much the same; {change(found)}."
-        )
+        members = ", ".join(found.verdict.members)
+        return f"These logs cannot tell which effect it is: {members} leave much the same"
     if kind == OUTSIDE:
         best = f"with the nearest, {placed(found, taken)}" if taken else "with parameters re-tuned"
-        return f"Outside the catalogue: {best}, something is left; {change(found)}."
-    verb = {EFFECT: "explains", EFFECTS: "explain"}[kind]
-    alone = f", parameters alone leave {retuned:.3g}" if found.moved else ""
-    others = [name for name in found.verdict.members if name not in taken]
-    rivals = f"; cannot be told apart from {', '.join(others)}" if others else ""
-    return f"{placed(found, taken)} {verb} the gap: {change(found)}{alone}{rivals}."
+        return f"Outside the catalogue: {best}, something is left"
+    return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} the gap"
+
+
+def rivals(found: Diagnosis) -> str:
+    """Return a clause on effects that do as well as the ones taken, "" for none."""
+    if found.verdict.kind not in (EFFECT, EFFECTS):
+        return ""
+    others = [name for name in found.verdict.members if name not in found.causes.taken.effects]
+    return f"; cannot be told apart from {', '.join(others)}" if others else ""
 
 
 def placed(found: Diagnosis, effects: Iterable[str]) -> str:
