@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 
 from servo_models.cli.build import build
 from servo_models.cli.check import check
+from servo_models.cli.diagnose import diagnose
 from servo_models.cli.explain import explain
 from servo_models.cli.figures import figures
 from servo_models.cli.identify import identify
@@ -57,6 +58,7 @@ app.command()(simulate)
 app.command()(figures)
 app.command()(check)
 app.command()(identify)
+app.command()(diagnose)
 app.command()(build)
 app.command()(validate)
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from servo_models.cli.options import check_outputs
 from servo_models.errors import UserError
 
 NOT_CONVERGED = 1
@@ -59,7 +60,7 @@ def identify(
     from servo_models.identify import identify as run
     from servo_models.parameter_set import write_parameters
 
-    _check_outputs(out, report)
+    check_outputs((out, ".toml"), (report, ".html"))
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, 1, it))
@@ -73,14 +74,3 @@ def identify(
     if out and not found.parameters:
         raise UserError(f"'{out}' is not written: this actuator has no parameters of this kind")
     return 0 if found.converged else NOT_CONVERGED
-
-
-def _check_outputs(out: Path | None, report: Path | None) -> None:
-    """Before a long fit, not after it."""
-    from servo_models.files import check_writable
-
-    for path, suffix in ((out, ".toml"), (report, ".html")):
-        if path and path.suffix.lower() != suffix:
-            raise UserError(f"'{path}': let the name end in {suffix}")
-        if path:
-            check_writable(path)

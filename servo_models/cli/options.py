@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,29 @@ from servo_models.errors import UserError
 
 if TYPE_CHECKING:
     from servo_models.simulate import Model
+
+
+class Format(str, Enum):
+    """How a result is printed."""
+
+    TEXT = "text"
+    JSON = "json"
+    GITHUB = "github"
+
+
+def check_outputs(*outputs: tuple[Path | None, str]) -> None:
+    """Look at the names of files to write, each with its suffix, before long work.
+
+    Raises:
+        UserError: another suffix, or a folder that cannot be written.
+    """
+    from servo_models.files import check_writable
+
+    for path, suffix in outputs:
+        if path and path.suffix.lower() != suffix:
+            raise UserError(f"'{path}': let the name end in {suffix}")
+        if path:
+            check_writable(path)
 
 
 def chosen_model(

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from datetime import date
-from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-
-class Format(str, Enum):
-    """How the result is printed."""
-
-    TEXT = "text"
-    JSON = "json"
-    GITHUB = "github"
+from servo_models.cli.options import Format
 
 
 def validate(

@@ -144,12 +144,13 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             )
     if taken.effects and not taken.converged:
         said.append(f"the fit with {' and '.join(taken.effects)} did not converge")
-    for name, far in moves(found).items():
-        if abs(far) > SURPRISING:
-            said.append(
-                f"'{name}' moved by {abs(far):.2g} of its prior deviations: either its"
-                " uncertainty is larger, or it stands in for an effect that is missing"
-            )
+    far = {name: by for name, by in moves(found).items() if abs(by) > SURPRISING}
+    if far:
+        each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in far.items())
+        said.append(
+            f"moved further than their uncertainties allow, in prior deviations: {each}; either"
+            " these were too small, or the parameters stand in for an effect that is missing"
+        )
     for name, doubtful in doubts(found).items():
         if name.rpartition(".")[0] in taken.effects:
             said.append(f"'{name}' is {doubtful}")

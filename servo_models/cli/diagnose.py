@@ -1,0 +1,86 @@
+"""servo-models diagnose"""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import Format, check_outputs
+
+GAP_FOUND = 1
+
+
+def diagnose(
+    description: Annotated[
+        Path, typer.Argument(help="Description of model and logs, see 'check LOG --init'.")
+    ],
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write everything as JSON.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the diagnosed model as a parameter file (.toml)."),
+    ] = None,
+    format_: Annotated[
+        Format, typer.Option("--format", help="How the result is printed.")
+    ] = Format.TEXT,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Gap in noise floors that counts as none; default 2."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the intervals.")] = 0,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
+    ] = None,
+) -> int:
+    """Find out where a model and logs of the real thing differ, and why.
+
+    Nominal parameters are re-tuned inside the uncertainties that the
+    description gives; what they leave is explained by effects.  Figures are
+    of stretches that no fit has seen.
+
+    Exit code 0: no gap, 1: a gap, 2: could not run.
+
+    Examples:
+
+    servo-models diagnose mine.toml
+
+    servo-models diagnose mine.toml --out PARAMS.toml --json diagnosis.json
+
+    servo-models build --params PARAMS.toml
+    """
+    from servo_models.cli.console import progress, show
+    from servo_models.diagnose import diagnose as run
+    from servo_models.diagnosis.confirm import confirm
+    from servo_models.diagnosis.document import document, github
+    from servo_models.diagnosis.parameters import parameter_set
+    from servo_models.diagnosis.sheet import diagnosis_sheet
+    from servo_models.diagnosis.verdict import TOLERANCE
+    from servo_models.diagnosis.where import where
+    from servo_models.files import write_whole
+    from servo_models.interchange import finite_json
+    from servo_models.parameter_set import write_parameters
+    from servo_models.validate import conditions
+
+    check_outputs((json, ".json"), (out, ".toml"))
+    allowed = TOLERANCE if tolerance is None else tolerance
+    with progress("diagnosing") as bar:
+        found = run(description, allowed, seed, jobs, tell=lambda it: bar(0, 1, it))
+        bar(0, 1, "running the FMU with the diagnosed parameters")
+        confirmation = confirm(found)
+        places = where(found.causes)
+    told = finite_json(document(found, confirmation, places, seed, conditions()))
+    if json:
+        write_whole(json, f"{told}\n".encode())
+    if out:
+        write_parameters(parameter_set(found, date.today()), out)
+    if format_ is Format.JSON:
+        print(told)
+    elif format_ is Format.GITHUB:
+        print("\n".join(github(found)))
+    else:
+        show(diagnosis_sheet(found, confirmation, places))
+    return 0 if found.within_tolerance else GAP_FOUND

@@ -1,0 +1,144 @@
+"""A diagnosis as JSON, by the schema in ``schema.json``, and as GitHub's workflow commands.
+
+All figures are SI with their unit beside them, or noise floors.  The same diagnosis gives the
+same bytes: there is no date inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from servo_models.diagnosis import words
+from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.gap import Reduction
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.where import Breakdown
+from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
+from servo_models.interchange import command
+
+VERSION = 1
+"""Of the schema: it counts up when a reader of the one before would go wrong."""
+FLOORS = "noise floor"
+
+
+def document(
+    found: Diagnosis,
+    confirmation: Confirmation,
+    breakdowns: Sequence[Breakdown],
+    seed: int,
+    versions: Mapping[str, str],
+) -> dict[str, Any]:
+    """Return a diagnosis as what JSON is made of.
+
+    Args:
+        found: the diagnosis.
+        confirmation: its model run as an FMU.
+        breakdowns: where the gap lies.
+        seed: of the diagnosis.
+        versions: that figures depend on, by name.
+    """
+    return {
+        "schema_version": VERSION,
+        "actuator": found.model.actuator.name,
+        "variant": found.model.variant,
+        "verdict": found.verdict.kind,
+        "sentence": words.sentence(found),
+        "tolerance": found.tolerance,
+        "gap": {**_reduction(found.gap, FLOORS), "outputs": _outputs(found)},
+        "confirmation": _confirmation(found, confirmation),
+        "effects": [_effect(found, claim) for claim in found.claims],
+        "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
+        "parameters": [_parameter(found, value) for value in found.found],
+        "where": [asdict(breakdown) for breakdown in breakdowns],
+        "warnings": list(words.warnings(found)),
+        "seed": seed,
+        "versions": dict(versions),
+        "logs": [
+            {"name": log.name, "file": log.path.name, "sha256": log.sha256} for log in found.logs
+        ],
+    }
+
+
+def github(found: Diagnosis) -> Iterator[str]:
+    """Return workflow commands: the verdict, an error where there is a gap, and all warnings."""
+    title = f"servo-models: {found.model.actuator.name}"
+    yield command("notice" if found.within_tolerance else "error", title, words.sentence(found))
+    for text in words.warnings(found):
+        yield command("warning", title, text)
+
+
+def _reduction(gap: Reduction, unit: str) -> dict[str, Any]:
+    closed = gap.closed or (None, None, None)
+    return {
+        **gap.rms,
+        "floor": gap.floor,
+        "unit": unit,
+        "held_out": True,
+        "intervals": {stage: list(interval) for stage, interval in gap.intervals.items()},
+        "closed": closed[0],
+        "closed_interval": list(closed[1:]),
+    }
+
+
+def _outputs(found: Diagnosis) -> dict[str, Any]:
+    return {
+        gap.output: {
+            **_reduction(gap, found.model.plant.wire[gap.output].unit),
+            "floor_origin": gap.origin,
+            "nrmse": gap.nrmse,
+            "delay": gap.delay,
+            "worst": {"log": gap.worst[0], "time": gap.worst[1]},
+        }
+        for gap in found.gaps
+    }
+
+
+def _confirmation(found: Diagnosis, confirmation: Confirmation) -> dict[str, Any]:
+    wires = found.model.plant.wire
+    return {
+        "difference": confirmation.difference,
+        "outputs": {
+            output: {
+                "unit": wires[output].unit,
+                "judged": _whole(confirmation.rows, output, FIT),
+                "held_out": _whole(confirmation.rows, output, HELD_OUT),
+            }
+            for output in dict.fromkeys(row.output for row in confirmation.rows)
+        },
+    }
+
+
+def _whole(rows: Sequence[Accuracy], output: str, part: str) -> dict[str, float]:
+    return {stage: overall(rows, output, part, stage) for stage in ("before", "after")}
+
+
+def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
+    return {
+        "name": claim.name,
+        "block": claim.wire,
+        "probability": claim.probability,
+        "in_set": claim.in_set,
+        "taken": claim.taken,
+        "parameters": [_value(found, value) for value in claim.parameters],
+        "gap_after": claim.gap_after,
+        "closed": claim.closed,
+        "converged": claim.converged,
+        "reach": claim.reach,
+    }
+
+
+def _parameter(found: Diagnosis, value: Value) -> dict[str, Any]:
+    moved, doubt = words.moves(found), words.doubts(found)
+    return {
+        **_value(found, value),
+        "prior_deviations": moved.get(value.name),
+        "doubt": doubt.get(value.name, ""),
+    }
+
+
+def _value(found: Diagnosis, value: Value) -> dict[str, Any]:
+    unit = found.model.plant.parameters[value.name].param.unit
+    return {**asdict(value), "unit": unit}

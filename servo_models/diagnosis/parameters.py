@@ -1,0 +1,37 @@
+"""The diagnosed model as a parameter file: the loop from log to FMU is closed."""
+
+from __future__ import annotations
+
+import datetime
+
+from servo_models.diagnosis import words
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
+
+
+def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
+    """Return ``found.fitted`` with standard errors, and what it is known from."""
+    model = found.fitted
+    estimated = {
+        one.name: Estimate(one.name, one.value, known_error(one.standard_error), "diagnosed")
+        for one in found.found
+    }
+    wires = model.plant.wire
+    return ParameterSet(
+        actuator=model.actuator.key,
+        variant=model.variant,
+        estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        method=f"diagnosis, {found.verdict.kind}: {_causes(found)}",
+        logs={log.path.name: f"sha256:{log.sha256}" for log in found.logs},
+        date=date,
+        figures={
+            f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)
+            for gap in found.gaps
+        },
+        warnings=words.warnings(found),
+    )
+
+
+def _causes(found: Diagnosis) -> str:
+    taken = found.causes.taken.effects
+    return f"parameters and {words.placed(found, taken)}" if taken else "parameters alone"

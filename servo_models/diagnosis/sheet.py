@@ -1,0 +1,161 @@
+"""A diagnosis on the terminal: the verdict, the gap, the effects, what was ruled out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from servo_models.actuator import Plant
+from servo_models.diagnosis import words
+from servo_models.diagnosis.claims import Value
+from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.gap import Gap
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.where import Breakdown
+from servo_models.experiment import display
+from servo_models.explain import display_scale, display_unit, in_display_unit
+from servo_models.identification.result import FIT, HELD_OUT, overall
+from servo_models.sheets import Sheet, Table, with_error
+
+GAP = (
+    "output",
+    "before",
+    "re-tuned",
+    "after",
+    "95 %",
+    "floor",
+    "unit",
+    "closed",
+    "worst before",
+    "floor is from",
+)
+CONFIRMED = ("output", "samples", "before", "after", "unit")
+EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
+PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
+RULED_OUT = ("why", "effects")
+
+
+def diagnosis_sheet(
+    found: Diagnosis, confirmation: Confirmation, breakdowns: Sequence[Breakdown] = ()
+) -> Sheet:
+    """Return a diagnosis in the units that a person reads.
+
+    Args:
+        found: the diagnosis.
+        confirmation: its model run as an FMU.
+        breakdowns: where the gap lies.
+    """
+    model = found.model
+    warnings = tuple(f"Warning: {text}." for text in words.warnings(found))
+    places = tuple((one.dimension, one.sentence) for one in breakdowns)
+    tables = (
+        Table("Gap, RMS on blocks that no fit has seen", GAP, tuple(_gaps(found))),
+        Table(_confirmed(confirmation), CONFIRMED, tuple(_confirmation(found, confirmation))),
+        Table("Where", ("", ""), places),
+        Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
+        Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
+        Table("Parameters", PARAMETERS, tuple(_parameters(found))),
+    )
+    return Sheet(
+        f"{model.actuator.name}, variant {model.variant}: {found.verdict.kind}",
+        (words.sentence(found), *warnings),
+        tuple(table for table in tables if table.rows),
+    )
+
+
+def _gaps(found: Diagnosis) -> Iterator[tuple[str, ...]]:
+    for gap in found.gaps:
+        scale, unit = display(found.model.plant.wire[gap.output])
+        figures = (f"{scale * gap.rms[stage]:.4g}" for stage in ("before", "retuned", "after"))
+        low, high = gap.intervals["after"]
+        yield (
+            gap.output,
+            *figures,
+            f"{scale * low:.3g}..{scale * high:.3g}",
+            f"{scale * gap.floor:.3g}",
+            unit,
+            words.closed(gap),
+            _worst(gap),
+            gap.origin,
+        )
+
+
+def _worst(gap: Gap) -> str:
+    log, time = gap.worst
+    return f"{log}, {time:.4g} s"
+
+
+def _confirmed(confirmation: Confirmation) -> str:
+    equal = (
+        "equal to the simulation to the last bit"
+        if confirmation.difference == 0.0
+        else f"{confirmation.difference:.1g} of full scale from the simulation"
+    )
+    return f"RMS of the whole logs, after as the FMU through fmpy ({equal})"
+
+
+def _confirmation(found: Diagnosis, confirmation: Confirmation) -> Iterator[tuple[str, ...]]:
+    rows = confirmation.rows
+    for output, part in dict.fromkeys((row.output, row.part) for row in rows):
+        scale, unit = display(found.model.plant.wire[output])
+        before, after = (scale * overall(rows, output, part, s) for s in ("before", "after"))
+        samples = {FIT: "judged", HELD_OUT: "held out"}[part]
+        yield output, samples, f"{before:.4g}", f"{after:.4g}", unit
+
+
+def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
+    reasons = words.ruled_out(found)
+    plant = found.model.plant
+    for claim in found.claims:
+        said = "taken" if claim.taken else "cannot be told apart" if claim.in_set else ""
+        sizes = ", ".join(_size(plant, value) for value in claim.parameters)
+        yield (
+            claim.name,
+            claim.wire,
+            _percent(claim.probability),
+            sizes,
+            f"{claim.gap_after:.3g}",
+            _percent(claim.closed),
+            said or reasons.get(claim.name, ""),
+        )
+
+
+def _percent(share: float) -> str:
+    return "<0.1 %" if 0.0 <= share < 0.001 else f"{100.0 * share:.3g} %"
+
+
+def _size(plant: Plant, value: Value) -> str:
+    parameter = plant.parameters[value.name]
+    scale = display_scale(parameter)
+    size, error = with_error(scale * value.value, scale * value.standard_error)
+    unit = display_unit(parameter)
+    own = value.name.rpartition(".")[2]
+    return f"{own} {size}{f' +- {error}' if error else ''} {unit}".rstrip()
+
+
+def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
+    """Effects of one reason in one row; those that were fitted say it in their own."""
+    fitted = {claim.name for claim in found.claims}
+    rows: dict[str, list[str]] = {}
+    for name, reason in words.ruled_out(found).items():
+        if name not in fitted:
+            rows.setdefault(reason.partition(":")[0], []).append(name)
+    for reason, names in rows.items():
+        yield reason, ", ".join(names)
+
+
+def _parameters(found: Diagnosis) -> Iterator[tuple[str, ...]]:
+    retuned = {value.name: value.value for value in found.moved}
+    moves, doubts = words.moves(found), words.doubts(found)
+    for value in found.found:
+        parameter = found.model.plant.parameters[value.name]
+        scale = display_scale(parameter)
+        between = retuned.get(value.name)
+        yield (
+            value.name,
+            in_display_unit(value.nominal, parameter),
+            "" if between is None else f"{scale * between:.4g}",
+            *with_error(scale * value.value, scale * value.standard_error),
+            display_unit(parameter),
+            f"{moves[value.name]:+.1f}" if value.name in moves else "",
+            doubts.get(value.name, ""),
+        )
