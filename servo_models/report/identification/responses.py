@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TITLE = "Responses"
+CAPTION = "RMS error of every output in every part of every log"
 COLUMNS = ("log", "output", "part", "samples", "before", "after", "fit [%]", "unit")
 NUMBERS = ("samples", "before", "after", "fit [%]")
 ZOOM = 8
@@ -51,10 +52,6 @@ JUDGED: Style = ("blue", "-", 1.1, 1.0)
 
 def section(found: Identification) -> Section:
     """Return the table of errors and a picture for each log and output."""
-    units = {
-        (log.name, output): unit_of(log, output) for log in found.logs for output in log.outputs
-    }
-    lines = tuple(_line(row, *units[row.log, row.output]) for row in found.accuracy)
     shown = drawn(found)
     left = not_drawn(found.logs)
     return Section(
@@ -62,9 +59,16 @@ def section(found: Identification) -> Section:
         TITLE,
         "RMS errors of the nominal and of the fitted model, in the numbers of the log. Fit: share"
         f" of the measured movement that the fitted model explains. {left}".strip(),
-        (Table("RMS error of every output in every part of every log", COLUMNS, lines, NUMBERS),),
+        (accuracy_table(CAPTION, found.accuracy, found.logs),),
         tuple(_picture(reading, f"response-{i}") for i, reading in enumerate(shown)),
     )
+
+
+def accuracy_table(caption: str, rows: Iterable[Accuracy], logs: Iterable[Log]) -> Table:
+    """Return errors by log, output and part, in the numbers of the logs."""
+    units = {(log.name, output): unit_of(log, output) for log in logs for output in log.outputs}
+    lines = tuple(_line(row, *units[row.log, row.output]) for row in rows)
+    return Table(caption, COLUMNS, lines, NUMBERS)
 
 
 def _line(row: Accuracy, unit: str, scale: float) -> Line:
@@ -141,8 +145,9 @@ def draw_frame(axes: Axes, times: Array) -> None:
 
 
 def draw_legend(axes: Axes, count: int) -> None:
-    """Name ``count`` curves in one line above a panel."""
-    legend = axes.legend(
+    """Name ``count`` curves in one line above a panel, as wide as they need."""
+    axes.set_title(" ", fontsize=8.5)
+    axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.02, 0.98),
         ncols=count,
@@ -151,8 +156,7 @@ def draw_legend(axes: Axes, count: int) -> None:
         handletextpad=0.5,
         columnspacing=1.1,
         fontsize=8.5,
-    )
-    legend.set_in_layout(count <= 3)
+    ).set_in_layout(False)
 
 
 def _limits(values: Array) -> tuple[float, float]:
