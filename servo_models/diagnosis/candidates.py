@@ -17,14 +17,18 @@ from servo_models.simulate import Model
 
 SHARES = (0.1, 0.3, 1.0, 3.0)
 """Sizes that are tried, over the typical size."""
+FINE = tuple(0.05 * 1.08**k for k in range(67))
+"""Those of an effect whose size no slope leads to."""
+STEPWISE = ("quantisation", "sample_hold")
+"""Effects of which a response is no smooth function."""
+SHAPES = (0.1, 1.0, 10.0)
+"""Values of a shape parameter that are tried, over its default."""
 LEAST = 0.01
 """Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
-SHAPE = 0.1
-"""Least shape parameter in a fit over its default, and the inverse of the largest."""
 CHOICES = ("rounding", "full_scale", "jitter")
 """Shape parameters that say how an effect is counted, not how it looks."""
-DETECTED = ("quantisation", "sample_hold")
-"""Effects that have detectors of their own: an RMS cannot tell them."""
+SLOW = ("gear_compliance",)
+"""Effects whose simulation is slow where their shape is far from the default."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +63,7 @@ def candidates(model: Model, left_out: Iterable[str] = ()) -> tuple[Candidate, .
     for name, parameters in owned.items():
         switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
-        effect = model.plant.placements[name][0].effect.name
-        if switches and not on and name not in skipped and effect not in DETECTED:
+        if switches and not on and name not in skipped:
             found.append(_candidate(model, name, switches, parameters))
     return tuple(found)
 
@@ -68,19 +71,42 @@ def candidates(model: Model, left_out: Iterable[str] = ()) -> tuple[Candidate, .
 def _candidate(
     model: Model, name: str, switches: list[Parameter], parameters: list[Parameter]
 ) -> Candidate:
+    placement = model.plant.placements[name][0]
+    stepwise = placement.effect.name in STEPWISE
     shape = [
         p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
     ]
     free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
-    free += [_narrowed(model, p, SHAPE, 1.0 / SHAPE) for p in shape]
+    if name in SLOW:
+        free += [_narrowed(model, p, min(SHAPES), max(SHAPES)) for p in shape]
+        shape = []
+    else:
+        free += [free_parameter(p, model.values[p.name], None) for p in shape]
     sizes = [
-        {switch.name: sign * share * switch.param.typical}
+        {switch.name: size, **form}
         for switch in switches
-        for sign in ((1.0, -1.0) if switch.param.low < 0.0 else (1.0,))
-        for share in SHARES
-        if switch.param.low <= sign * share * switch.param.typical <= switch.param.high
+        for size in _sizes(switch, FINE if stepwise else SHARES)
+        for form in _forms(shape)
     ]
-    return Candidate(name, model.plant.placements[name][0].on[0], tuple(free), tuple(sizes))
+    return Candidate(name, placement.on[0], tuple(free), tuple(sizes))
+
+
+def _sizes(switch: Parameter, shares: Iterable[float]) -> list[float]:
+    """Sizes of a switch inside its bounds, of both signs where there are two."""
+    param = switch.param
+    both = [sign * share * param.typical for share in shares for sign in (1.0, -1.0)]
+    return [size for size in both if param.low <= size <= param.high]
+
+
+def _forms(shape: list[Parameter]) -> list[dict[str, float]]:
+    """Shapes to look at: the default, and each parameter apart from it."""
+    forms: dict[tuple[tuple[str, float], ...], None] = {}
+    for parameter in shape:
+        param = parameter.param
+        for share in SHAPES:
+            value = min(max(share * param.default, param.low), param.high)
+            forms[((parameter.name, value),)] = None
+    return [dict(form) for form in forms] or [{}]
 
 
 def _narrowed(model: Model, parameter: Parameter, least: float, most: float) -> Free:

@@ -23,8 +23,6 @@ UNEXPLAINED = 1.5
 """Error left, in noise floors, above which something is missing, if it is also structured."""
 STRUCTURED = 3.0
 """Dispersion over mean square above which errors are no noise."""
-ENOUGH = 0.8
-"""Share of the reducible gap that, closed, makes a cause of what is not all."""
 FEW = 3
 """Effects that a set may hold and still say something."""
 
@@ -54,9 +52,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     taken = causes.taken
     if causes.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
-    left = taken.evidence.rms
-    closed = (causes.before.rms - left) / (causes.before.rms - 1.0)
-    missing = left > UNEXPLAINED and _structured(taken) and closed < ENOUGH
+    missing = taken.evidence.rms > UNEXPLAINED and _structured(taken)
     if not taken.effects:
         return Verdict(OUTSIDE if missing else PARAMETERS, {}, (), ())
     rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
