@@ -1,0 +1,365 @@
+"""servo-models diagnose: what it prints and writes, its exit codes, and bad input."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import fmpy
+import numpy as np
+import pytest
+from fmu_host import Host
+from hypothesis import given
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+
+from servo_models import diagnosis
+from servo_models.cli import main
+from servo_models.description import read_description
+from servo_models.diagnosis import causes
+from servo_models.interchange import command, finite_json
+from servo_models.parameter_set import read_parameters
+from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
+from servo_models.simulate import model, simulate
+
+Run = Callable[..., tuple[int, str, str]]
+RATE = 4000.0
+NOISE = 5e-5
+DESCRIPTION = """
+actuator = "torque_motor"
+variant = "identified"
+parameters.transport_delay.time = 0
+[uncertainty]
+torque_constant = "5 %"
+inductance = "5 %"
+[[logs]]
+file = "log.csv"
+time = {{ column = "t", unit = "s" }}
+inputs.voltage = {{ column = "u", unit = "V" }}
+outputs.angle = {{ column = "angle", unit = "deg" }}
+{}
+"""
+
+
+def write_log(path: Path, seconds: float = 0.5) -> None:
+    """Steps and a chirp of the motor of eq. 12, its delay included, with white noise."""
+    times = np.arange(0.0, seconds, 1.0 / RATE)
+    steps = 8.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * times))
+    chirp = 10.0 * np.sin(2.0 * np.pi * (5.0 + 150.0 * times) * times)
+    voltage = np.where(times < 0.5 * seconds, steps, chirp)
+    inputs = {"voltage": voltage, "load_torque": np.zeros_like(times)}
+    angle = Linear(IDENTIFIED)(times, inputs)["angle"]
+    angle = np.rad2deg(angle + NOISE * np.random.default_rng(5).standard_normal(len(times)))
+    rows = np.column_stack([times, voltage, angle])
+    np.savetxt(path, rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
+
+
+def describe(folder: Path, text: str = DESCRIPTION.format(""), seconds: float = 0.5) -> Path:
+    write_log(folder / "log.csv", seconds)
+    path = folder / "rig.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def execute(*words: str | Path) -> tuple[int, str, str]:
+        code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return execute
+
+
+class Session(NamedTuple):
+    """A diagnosis of which the last fifth of the log is held out."""
+
+    folder: Path
+    code: int
+    document: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    folder = tmp_path_factory.mktemp("diagnosed")
+    path = describe(folder, DESCRIPTION.format('held_out = { from = "0.4 s", to = "0.5 s" }'))
+    words = ["diagnose", path, "--json", folder / "d.json", "--out", folder / "found.toml"]
+    code = main([str(word) for word in words])
+    return Session(folder, code, json.loads((folder / "d.json").read_text()))
+
+
+def test_the_delay_of_the_paper_is_named_and_measured(session: Session) -> None:
+    assert session.code == 1
+    assert session.document["verdict"] == "effect"
+    first = session.document["effects"][0]
+    assert (first["name"], first["block"]) == ("transport_delay", "voltage")
+    assert first["taken"]
+    assert first["in_set"]
+    (time,) = first["parameters"]
+    assert time["unit"] == "s"
+    assert abs(time["value"] - DELAY) < 4.0 * time["standard_error"]
+    assert time["standard_error"] < 0.01 * DELAY
+
+
+def test_the_gap_is_that_of_the_noise_once_it_is_closed(session: Session) -> None:
+    """The noise is known here: neither the floor nor what is left is anything else."""
+    gap = session.document["gap"]["outputs"]["angle"]
+    assert gap["unit"] == "rad"
+    assert gap["floor"] == pytest.approx(NOISE, rel=0.1)
+    assert gap["after"] == pytest.approx(NOISE, rel=0.1)
+    assert gap["intervals"]["after"][0] < gap["after"] < gap["intervals"]["after"][1]
+    assert session.document["gap"]["before"] > 2.0 > session.document["gap"]["after"]
+
+
+def test_the_gap_before_is_the_error_of_the_nominal_model(session: Session) -> None:
+    (log,) = read_description(session.folder / "rig.toml").logs
+    voltage = np.asarray(log.inputs["voltage"])
+    inputs = {"voltage": voltage, "load_torque": np.zeros_like(voltage)}
+    undelayed = Linear(IDENTIFIED.__class__(**{**vars(IDENTIFIED), "delay": 0.0}))
+    error = (undelayed(log.times, inputs)["angle"] - log.outputs["angle"])[log.fitted]
+    before = session.document["gap"]["outputs"]["angle"]["before"]
+    assert before == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-3)
+
+
+def test_the_json_keeps_to_its_schema(session: Session) -> None:
+    path = Path(diagnosis.__file__).parent / "schema.json"
+    schema = json.loads(path.read_text(encoding="utf-8"))
+    Draft202012Validator.check_schema(schema)
+    Draft202012Validator(schema).validate(session.document)
+    assert "NaN" not in (session.folder / "d.json").read_text()
+
+
+def test_the_schema_refuses_another_document(session: Session) -> None:
+    schema = json.loads((Path(diagnosis.__file__).parent / "schema.json").read_text())
+    changed = {**session.document, "verdict": "perhaps"}
+    lacking = {key: value for key, value in session.document.items() if key != "warnings"}
+    for wrong in (changed, lacking):
+        assert not Draft202012Validator(schema).is_valid(wrong)
+
+
+def test_an_fmu_of_the_parameter_file_leaves_what_the_json_says(
+    session: Session, run: Run, tmp_path: Path
+) -> None:
+    """Built by another command, run by another host, judged here: the loop is closed."""
+    assert run("build", "--params", session.folder / "found.toml", "--out", tmp_path)[0] == 0
+    (fmu,) = tmp_path.glob("*.fmu")
+    folder = fmpy.extract(str(fmu), str(tmp_path / "fmu"))
+    (log,) = read_description(session.folder / "rig.toml").logs
+    times = np.concatenate([[0.0], log.times + log.settle]) if log.settle else log.times
+    inputs = np.zeros((len(times), 2))
+    inputs[-len(log.times) :, 0] = log.inputs["voltage"]
+    inputs[0, 0] = log.inputs["voltage"][0]
+    with Host(Path(folder)) as host:
+        error = host.simulate(times, inputs)[-len(log.times) :, 0] - log.outputs["angle"]
+    told = session.document["confirmation"]["outputs"]["angle"]
+    for part, mask in (("judged", log.fitted), ("held_out", log.held_out)):
+        assert told[part]["after"] == pytest.approx(np.sqrt(np.mean(error[mask] ** 2)), rel=1e-12)
+    assert session.document["confirmation"]["difference"] == 0.0
+
+
+def test_the_parameter_file_says_where_its_values_are_from(session: Session) -> None:
+    found = read_parameters(session.folder / "found.toml")
+    (log,) = session.document["logs"]
+    assert found.logs == {"log.csv": f"sha256:{log['sha256']}"}
+    assert found.method.startswith("diagnosis")
+    estimates = {estimate.name: estimate for estimate in found.estimates}
+    for told in session.document["parameters"]:
+        assert estimates[told["name"]].value == told["value"]
+        assert estimates[told["name"]].standard_error == told["standard_error"]
+
+
+def test_the_same_seed_gives_the_same_bytes_whatever_the_jobs(
+    session: Session, run: Run, tmp_path: Path
+) -> None:
+    rig = session.folder / "rig.toml"
+    run("diagnose", rig, "--jobs", "1", "--json", tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (session.folder / "d.json").read_bytes()
+
+
+def test_text_tells_it_in_one_screen(session: Session, run: Run) -> None:
+    code, out, err = run("diagnose", session.folder / "rig.toml")
+    assert (code, err) == (1, "")
+    assert "transport_delay on 'voltage' explains the gap" in out
+    for heading in ("Gap, RMS", "Effects", "Parameters", "held out", "Where"):
+        assert heading in out
+    assert len(out.splitlines()) < 70
+
+
+def test_a_gap_inside_the_tolerance_is_none(session: Session, run: Run) -> None:
+    rig = session.folder / "rig.toml"
+    before = session.document["gap"]["before"]
+    code, out, _ = run("diagnose", rig, "--tolerance", str(1.01 * before), "--format", "json")
+    assert code == 0
+    assert json.loads(out)["verdict"] == "no-gap"
+    code, out, _ = run("diagnose", rig, "--tolerance", str(0.99 * before), "--format", "github")
+    assert code == 1
+    assert out.startswith("::error title=servo-models%3A torque_motor::transport_delay")
+    assert all(line.startswith("::") for line in out.splitlines())
+
+
+def test_an_effect_that_the_log_cannot_show_is_said_to_be_so(session: Session) -> None:
+    """At three times their typical sizes they stay below the noise that was added."""
+    said = {one["name"]: one["reason"] for one in session.document["ruled_out"]}
+    nominal = model("torque_motor", "identified", {"transport_delay.time": 0.0})
+    (log,) = read_description(session.folder / "rig.toml").logs
+    plain = simulate(nominal, log.times, log.inputs)["angle"]
+    for name in ("gravity_load", "thermal_drift"):
+        switches = {
+            p.name: 3.0 * p.param.typical
+            for p in nominal.plant.parameters.values()
+            if p.owner == name and p.param.switch
+        }
+        with_it = simulate(
+            model("torque_motor", "identified", {"transport_delay.time": 0.0, **switches}),
+            log.times,
+            log.inputs,
+        )["angle"]
+        assert np.sqrt(np.mean((with_it - plain) ** 2)) < NOISE
+        assert said[name].startswith("these logs cannot show it")
+
+
+def test_every_effect_is_either_named_or_ruled_out(session: Session) -> None:
+    (rig,) = [read_description(session.folder / "rig.toml")]
+    named = {one["name"] for one in session.document["effects"] if one["in_set"] or one["taken"]}
+    ruled_out = {one["name"] for one in session.document["ruled_out"]}
+    assert not named & ruled_out
+    detected = {"quantisation", "sample_hold"}
+    effects = {
+        name
+        for name, links in rig.model.plant.placements.items()
+        if links[0].effect.name not in detected
+    }
+    assert effects - {"end_stops"} <= named | ruled_out
+
+
+def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
+    session: Session, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(causes, "STEPS", 1)
+    code, out, _ = run("diagnose", session.folder / "rig.toml", "--format", "json")
+    document = json.loads(out)
+    assert code == 1
+    marked = [one["name"] for one in document["effects"] if not one["converged"]]
+    assert marked
+    assert len(document["effects"]) > len(marked) or len(marked) > 1
+    told = [one["reason"] for one in document["ruled_out"] if one["name"] in marked]
+    assert all("did not converge" in why or "cannot show" in why for why in told)
+    taken = [one for one in document["effects"] if one["taken"] and not one["converged"]]
+    assert any("did not converge" in text for text in document["warnings"]) == bool(taken)
+
+
+def test_frozen_parameters_are_warned_of(run: Run, tmp_path: Path) -> None:
+    text = DESCRIPTION.format("").replace("[uncertainty]", "[ignored]")
+    text = text.replace('torque_constant = "5 %"', "").replace('inductance = "5 %"', "")
+    code, out, _ = run("diagnose", describe(tmp_path, text.replace("[ignored]", "")))
+    assert code == 1
+    assert "frozen ones invent effects" in out
+
+
+BAD = {
+    "no file": ("", "cannot read", "absent.csv"),
+    "another actuator's input": (
+        DESCRIPTION.format("").replace("inputs.voltage", "inputs.pulse_width"),
+        "pulse_width",
+        "rig.toml",
+    ),
+    "another actuator's parameters": (
+        DESCRIPTION.format("").replace('actuator = "torque_motor"', 'actuator = "sg90"'),
+        "variant",
+        "rig.toml",
+    ),
+    "everything held out": (DESCRIPTION.format("held_out = true"), "holds out every", "rig.toml"),
+    "no logs": (
+        'actuator = "torque_motor"\nsweeps = []\n',
+        "describes no log",
+        "rig.toml",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_leaves_no_file(name: str, run: Run, tmp_path: Path) -> None:
+    text, what, where = BAD[name]
+    path = describe(tmp_path, text or DESCRIPTION.format("").replace("log.csv", "absent.csv"))
+    code, out, err = run("diagnose", path, "--json", tmp_path / "d.json")
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert what in err
+    assert where in err
+    assert not (tmp_path / "d.json").exists()
+
+
+def test_a_log_shorter_than_the_slowest_time_constant_is_refused(run: Run, tmp_path: Path) -> None:
+    """The slowest pole of eq. 12 is at -120 rad/s: 8.33 ms."""
+    path = describe(tmp_path, seconds=0.008)
+    code, _, err = run("diagnose", path)
+    assert code == 2
+    assert "0.00833 s" in err
+    assert "'log' lasts 0.00775 s" in err
+    assert len(err.splitlines()) == 1
+
+
+def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:
+    path = describe(tmp_path)
+    for option, name in (("--json", "d.txt"), ("--out", "p.json")):
+        code, _, err = run("diagnose", path, option, tmp_path / name)
+        assert code == 2
+        assert "let the name end in" in err
+
+
+def test_a_log_of_something_else_is_doubted(run: Run, tmp_path: Path) -> None:
+    """Readings that have nothing to do with the command: noise."""
+    path = describe(tmp_path, seconds=0.1)
+    rows = np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1)
+    rows[:, 2] = np.random.default_rng(1).standard_normal(len(rows))
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,u,angle", comments="")
+    _, out, _ = run("diagnose", path, "--format", "json", "--tolerance", "0.1")
+    document = json.loads(out)
+    floor = document["gap"]["outputs"]["angle"]["floor"]
+    assert floor == pytest.approx(np.deg2rad(1.0), rel=0.1)
+    assert document["verdict"] not in ("effect", "effects")
+
+
+documents = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=20,
+)
+
+
+@given(documents)
+def test_json_has_no_infinity_and_keeps_everything_else(document: object) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    back = json.loads(finite_json(document), parse_constant=refuse)
+
+    def same(one: object, other: object) -> bool:
+        if isinstance(one, float) and not math.isfinite(one):
+            return other is None
+        if isinstance(one, list) and isinstance(other, list):
+            return len(one) == len(other) and all(map(same, one, other))
+        if isinstance(one, dict) and isinstance(other, dict):
+            return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
+        return one == other
+
+    assert same(document, back)
+
+
+@given(st.text(), st.text())
+def test_a_workflow_command_is_one_line_that_reads_back(title: str, message: str) -> None:
+    def back(text: str) -> str:
+        for code, plain in (("%3A", ":"), ("%2C", ","), ("%0D", "\r"), ("%0A", "\n")):
+            text = text.replace(code, plain)
+        return text.replace("%25", "%")
+
+    text = command("error", title, message)
+    assert "\n" not in text
+    assert "\r" not in text
+    head, _, rest = text.removeprefix("::error title=").partition("::")
+    assert (back(head), back(rest)) == (title, message)
