@@ -295,4 +295,5 @@ class Problem:
         p = len(vector)
         above, below = (found, [base] * p) if widths is None else (found[:p], found[p:])
         steps = ends - starts
-        return np.column_stack([(u - d) / s for u, d, s in zip(above, below, steps)])
+        slopes = [(u - d) / s for u, d, s in zip(above, below, steps)]
+        return np.column_stack(slopes) if slopes else np.empty((self.samples, 0))

@@ -19,8 +19,8 @@ CONCENTRATED = 0.1
 """Share of the squared error beyond the share of the samples that is worth saying."""
 WORSE = 1.1
 """Error after over error before from which a regime gets worse."""
-SURE = 2.0
-"""Standard errors by which it does, as blocks of time scatter."""
+SURE = 3.0
+"""Standard errors by which it does, as blocks of time scatter, or samples where that is more."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,8 @@ def tabulate(
     bins = tuple(
         Bin(
             label,
-            low,
-            high,
+            float(low),
+            float(high),
             share_before=float(shares[0][k]),
             share_after=float(shares[1][k]),
             rms_before=float(rms[0][k]),
@@ -175,12 +175,15 @@ def grows(before: Array, after: Array, at: Rows, parts: Rows, count: int) -> NDA
         count: number of bins.
     """
     blocks = int(parts.max()) + 1
-    change = np.bincount(at * blocks + parts, after - before, count * blocks)
-    change = change.reshape(count, blocks)
-    present = np.bincount(at * blocks + parts, minlength=count * blocks).reshape(count, blocks) > 0
-    seen = np.maximum(present.sum(axis=1), 1)
-    mean = change.sum(axis=1) / seen
-    scatter = np.sqrt(((change - mean[:, None]) ** 2 * present).sum(axis=1))
+    cell = at * blocks + parts
+
+    def summed(values: Array | None) -> Array:
+        return np.bincount(cell, values, count * blocks).reshape(count, blocks).astype(float)
+
+    change, samples = summed(after - before), summed(None)
+    total, floor = change.sum(axis=1), samples.sum(axis=1)
+    mean = total / np.maximum(floor, 1.0)
+    between = np.sqrt(((change - mean[:, None] * samples) ** 2).sum(axis=1))
+    scatter = np.maximum(between, np.sqrt(np.bincount(at, (after - before) ** 2, count)))
     old, new = np.bincount(at, before, count), np.bincount(at, after, count)
-    larger = new > WORSE**2 * np.maximum(old, np.bincount(at, minlength=count))
-    return np.asarray(larger & (change.sum(axis=1) > SURE * scatter))
+    return np.asarray((new > WORSE**2 * np.maximum(old, floor)) & (total > SURE * scatter))

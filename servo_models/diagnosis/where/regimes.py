@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from servo_models.diagnosis.commands import in_time
 from servo_models.diagnosis.where.breakdown import Array, Breakdown, Rows, Sums, grows, tabulate
 from servo_models.diagnosis.where.samples import Samples
 from servo_models.experiment import display
@@ -86,7 +87,7 @@ def by_reversal(samples: Samples) -> Breakdown | None:
     near = _round(AROUND * samples.between)
     at = np.where(samples.since < near, 1, np.where(samples.since < 3 * near, 2, 3))
     at = np.where((samples.until <= near) & (at == 3), 0, at)
-    width, far = _time(near), _time(3 * near)
+    width, far = in_time(near), in_time(3 * near)
     edges = [
         (f"within {width} before a reversal", -near, 0.0),
         (f"within {width} after a reversal", 0.0, near),
@@ -136,7 +137,3 @@ def _round(value: float) -> float:
     """The number 1, 2 or 5 times a power of ten that is nearest."""
     power = 10.0 ** math.floor(math.log10(value))
     return float(min((1, 2, 5, 10), key=lambda m: abs(math.log(value / power / m))) * power)
-
-
-def _time(value: float) -> str:
-    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"

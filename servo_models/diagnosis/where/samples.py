@@ -13,10 +13,13 @@ import numpy as np
 from servo_models.actuator import Wire
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.where.breakdown import Array, Rows
+from servo_models.identification.problem import Problem
 from servo_models.recording import Log
 
-STILL = 0.01
-"""Speed over the largest one of a log, or change of a command over its range, that is none."""
+STILL = 0.003
+"""Speed over the largest one of a log up to which nothing moves."""
+HELD = 0.01
+"""Change of a command over its range that is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +87,7 @@ def collect(causes: Causes) -> Samples:
     problem = causes.taken.problem
     plant, values = problem.model.plant, causes.taken.values
     names = tuple(problem.sigma)
-    moving = np.ptp(np.vstack([run.inputs for run in problem.runs]), axis=0)
-    column = int(np.argmax(moving / np.array([wire.scale for wire in plant.inputs])))
+    column, low, high = moving_input(problem)
     stretches: list[Stretch] = []
     found: list[tuple[Array, ...]] = []
     gaps: list[Array] = []
@@ -97,7 +99,7 @@ def collect(causes: Causes) -> Samples:
         turns = times[_turns(speed)]
         gaps.append(np.diff(turns))
         command = run.inputs[-len(times) :, column]
-        moves = _moves(command, moving[column])
+        moves = _moves(command, high - low)
         circumstances = (_amplitude(command, moves), position, speed, *_around(times, turns))
         for name, signal in log.outputs.items():
             rows = np.arange(start, start + int(log.fitted.sum()))
@@ -131,6 +133,15 @@ def collect(causes: Causes) -> Samples:
         until=until,
         between=_typical(np.concatenate(gaps)),
     )
+
+
+def moving_input(problem: Problem) -> tuple[int, float, float]:
+    """Which input moves most for its scale, and its least and largest value [SI]."""
+    inputs = np.vstack([run.inputs for run in problem.runs])
+    low, high = inputs.min(axis=0), inputs.max(axis=0)
+    scales = np.array([wire.scale for wire in problem.model.plant.inputs])
+    column = int(np.argmax((high - low) / scales))
+    return column, float(low[column]), float(high[column])
 
 
 def _speed(times: Array, position: Array) -> Array:
@@ -168,7 +179,7 @@ def _moves(command: Array, span: float) -> Rows:
     """
     if span == 0.0:
         return np.zeros(1, dtype=np.int64)
-    return np.concatenate([[0], 1 + _turns(np.diff(np.rint(command / (STILL * span))))])
+    return np.concatenate([[0], 1 + _turns(np.diff(np.rint(command / (HELD * span))))])
 
 
 def _amplitude(signal: Array, moves: Rows) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from servo_models.diagnosis.where.breakdown import (
+    SURE,
     WORSE,
     Array,
     Breakdown,
@@ -48,7 +49,8 @@ def by_frequency(samples: Samples) -> Breakdown:
     ]
     weight = np.full(count, float(len(samples.before)))
     white = weight * (tops - bottoms) / tops[-1]
-    worse = after > WORSE**2 * np.maximum(before, white)
+    scatter = np.sqrt(2.0 / white) * np.hypot(before, after)
+    worse = (after > WORSE**2 * np.maximum(before, white)) & (after - before > SURE * scatter)
     sums = Sums(before, after, amplitude, weight, worse)
     return tabulate("frequency", "Hz", edges, sums, "at ", samples=False)
 

@@ -1,0 +1,177 @@
+"""Search for the command on which two fitted models differ most.
+
+What free parameters can imitate of a difference does not count: each model may be re-fitted
+to the other, linearly, as far as the logs so far and the priors let it.
+Sources: Hunter, Reiner, Technometrics 7 (1965) (designs to discriminate between two models);
+Atkinson, Fedorov, Biometrika 62 (1975) (T-optimality: the rival re-fitted).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from servo_models.actuator import Wire
+from servo_models.diagnosis.causes import Explanation
+from servo_models.diagnosis.commands import FAMILIES, Array, Command, grid
+from servo_models.diagnosis.evidence import dispersion
+from servo_models.diagnosis.where.samples import moving_input
+from servo_models.errors import UserError
+from servo_models.identification.problem import Problem
+
+LENGTH = 5.0
+"""Length of an experiment over the actuator's default one."""
+SHORTLIST = 2
+"""Commands of each family that look best before anything is re-fitted."""
+RATIOS = (1.8, 1.35)
+"""Steps of size and pace around the best one."""
+FINEST = 5.0
+"""Sampling steps that a pace takes at least."""
+
+
+class Stage:
+    """Where experiments are played: on fitted models, sampled as the logs are.
+
+    Attributes:
+        rivals: explanations that are left.
+        wire: the input that is played.
+        low, high: its limits [SI], those of the logs or of the actuator's standard step.
+        times: of an experiment [s], shape (n,).
+    """
+
+    def __init__(self, rivals: Sequence[Explanation], seed: int) -> None:
+        self.rivals = rivals
+        self.problem = rivals[0].problem
+        self.seed = seed
+        self.wire, self.low, self.high = _limits(self.problem)
+        self.step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
+        count = round(LENGTH * self.problem.model.stop_time / self.step)
+        self.times = self.step * np.arange(count + 1.0)
+        self._responses: dict[tuple[int, Command], Array] = {}
+        self._slopes: dict[tuple[int, Command], Array] = {}
+
+    def best(self, one: int, other: int) -> tuple[float, Command]:
+        """Return the separation [noise floors] of the best command for two rivals, and it."""
+        middle, size = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        first = self._allowed(grid(middle, size, self.problem.model.stop_time, self.seed))
+        raw = self._all(self.difference, first, one, other)
+        listed = [
+            command
+            for family in FAMILIES
+            for command in sorted((c for c in first if c.family == family), key=lambda c: -raw[c])[
+                :SHORTLIST
+            ]
+        ]
+        found = self._all(self.separation, listed, one, other)
+        for ratio in RATIOS:
+            most = max(found, key=lambda command: found[command])
+            found |= self._all(self.separation, self._allowed(most.nearby(ratio)), one, other)
+        most = max(found, key=lambda command: found[command])
+        return found[most], most
+
+    def difference(self, command: Command, one: int, other: int) -> float:
+        """RMS difference [noise floors] of two rivals as they are, 0 where one cannot run."""
+        try:
+            change = self._response(one, command) - self._response(other, command)
+        except UserError:
+            return 0.0
+        return float(np.sqrt(np.mean(change**2)))
+
+    def separation(self, command: Command, one: int, other: int) -> float:
+        """RMS difference [noise floors] of two rivals that neither can imitate."""
+        if self.difference(command, one, other) == 0.0:
+            return 0.0
+        change = self._response(one, command) - self._response(other, command)
+        left = min(
+            _unexplained(change, self._slope(i, command), self.known[i]) for i in (one, other)
+        )
+        return float(np.sqrt(left / len(change)))
+
+    @cached_property
+    def known(self) -> list[Array]:
+        """What logs so far say of each rival's free parameters, each (p, p) per scale."""
+        found = []
+        for rival in self.rivals:
+            slopes = rival.problem.jacobian(rival.evidence.vector)
+            data, priors = np.split(slopes, [rival.problem.samples])
+            coloured = max(dispersion(rival.evidence.errors), 1.0)
+            found.append(data.T @ data / coloured + priors.T @ priors)
+        return found
+
+    def _all(
+        self,
+        measure: Callable[[Command, int, int], float],
+        commands: Sequence[Command],
+        one: int,
+        other: int,
+    ) -> dict[Command, float]:
+        with ThreadPoolExecutor(self.problem.jobs) as pool:
+            return dict(zip(commands, pool.map(lambda c: measure(c, one, other), commands)))
+
+    def _allowed(self, commands: Iterable[Command]) -> list[Command]:
+        """Commands inside the limits that the sampling can follow."""
+        largest = 0.5 * (1.0 + 1e-9) * (self.high - self.low)
+        slowest = 0.5 * self.times[-1]
+        return [
+            c for c in commands if c.size <= largest and FINEST * self.step <= c.pace <= slowest
+        ]
+
+    def _response(self, i: int, command: Command) -> Array:
+        """Outputs of a rival in noise floors, one after the other, shape (m,)."""
+        if (i, command) not in self._responses:
+            problem = self._played(i, command)
+            (found,) = problem.responses(self.rivals[i].evidence.vector)
+            weighted = [values / problem.sigma[name] for name, values in found.items()]
+            self._responses[i, command] = np.concatenate(weighted)
+        return self._responses[i, command]
+
+    def _slope(self, i: int, command: Command) -> Array:
+        """Slopes of ``_response`` per scale of each free parameter, shape (m, p)."""
+        if (i, command) not in self._slopes:
+            problem = self._played(i, command)
+            slopes = problem.jacobian(self.rivals[i].evidence.vector)
+            self._slopes[i, command] = slopes[: problem.samples]
+        return self._slopes[i, command]
+
+    def _played(self, i: int, command: Command) -> Problem:
+        """The problem of a rival with a log of this command, in which nothing is measured."""
+        problem, first, n = self.rivals[i].problem, self.problem.logs[0], len(self.times)
+        rests = command.middle == self.wire.rest
+        log = replace(
+            first,
+            times=self.times,
+            inputs={self.wire.name: command.values(self.times)},
+            outputs={name: np.zeros(n) for name in problem.sigma},
+            rows=np.arange(n),
+            held_out=np.zeros(n, dtype=bool),
+            skipped=None,
+            settle=max(first.settle, 0.0 if rests else problem.model.stop_time),
+        )
+        return Problem(problem.model, [log], problem.free, sigma=problem.sigma)
+
+
+def _limits(problem: Problem) -> tuple[Wire, float, float]:
+    column, low, high = moving_input(problem)
+    model = problem.model
+    wire = model.plant.inputs[column]
+    name, size = model.actuator.step
+    if name == wire.name:
+        rest = float(wire.rest)
+        reach = abs(size - rest)
+        low, high = min(low, rest - reach), max(high, rest + reach)
+    return (
+        wire,
+        low if wire.low is None else max(low, wire.low),
+        high if wire.high is None else min(high, wire.high),
+    )
+
+
+def _unexplained(change: Array, slopes: Array, known: Array) -> float:
+    """Square of a change that parameters leave, what they stray from earlier logs included."""
+    towards = slopes.T @ change
+    step = np.linalg.lstsq(slopes.T @ slopes + known, towards, rcond=None)[0]
+    return max(float(change @ change - towards @ step), 0.0)

@@ -1,0 +1,162 @@
+"""The next experiment: played on the true rig, it tells apart what the first log could not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.causes import Bench, find_causes
+from servo_models.diagnosis.commands import FAMILIES, Command
+from servo_models.diagnosis.experiment import Experiment, next_experiments
+from servo_models.diagnosis.verdict import Verdict, decide
+from servo_models.identification.problem import free_parameter
+from servo_models.recording import Channel, Log
+from servo_models.simulate import Model, model, simulate
+from servo_models.tables import read_inputs
+
+Array = NDArray[np.float64]
+
+STEP = 5e-4
+FLOOR = 2e-5
+KNOWN = {"resistance": 36.3, "stiffness": 0.011, "rotor_inertia": 7e-9}
+"""Standard deviations: the constants of Table 1 to 1 %."""
+TWO_LEVELS = np.repeat([0.0, 10.0, 0.0], 200)
+"""A log that shows nothing but two levels: what a static law does in between is not seen."""
+
+
+def nominal() -> Model:
+    return model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+
+
+def played(effects: Mapping[str, float], times: Array, voltage: Array, seed: int) -> Log:
+    """The rig with effects, measured with white noise."""
+    rig = replace(nominal(), values={**nominal().values, **effects})
+    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
+    n = len(times)
+    return Log(
+        f"log {seed}",
+        Path("log.csv"),
+        "",
+        times,
+        {"voltage": voltage},
+        {"angle": simulate(rig, times, {"voltage": voltage})["angle"] + noise},
+        {"angle": Channel("angle", "angle", "rad")},
+        np.arange(n),
+        np.zeros(n, dtype=bool),
+    )
+
+
+def verdict_on(*logs: Log) -> Verdict:
+    chosen = nominal()
+    parameters = chosen.plant.parameters
+    free = tuple(
+        free_parameter(parameters[name], chosen.values[name], prior)
+        for name, prior in KNOWN.items()
+    )
+    return decide(find_causes(Bench(chosen, logs, free, {"angle": FLOOR}, 2)))
+
+
+DEAD_ZONE = {"drive_dead_zone.half_width": 1.5}
+STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}
+"""All make 10 V into 8.5 V."""
+
+
+@pytest.fixture(scope="module")
+def first() -> Log:
+    times = STEP * np.arange(float(len(TWO_LEVELS)))
+    return played(DEAD_ZONE, times, TWO_LEVELS, 1)
+
+
+@pytest.fixture(scope="module")
+def verdict(first: Log) -> Verdict:
+    return verdict_on(first)
+
+
+@pytest.fixture(scope="module")
+def experiments(verdict: Verdict) -> tuple[Experiment, ...]:
+    return next_experiments(verdict)
+
+
+def test_the_set_shrinks_to_the_truth(
+    first: Log, verdict: Verdict, experiments: tuple[Experiment, ...]
+) -> None:
+    assert set(verdict.members) >= STATIC
+    one = max(experiments, key=lambda e: e.separation)
+    assert one.telling
+    second = played(DEAD_ZONE, one.times, one.command, 2)
+    both = verdict_on(first, second)
+    assert both.members == ("drive_dead_zone",)
+
+
+def test_the_instruction_can_be_followed(
+    verdict: Verdict, experiments: tuple[Experiment, ...]
+) -> None:
+    assert len(experiments) == len(verdict.rivals) - 1
+    for one, rival in zip(experiments, verdict.rivals[1:]):
+        assert one.other == rival.effects
+        for word in (*one.one, *one.other, "voltage", " V", "log angle every 0.5 ms"):
+            assert word in one.text
+        assert one.so_far < 0.1 < one.separation
+        assert np.all(np.abs(one.command) <= 30.0)  # the actuator's standard step
+
+
+def test_the_table_is_ready_to_play(experiments: tuple[Experiment, ...], tmp_path: Path) -> None:
+    file = tmp_path / "next.csv"
+    experiments[0].write(file)
+    assert file.read_text().splitlines()[0] == "time [s],voltage [V]"
+    times, inputs = read_inputs(file, nominal().plant)
+    np.testing.assert_array_equal(times, experiments[0].times)
+    np.testing.assert_array_equal(inputs["voltage"], experiments[0].command)
+
+
+def test_what_parameters_imitate_does_not_count(first: Log) -> None:
+    """A gain of the voltage is nothing but another torque constant."""
+    chosen = nominal()
+    parameters = chosen.plant.parameters
+    free = (free_parameter(parameters["torque_constant"], 6.432, 1.6),)
+    bench = Bench(chosen, [first], free, {"angle": FLOOR}, 2)
+    # the back EMF tells them apart; without it they are one model
+    still = replace(chosen, values={**chosen.values, "back_emf_constant": 0.0})
+    bench = replace(bench, model=still)
+    retuned = bench.fit((), ())
+    gain = free_parameter(parameters["gain_error.error"], 0.0, None)
+    other = bench.fit(("gain_error",), [gain])
+    verdict = Verdict("not-identifiable", {}, ("gain_error",), (retuned, other))
+    (found,) = next_experiments(verdict)
+    assert found.separation < 0.1
+    assert not found.telling
+    assert "No command inside the limits" in found.text
+
+
+def test_nothing_to_separate() -> None:
+    assert next_experiments(Verdict("parameters", {}, (), ())) == ()
+
+
+@given(
+    family=st.sampled_from(sorted(FAMILIES)),
+    middle=st.floats(-1.0, 1.0),
+    size=st.floats(1e-3, 2.0),
+    pace=st.floats(0.01, 0.5),
+    seed=st.integers(0, 9),
+)
+def test_a_command_keeps_its_limits(
+    family: str, middle: float, size: float, pace: float, seed: int
+) -> None:
+    times = 1e-3 * np.arange(1001.0)
+    values = Command(family, middle, size, pace, seed).values(times)
+    assert np.abs(values - middle).max() <= size * (1.0 + 1e-9)
+    np.testing.assert_array_equal(values, Command(family, middle, size, pace, seed).values(times))
+
+
+def test_a_chirp_ends_at_the_frequency_that_it_says() -> None:
+    times = 1e-5 * np.arange(100_001.0)
+    values = Command("chirp", 0.0, 1.0, 0.02, 0).values(times)
+    crossings = times[1:][np.diff(np.sign(values)) != 0.0]
+    assert 2.0 * (crossings[-1] - crossings[-2]) == pytest.approx(0.02, rel=0.05)

@@ -1,0 +1,156 @@
+"""Where a gap lies: errors that are put into one regime are found there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.causes import Bench, Causes
+from servo_models.diagnosis.evidence import Evidence, blocks
+from servo_models.diagnosis.where import Breakdown, where
+from servo_models.recording import Channel, Log
+from servo_models.simulate import model, simulate
+
+Array = NDArray[np.float64]
+STEP = 1e-3
+TIMES = STEP * np.arange(2000.0)
+FLOOR = {"angle": 1e-4, "current": 1e-5}
+VOLTAGE = np.where(TIMES < 1.0, 20.0, 2.0) * np.sin(2.0 * np.pi * 2.0 * TIMES)
+"""Two periods a second, large in the first half and small in the second."""
+MODEL = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+
+
+def clean() -> Mapping[str, Array]:
+    return simulate(MODEL, TIMES, {"voltage": VOLTAGE}).outputs
+
+
+def found(
+    before: Array, after: Array, outputs: tuple[str, ...] = ("angle",)
+) -> dict[str, Breakdown]:
+    """Breakdowns of errors [noise floors] that are given, of shape (n,) for each output."""
+    n = len(TIMES)
+    log = Log(
+        "rig",
+        Path("rig.csv"),
+        "",
+        TIMES,
+        {"voltage": VOLTAGE},
+        {name: clean()[name] for name in outputs},
+        {name: Channel(name, name, "rad") for name in outputs},
+        np.arange(n),
+        np.zeros(n, dtype=bool),
+    )
+    bench = Bench(MODEL, [log], (), {name: FLOOR[name] for name in outputs}, 1)
+    fitted = bench.fit((), ())
+    parts = blocks(fitted.problem)
+    empty = np.empty(0)
+    taken = replace(fitted, evidence=Evidence(empty, after, after, parts))
+    causes = Causes(Evidence(empty, before, before, parts), fitted, [], [], taken, {})
+    return {one.dimension: one for one in where(causes)}
+
+
+def noise(seed: int) -> Array:
+    return np.random.default_rng(seed).standard_normal(len(TIMES))
+
+
+def only(chosen: NDArray[np.bool_]) -> Array:
+    """An error of 10 floors where ``chosen``, else noise of one."""
+    return np.where(chosen, 10.0, 1.0) * noise(1)
+
+
+def in_bins(one: Breakdown, holds: Callable[[float, float], bool]) -> float:
+    return sum(b.share_before for b in one.bins if holds(b.low, b.high))
+
+
+def test_shares_make_one_and_samples_are_all_there() -> None:
+    for one in found(only(TIMES < 0.3), noise(2)).values():
+        assert sum(b.share_before for b in one.bins) == pytest.approx(1.0)
+        assert sum(b.share_after for b in one.bins) == pytest.approx(1.0)
+        if one.dimension != "frequency":
+            assert sum(b.count for b in one.bins) == len(TIMES)
+
+
+def test_by_time() -> None:
+    late = TIMES >= 1.5
+    before = only(late)
+    one = found(before, noise(2))["time"]
+    share = float(np.sum(before[late] ** 2) / np.sum(before**2))
+    assert in_bins(one, lambda low, high: low >= 1.5 - 1e-2) == pytest.approx(share, rel=0.02)
+    assert "even" not in one.sentence
+
+
+def test_by_direction_of_speed() -> None:
+    up = np.gradient(clean()["angle"]) > 0.0
+    one = found(only(up), noise(2))["speed"]
+    assert in_bins(one, lambda low, high: low >= 0.0 and high > 0.0) > 0.95
+    assert "up" in one.sentence
+    assert one.unit == "deg/s"
+
+
+def test_by_position() -> None:
+    high_end = np.degrees(clean()["angle"]) > 1.0
+    one = found(only(high_end), noise(2))["position"]
+    assert in_bins(one, lambda low, high: high > 1.0) > 0.9
+
+
+def test_around_reversals() -> None:
+    angle = clean()["angle"]
+    speed = np.gradient(angle)
+    turns = np.flatnonzero(np.diff(np.sign(speed)))[1:]  # the first one is the start
+    since = np.array([min([i - t for t in turns if t <= i], default=999) for i in range(2000)])
+    one = found(only(since < 20), noise(2))["time since a reversal"]
+    assert one.bins[1].label == "within 20 ms after a reversal"  # a tenth of half a period
+    assert one.bins[1].share_before > 0.8
+    assert "after a reversal" in one.sentence
+
+
+def test_by_frequency() -> None:
+    """A sine of 100 Hz lies in the band that holds it, by its share of the power."""
+    sine = 3.0 * np.sin(2.0 * np.pi * 100.0 * TIMES)
+    one = found(sine + 0.1 * noise(1), noise(2))["frequency"]
+    (band,) = [b for b in one.bins if b.low < 100.0 <= b.high]
+    assert band.share_before > 0.99
+    assert band.rms_before == pytest.approx(3.0 / np.sqrt(2.0), rel=0.01)
+
+
+def test_by_signal() -> None:
+    errors = np.concatenate([3.0 * noise(1), 4.0 * noise(3)])
+    one = found(errors, errors, ("angle", "current"))["signal"]
+    assert [b.label for b in one.bins] == ["angle", "current"]
+    assert one.bins[0].share_before == pytest.approx(9.0 / 25.0, abs=0.03)
+
+
+def test_small_signals_are_seen_beside_large_ones() -> None:
+    """The same error everywhere is ten times as bad where the motion is a tenth."""
+    one = found(20.0 * noise(1), noise(2))["command amplitude"]
+    small, large = one.bins[0], one.bins[-1]
+    assert small.relative_before / large.relative_before == pytest.approx(10.0, rel=0.2)
+    assert "Over the local amplitude" in one.sentence
+
+
+def test_a_regime_that_gets_worse_is_flagged_and_only_that() -> None:
+    """Closing the gap of large moves at the cost of small ones."""
+    small = TIMES >= 1.0
+    before = np.where(small, 2.0, 20.0) * noise(1)
+    after = np.where(small, 6.0, 2.0) * noise(2)
+    every = found(before, after)
+    assert [b.high <= 3.0 for b in every["command amplitude"].worse] == [True]
+    assert all(b.low >= 1.0 - 1e-2 for b in every["time"].worse)
+    assert len(every["time"].worse) == 6
+    assert "It grows" in every["time"].sentence
+
+
+def test_noise_gets_nowhere_worse() -> None:
+    for seed in range(10):
+        every = found(noise(seed), noise(100 + seed))
+        assert not any(one.worse for one in every.values())
+
+
+def test_an_even_error_is_called_even() -> None:
+    one = found(5.0 * noise(1), noise(2))
+    assert "evenly" in one["position"].sentence
