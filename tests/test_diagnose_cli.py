@@ -208,7 +208,7 @@ def test_an_effect_that_the_log_cannot_show_is_said_to_be_so(session: Session) -
     nominal = model("torque_motor", "identified", {"transport_delay.time": 0.0})
     (log,) = read_description(session.folder / "rig.toml").logs
     plain = simulate(nominal, log.times, log.inputs)["angle"]
-    for name in ("gravity_load", "thermal_drift"):
+    for name in ("thermal_drift", "load_friction"):
         switches = {
             p.name: 3.0 * p.param.typical
             for p in nominal.plant.parameters.values()

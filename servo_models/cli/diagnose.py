@@ -18,7 +18,14 @@ def diagnose(
         Path, typer.Argument(help="Description of model and logs, see 'check LOG --init'.")
     ],
     json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write everything as JSON.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write everything as JSON, commands of next experiments beside it (.csv).",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a report with pictures (.html).")
     ] = None,
     out: Annotated[
         Path | None,
@@ -56,6 +63,7 @@ def diagnose(
     from servo_models.diagnose import diagnose as run
     from servo_models.diagnosis.confirm import confirm
     from servo_models.diagnosis.document import document, github
+    from servo_models.diagnosis.experiment import next_experiments
     from servo_models.diagnosis.parameters import parameter_set
     from servo_models.diagnosis.sheet import diagnosis_sheet
     from servo_models.diagnosis.verdict import TOLERANCE
@@ -63,24 +71,41 @@ def diagnose(
     from servo_models.files import write_whole
     from servo_models.interchange import finite_json
     from servo_models.parameter_set import write_parameters
+    from servo_models.report.diagnosis import diagnosis_page
     from servo_models.validate import conditions
 
-    check_outputs((json, ".json"), (out, ".toml"))
+    check_outputs((json, ".json"), (report, ".html"), (out, ".toml"))
     allowed = TOLERANCE if tolerance is None else tolerance
     with progress("diagnosing") as bar:
         found = run(description, allowed, seed, jobs, tell=lambda it: bar(0, 1, it))
         bar(0, 1, "running the FMU with the diagnosed parameters")
-        confirmation = confirm(found)
-        places = where(found.causes)
-    told = finite_json(document(found, confirmation, places, seed, conditions()))
+        confirmed = confirm(found)
+        bar(0, 1, "looking for the next experiment")
+        next_ = next_experiments(found.verdict, seed)
+    places, versions, today = where(found.causes), conditions(), date.today()
+    play = {f"{description.stem}_next_{k}.csv": it for k, it in enumerate(next_, start=1)}
+    told = finite_json(document(found, confirmed, places, play, seed, versions))
     if json:
         write_whole(json, f"{told}\n".encode())
+        for name, experiment in play.items():
+            experiment.write(json.parent / name)
+    if report:
+        page = diagnosis_page(
+            description.stem,
+            found,
+            places,
+            next_,
+            confirmed,
+            conditions=versions,
+            date=today.isoformat(),
+        )
+        write_whole(report, page.encode())
     if out:
-        write_parameters(parameter_set(found, date.today()), out)
+        write_parameters(parameter_set(found, today), out)
     if format_ is Format.JSON:
         print(told)
     elif format_ is Format.GITHUB:
         print("\n".join(github(found)))
     else:
-        show(diagnosis_sheet(found, confirmation, places))
+        show(diagnosis_sheet(found, confirmed, places, next_))
     return 0 if found.within_tolerance else GAP_FOUND

@@ -13,6 +13,7 @@ from typing import Any
 from servo_models.diagnosis import words
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.where import Breakdown
@@ -28,6 +29,7 @@ def document(
     found: Diagnosis,
     confirmation: Confirmation,
     breakdowns: Sequence[Breakdown],
+    experiments: Mapping[str, Experiment],
     seed: int,
     versions: Mapping[str, str],
 ) -> dict[str, Any]:
@@ -37,6 +39,8 @@ def document(
         found: the diagnosis.
         confirmation: its model run as an FMU.
         breakdowns: where the gap lies.
+        experiments: that would tell apart what these logs cannot, by the name of the table
+            to play.
         seed: of the diagnosis.
         versions: that figures depend on, by name.
     """
@@ -53,6 +57,7 @@ def document(
         "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
         "parameters": [_parameter(found, value) for value in found.found],
         "where": [asdict(breakdown) for breakdown in breakdowns],
+        "next_experiments": [_experiment(*item) for item in experiments.items()],
         "warnings": list(words.warnings(found)),
         "seed": seed,
         "versions": dict(versions),
@@ -142,3 +147,18 @@ def _parameter(found: Diagnosis, value: Value) -> dict[str, Any]:
 def _value(found: Diagnosis, value: Value) -> dict[str, Any]:
     unit = found.model.plant.parameters[value.name].param.unit
     return {**asdict(value), "unit": unit}
+
+
+def _experiment(file: str, next_: Experiment) -> dict[str, Any]:
+    return {
+        "one": list(next_.one),
+        "other": list(next_.other),
+        "text": next_.text,
+        "input": next_.wire.name,
+        "unit": next_.wire.unit,
+        "constants": dict(next_.constants),
+        "duration": float(next_.times[-1]),
+        "separation": next_.separation,
+        "so_far": next_.so_far,
+        "file": file,
+    }

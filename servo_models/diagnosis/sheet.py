@@ -8,6 +8,7 @@ from servo_models.actuator import Plant
 from servo_models.diagnosis import words
 from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.experiment import Experiment
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.where import Breakdown
@@ -35,7 +36,10 @@ RULED_OUT = ("why", "effects")
 
 
 def diagnosis_sheet(
-    found: Diagnosis, confirmation: Confirmation, breakdowns: Sequence[Breakdown] = ()
+    found: Diagnosis,
+    confirmation: Confirmation,
+    breakdowns: Sequence[Breakdown] = (),
+    experiments: Sequence[Experiment] = (),
 ) -> Sheet:
     """Return a diagnosis in the units that a person reads.
 
@@ -43,17 +47,20 @@ def diagnosis_sheet(
         found: the diagnosis.
         confirmation: its model run as an FMU.
         breakdowns: where the gap lies.
+        experiments: that would tell apart what these logs cannot.
     """
     model = found.model
     warnings = tuple(f"Warning: {text}." for text in words.warnings(found))
     places = tuple((one.dimension, one.sentence) for one in breakdowns)
+    next_ = tuple((str(k), one.text) for k, one in enumerate(experiments, start=1))
     tables = (
         Table("Gap, RMS on blocks that no fit has seen", GAP, tuple(_gaps(found))),
         Table(_confirmed(confirmation), CONFIRMED, tuple(_confirmation(found, confirmation))),
-        Table("Where", ("", ""), places),
+        Table("Where the squared error lies", ("along", ""), places),
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
         Table("Parameters", PARAMETERS, tuple(_parameters(found))),
+        Table("Next experiment", ("number", ""), next_),
     )
     return Sheet(
         f"{model.actuator.name}, variant {model.variant}: {found.verdict.kind}",
