@@ -156,10 +156,11 @@ def test_every_name_is_one_of_the_products(bench: Bench) -> None:
     parameters = actuator(bench.actuator).plant_of(bench.variant).parameters
     variant = actuator(bench.actuator).variant(bench.variant)
     for cause in CATALOGUE[bench.actuator]:
-        found = Acting(draw(cause, np.random.default_rng(0)), 1.0, 0.0)
-        for name, value in found.parameters(bench).items():
-            param = parameters[name].param
-            assert param.low <= value <= param.high, name
+        for seed in range(8):
+            found = Acting(draw(cause, np.random.default_rng(seed)), float(seed % 2), 0.0)
+            for name, value in found.parameters(bench).items():
+                param = parameters[name].param
+                assert param.low <= value <= param.high, name
     assert {**bench.spread} == {**variant.uncertainty}
     for name, value in bench.nominal.items():
         assert value == pytest.approx(variant.values[name], rel=1e-12), name
