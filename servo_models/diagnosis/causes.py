@@ -8,7 +8,7 @@ beside a pair each half has to earn its place.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -113,6 +113,15 @@ class Bench:
             _, vector, converged = descend(problem, problem.start, ENOUGH, STEPS)
         return Explanation(effects, problem, judge(problem, vector, blocks(problem)), converged)
 
+    def finish(self, found: Explanation) -> Explanation:
+        """Fit to the end: what the logs leave open goes back to its prior."""
+        problem = found.problem
+        if not problem.free:
+            return found
+        _, vector, converged = descend(problem, found.evidence.vector)
+        evidence = judge(problem, vector, blocks(problem))
+        return replace(found, evidence=evidence, converged=converged)
+
 
 @dataclass(frozen=True, eq=False)
 class Causes:
@@ -156,6 +165,8 @@ def find_causes(bench: Bench, left_out: Iterable[str] = (), tell: Tell | None = 
     if singles and _better(singles[0], retuned):
         couples = _couples(bench, retuned, singles, sights, every, say)
     taken = _taken(retuned, singles, couples)
+    say(f"fitting {' and '.join(taken.effects) or 'nominal parameters'} to the end")
+    taken = bench.finish(taken)
     return Causes(before, retuned, singles, couples, taken, reach)
 
 
