@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from servo_models.diagnosis.causes import Bench, Causes
 from servo_models.diagnosis.evidence import Evidence, blocks
 from servo_models.diagnosis.where import Breakdown, where
+from servo_models.diagnosis.where.alone import by_block
 from servo_models.recording import Channel, Log
-from servo_models.simulate import model, simulate
+from servo_models.simulate import Model, model, simulate
 
 Array = NDArray[np.float64]
 STEP = 1e-3
@@ -154,3 +155,50 @@ def test_noise_gets_nowhere_worse() -> None:
 def test_an_even_error_is_called_even() -> None:
     one = found(5.0 * noise(1), noise(2))
     assert "evenly" in one["position"].sentence
+
+
+def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Array) -> Breakdown:
+    """Blocks of a model that differs from the rig by ``changes``, without noise."""
+    rig = replace(chosen, values={**chosen.values, **changes})
+    outputs = ("position", "drive") if command == "reference" else ("angle", "current")
+    simulated = simulate(rig, TIMES, {command: values})
+    n = len(TIMES)
+    log = Log(
+        "rig",
+        Path("rig.csv"),
+        "",
+        TIMES,
+        {command: values},
+        {name: simulated[name] for name in outputs},
+        {name: Channel(name, name, "rad") for name in outputs},
+        np.arange(n),
+        np.zeros(n, dtype=bool),
+    )
+    fitted = Bench(chosen, [log], (), dict.fromkeys(outputs, 1e-5), 1).fit((), ())
+    found = by_block(Causes(fitted.evidence, fitted, [], [], fitted, {}))
+    assert found is not None
+    return found
+
+
+def test_a_block_is_judged_from_its_measured_input() -> None:
+    """A wrong winding does not make the mechanics wrong, a wrong spring does."""
+    winding = alone(MODEL, {"resistance": 4500.0}, "voltage", VOLTAGE)
+    (angle,) = winding.bins
+    assert angle.label == "angle from measured current"
+    assert angle.relative_before < 0.01
+    spring = alone(MODEL, {"stiffness": 1.2 * 1.1}, "voltage", VOLTAGE)
+    assert spring.bins[0].relative_before == pytest.approx(0.2, rel=0.1)
+
+
+def test_the_blocks_of_a_loop_are_told_apart() -> None:
+    """A mass too light shows in the mechanics, a gain too low in the controller, and only there."""
+    drive = model("linear_drive", "identified")
+    reference = 0.02 * np.sin(2.0 * np.pi * TIMES)
+    heavy = {one.label: one for one in alone(drive, {"mass": 120.0}, "reference", reference).bins}
+    gain = {"speed_gain": 200.0}
+    weak = {one.label: one for one in alone(drive, gain, "reference", reference).bins}
+    controller, mechanics = "drive from measured position", "position from measured drive"
+    assert heavy[controller].relative_before < 0.01
+    assert weak[mechanics].relative_before < 0.01
+    assert weak[controller].relative_before > 0.1
+    assert heavy[mechanics].relative_before > 5.0 * weak[mechanics].relative_before

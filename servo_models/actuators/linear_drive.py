@@ -79,6 +79,7 @@ LOOP: tuple[Block | Placement, ...] = (
     drive.position_controller,
     place("transport_delay", transport_delay, "controller_voltage", params={"time": _delay}),
     drive.amplifier,
+    drive.terminals,
     place("gain_error", gain_error, "motor_voltage"),
     place("direction_asymmetry", direction_asymmetry, "motor_voltage"),
     place("hysteresis", hysteresis, "motor_voltage"),

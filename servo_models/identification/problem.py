@@ -95,7 +95,7 @@ def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
+class Run:
     """A log as the simulation takes it: the settling time in front, inputs as a matrix."""
 
     log: Log
@@ -114,7 +114,7 @@ class _Run:
         return chosen.run(self.times, self.inputs)[-len(self.log.times) :]
 
 
-def _prepare(model: Model, log: Log) -> _Run:
+def _prepare(model: Model, log: Log) -> Run:
     plant = model.plant
     inputs = {wire.name: np.full(len(log.times), float(wire.rest)) for wire in plant.inputs}
     parameters: dict[str, float] = {}
@@ -131,7 +131,7 @@ def _prepare(model: Model, log: Log) -> _Run:
         matrix = np.vstack([matrix[:1], matrix])
     chosen = replace(model, values={**model.values, **parameters})
     columns = tuple(plant.outputs.index(name) for name in log.outputs)
-    return _Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
+    return Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
 
 
 @dataclass(eq=False)
@@ -155,7 +155,7 @@ class Problem:
     jobs: int = 1
     start: Array = field(init=False)
     best: tuple[float, Array] = field(init=False)
-    runs: list[_Run] = field(init=False)
+    runs: list[Run] = field(init=False)
     evaluations: int = field(init=False, default=0)
     _latest: tuple[Array, Array] = field(init=False, repr=False)
     """A vector and its residuals, which the slopes there begin with."""
@@ -216,7 +216,7 @@ class Problem:
         values = self.values(vector)
         return [dict(zip(run.log.outputs, run.outputs(values).T)) for run in self.runs]
 
-    def errors(self, run: _Run, values: Mapping[str, float]) -> Array:
+    def errors(self, run: Run, values: Mapping[str, float]) -> Array:
         """Weighted errors of one log at every sample, shape (n, outputs of the log)."""
         measured = np.column_stack(list(run.log.outputs.values()))
         weights = np.array([self.sigma[name] for name in run.log.outputs])

@@ -85,11 +85,16 @@ def position_controller(
     return wanted, tick, reading, last, wanted
 
 
-@block("drive", "motor_voltage", source=EMPS)
-def amplifier(controller_voltage: float, disturbance: float) -> tuple[float, float]:
-    """Drive [V] and what the motor gets of it, unless an effect says otherwise."""
-    drive = controller_voltage + disturbance
-    return drive, drive
+@block("drive", source=EMPS)
+def amplifier(controller_voltage: float, disturbance: float) -> float:
+    """Drive [V], disturbance included."""
+    return controller_voltage + disturbance
+
+
+@block("motor_voltage")
+def terminals(drive: float) -> float:
+    """What the motor gets of the drive [V], unless an effect says otherwise."""
+    return drive
 
 
 @block("load")

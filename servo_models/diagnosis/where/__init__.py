@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.where.alone import by_block
 from servo_models.diagnosis.where.breakdown import Bin, Breakdown
 from servo_models.diagnosis.where.regimes import (
     by_amplitude,
@@ -19,7 +20,8 @@ __all__ = ["Bin", "Breakdown", "where"]
 
 
 def where(causes: Causes) -> tuple[Breakdown, ...]:
-    """Break a gap down by signal, time, frequency, command amplitude, speed, reversals, position.
+    """Break a gap down by signal, block, time, frequency, command amplitude, speed, reversals,
+    position.
 
     Errors before are those of the nominal model; errors after are on blocks of time that no
     fit has seen.  All outputs count together, in noise floors.
@@ -27,6 +29,7 @@ def where(causes: Causes) -> tuple[Breakdown, ...]:
     samples = collect(causes)
     found = (
         by_signal(samples),
+        by_block(causes),
         by_time(samples),
         by_frequency(samples),
         by_amplitude(samples),

@@ -158,7 +158,10 @@ def _sentence(dimension: str, bins: Sequence[Bin], phrase: str, whole: float) ->
             f" {_percent(small.relative_before)} before, {_percent(small.relative_after)} after."
         )
     grown = [one.label for one in bins if one.worse]
-    return f"{text} It grows {phrase}{' and '.join(grown)}." if grown else text
+    if not grown:
+        return text
+    several = ", ".join(grown[:-1])
+    return f"{text} It grows {phrase}{several}{' and ' if several else ''}{grown[-1]}."
 
 
 def _percent(share: float) -> str:

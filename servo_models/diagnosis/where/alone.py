@@ -1,0 +1,176 @@
+"""Each block judged alone: an output simulated from the other outputs as they were measured.
+
+A logged wire inside the actuator is handed to the blocks behind it as it was measured, so
+errors do not travel from block to block, nor around the loop.  What an integrator makes of
+such a wire drifts with the smallest offset; there only the error beside a straight line in
+each block of time counts.
+Source: Ljung, System Identification, 2nd ed., sec. 13.4 (direct approach in closed loop).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from servo_models.actuator import Placement, Plant, Wire, place
+from servo_models.block import Block, Param, effect
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.evidence import BLOCKS
+from servo_models.diagnosis.where.breakdown import WORSE, Array, Breakdown, Sums, tabulate
+from servo_models.identification.problem import Run
+from servo_models.simulate import Model, flat_of
+
+MOMENTS = (0.0, 0.5, 1.0)
+"""Moments between two samples at which a wire held between them may have been measured: a
+clock reads the first, what is held until the second was the second all the time, and the mean
+is not late for a smooth signal.  The one that fits best counts."""
+OFFSET = 0.01
+"""Offset of measured wires over their range by which a drift is found out."""
+DRIFTS = 1.5
+"""Effect of an offset in the second half of a log over that in the first, if it drifts."""
+
+
+@effect("signal", source="the log")
+def replaced(
+    signal: float,
+    measured: float,
+    on: Annotated[float, Param("1", "1 to take the wire as measured", switch=True)],
+) -> float:
+    """The wire as it was measured."""
+    return measured
+
+
+@functools.cache
+def opened(plant: Plant, names: tuple[str, ...]) -> Plant:
+    """Return a plant with a switch on each wire by which what is behind takes it as measured.
+
+    A switch is the parameter ``measured_<wire>.on``, the measured wire one more input.
+    """
+    chain = list(plant.chain)
+    for name in names:
+        at = 1 + max((i for i, link in enumerate(chain) if name in _writes(link)), default=-1)
+        chain.insert(at, place(f"measured_{name}", replaced, name, measured=_input(name)))
+    wires = [plant.wire[name] for name in names]
+    inputs = [Wire(_input(w.name), w.unit, w.about, w.scale, w.rest) for w in wires]
+    return replace(plant, inputs=(*plant.inputs, *inputs), chain=tuple(chain))
+
+
+def led_on(plant: Plant, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return those wires of ``names`` that blocks behind them read."""
+    chain = opened(plant, names).chain
+    at = {link.name: i for i, link in enumerate(chain) if isinstance(link, Placement)}
+    rates = {state.rate for state in plant.states}
+    return tuple(
+        name
+        for name in names
+        if name in rates or any(_reads(link, name) for link in chain[at[f"measured_{name}"] + 1 :])
+    )
+
+
+def by_block(causes: Causes) -> Breakdown | None:
+    """Shares of outputs that are simulated from the others as measured, None without any."""
+    problem = causes.taken.problem
+    names = tuple(problem.sigma)
+    led = led_on(problem.model.plant, names)
+    sums = np.zeros((4, len(names)))
+    labels = []
+    for k, name in enumerate(names):
+        others = tuple(other for other in led if other != name)
+        labels.append(f"{name} from measured {' and '.join(others)}")
+        for run in problem.runs:
+            if others and {name, *others} <= run.log.outputs.keys():
+                bench = _Bench(run, led, others, name, problem.sigma[name])
+                sums[:, k] += bench.sums(causes.taken.values)
+    before, after, amplitude, weight = sums
+    if not weight.any():
+        return None
+    worse = after > WORSE**2 * np.maximum(before, weight)
+    edges = [(label, np.nan, np.nan) for label in labels]
+    return tabulate("block", "", edges, Sums(before, after, amplitude, weight, worse), "in ")
+
+
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """One output of one log, simulated from ``others`` as measured; ``led`` can be switched."""
+
+    run: Run
+    led: tuple[str, ...]
+    others: tuple[str, ...]
+    name: str
+    sigma: float
+
+    def sums(self, values: Mapping[str, float]) -> Array:
+        """Squares before, after, of the amplitude, and their number; shape (4,)."""
+        log = self.run.log
+        measured = log.outputs[self.name]
+        found = []
+        for moment in MOMENTS:
+            after = self._simulated(values, moment)
+            pair = [self._simulated({}, moment) - measured, after - measured]
+            moved = self._simulated(values, moment, OFFSET) - after
+            if _drifts(moved):
+                pair = [_beside_lines(error) for error in pair]
+            found.append([error[log.fitted] / self.sigma for error in pair])
+        before, after = min(found, key=lambda pair: float(pair[1] @ pair[1]))
+        seen = measured[log.fitted]
+        deviation = (seen - seen.mean()) / self.sigma
+        return np.array([v @ v for v in (before, after, deviation, np.ones(len(seen)))])
+
+    def _simulated(self, values: Mapping[str, float], moment: float, offset: float = 0.0) -> Array:
+        """The output with these parameters, measured wires shifted by a part of their range."""
+        run, log, model = self.run, self.run.log, self.run.model
+        plant = opened(model.plant, self.led)
+        variant = replace(model.actuator.variant(model.variant), plant=plant)
+        actuator = replace(model.actuator, plant=plant, variants=(variant,))
+        switches = {f"measured_{name}.on": float(name in self.others) for name in self.led}
+        known = {**model.values, **values, **switches}
+        chosen = Model(
+            actuator,
+            variant.name,
+            {name: known[name] for name in plant.parameters},
+            flat_of(plant, actuator.name),
+        )
+        wires = np.zeros((len(log.times), len(self.led)))
+        for i, name in enumerate(self.led):
+            if name in self.others:
+                now = log.outputs[name]
+                following = np.append(now[1:], now[-1])
+                wires[:, i] = now + moment * (following - now) + offset * np.ptp(now)
+        if len(run.times) > len(wires):
+            wires = np.vstack([wires[:1], wires])
+        out = chosen.run(run.times, np.column_stack([run.inputs, wires]))
+        return np.asarray(out[-len(log.times) :, plant.outputs.index(self.name)])
+
+
+def _input(name: str) -> str:
+    return f"{name}_as_measured"
+
+
+def _writes(link: Block | Placement) -> tuple[str, ...]:
+    return link.on if isinstance(link, Placement) else link.gives
+
+
+def _reads(link: Block | Placement, wire: str) -> bool:
+    if isinstance(link, Placement):
+        return wire in (link.wire_of(argument) for argument in link.effect.wires)
+    return wire in link.wires
+
+
+def _drifts(moved: Array) -> bool:
+    """Whether an offset of the measured wires moves the output further and further."""
+    first, second = np.array_split(moved**2, 2)
+    return float(np.mean(second)) > DRIFTS**2 * float(np.mean(first))
+
+
+def _beside_lines(error: Array) -> Array:
+    """An error without the straight line that fits it best in each block of time."""
+    pieces = []
+    for piece in np.array_split(error, BLOCKS):
+        count = np.arange(float(len(piece)))
+        base = np.column_stack([np.ones(len(piece)), count])
+        pieces.append(piece - base @ np.linalg.lstsq(base, piece, rcond=None)[0])
+    return np.concatenate(pieces)
