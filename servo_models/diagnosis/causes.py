@@ -110,7 +110,7 @@ class Bench:
         if not problem.free:
             vector, converged = np.empty(0), True
         else:
-            _, vector, converged = descend(problem, problem.start, ENOUGH, STEPS)
+            _, vector, converged = descend(problem, problem.start, tolerance=ENOUGH, limit=STEPS)
         return Explanation(effects, problem, judge(problem, vector, blocks(problem)), converged)
 
     def finish(self, found: Explanation) -> Explanation:
