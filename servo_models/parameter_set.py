@@ -45,6 +45,10 @@ from servo_models.toml_file import Section, nested, read_toml
 from servo_models.units import factor
 
 
+HEAD = ("actuator", "variant", "method", "date", "servo_models", "warnings")
+KEYS = (*HEAD, "logs", "parameters", "figures")
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A parameter's value.
@@ -206,19 +210,7 @@ def read_parameters(path: str | Path) -> ParameterSet:
             names the file and the key.
     """
     document = read_toml(Path(path))
-    document.check_keys(
-        (
-            "actuator",
-            "variant",
-            "method",
-            "date",
-            "servo_models",
-            "warnings",
-            "logs",
-            "parameters",
-            "figures",
-        )
-    )
+    document.check_keys(KEYS)
     actuator, variant = _whose(document)
     logs, figures = document.section("logs"), document.section("figures")
     return ParameterSet(
