@@ -8,9 +8,13 @@ from pathlib import Path
 
 import fmpy
 import pytest
+from hypothesis import settings
 
 from servo_models.build import build
 from servo_models.simulate import model
+
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 MODELS = {
     "sg90": ("sg90", None),
