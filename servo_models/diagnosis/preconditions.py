@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from servo_models.errors import UserError
+from servo_models.identification.problem import Problem
 from servo_models.linearise import linearise
 from servo_models.recording import Log
 from servo_models.simulate import Model
@@ -19,8 +22,8 @@ def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
         logs: of the description.
 
     Raises:
-        UserError: no logs, every sample held out, or the longest log is shorter than the
-            slowest time constant of the model.
+        UserError: no logs, every sample held out, the longest log is shorter than the slowest
+            time constant of the model, or the model cannot be simulated on a log.
     """
     if not logs:
         raise UserError(f"'{where}' describes no log to diagnose: add [[logs]]")
@@ -35,6 +38,10 @@ def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
             f" of '{model.actuator.name}' is {slowest:.3g} s: log ten of them, or name the"
             " actuator that made it"
         )
+    try:
+        Problem(model, judging, []).responses(np.empty(0))
+    except UserError as error:
+        raise UserError(f"the nominal model cannot be simulated: {error}; correct it") from error
 
 
 def slowest_time_constant(model: Model) -> float:

@@ -1,0 +1,205 @@
+"""Diagnosis: what it needs, how it speaks, and laws of its figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_diagnose_cli import DESCRIPTION, describe
+from threadpoolctl import threadpool_info
+
+from servo_models.description import read_description
+from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis import words
+from servo_models.diagnosis.confirm import confirm
+from servo_models.diagnosis.evidence import Evidence, blocks
+from servo_models.diagnosis.gap import gaps, whole_gap
+from servo_models.diagnosis.parameters import parameter_set
+from servo_models.diagnosis.preconditions import slowest_time_constant
+from servo_models.diagnosis.verdict import Verdict
+from servo_models.errors import UserError
+from servo_models.identification.problem import Problem
+from servo_models.linear_model import LinearModel
+from servo_models.recording import Channel, Log
+from servo_models.reference.torque_motor import EQ_12
+from servo_models.simulate import model
+from servo_models.threads import one_blas_thread
+
+
+class Told(list[str]):
+    """What a diagnosis says while it runs."""
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, Told]:
+    told = Told()
+    path = describe(tmp_path_factory.mktemp("case"), seconds=0.2)
+    return diagnose(path, tell=told.append), told
+
+
+def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagnosis, Told]) -> None:
+    found, told = case
+    fitted = [text for text in told if text.startswith("fitting ")]
+    for claim in found.claims:
+        assert any(text.split(",")[0].endswith(claim.name) for text in fitted) or claim.taken
+    assert any("best so far transport_delay" in text for text in fitted)
+
+
+def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
+    told = read_description(case[0].logs[0].path.parent / "rig.toml")
+    found = diagnose(told, left_out=["transport_delay"])
+    assert "transport_delay" not in {claim.name for claim in found.claims}
+    assert "transport_delay" not in words.ruled_out(found)
+
+
+def test_a_confirmation_does_not_hang_on_the_effects_alone(case: tuple[Diagnosis, Told]) -> None:
+    """A log that fixes a load torque is run with it, in the FMU as in the simulation."""
+    found, _ = case
+    (log,) = found.logs
+    held = replace(log, constants={"load_torque": 0.01})
+    problem = Problem(found.model, [held], found.causes.taken.problem.free, dict(found.floors))
+    plain = Problem(found.model, [log], [], dict(found.floors))
+    causes = replace(
+        found.causes,
+        taken=replace(found.causes.taken, problem=problem),
+        retuned=replace(found.causes.retuned, problem=plain),
+    )
+    loaded = confirm(replace(found, causes=causes, logs=(held,)))
+    assert loaded.difference == 0.0
+    assert loaded.rows[0].after > 10.0 * confirm(found).rows[0].after
+
+
+SAID = {
+    "no-gap": "No gap",
+    "parameters": "Re-tuned parameters explain the gap",
+    "effect": "transport_delay on 'voltage' explains the gap",
+    "outside-catalogue": "Outside the catalogue",
+    "not-identifiable": "These logs cannot tell which effect it is: transport_delay, backlash",
+}
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) -> None:
+    verdict = Verdict(kind, {}, ("transport_delay", "backlash"), ())
+    text = words.sentence(replace(case[0], verdict=verdict))
+    assert text.startswith(SAID[kind])
+    assert text.endswith(".")
+    assert "\n" not in text
+    if kind == "effect":
+        assert "cannot be told apart from backlash" in text
+
+
+def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) -> None:
+    found, _ = case
+    assert not any("prior deviations" in text for text in words.warnings(found))
+    value = found.found[0]
+    spread = {one.name: one.prior for one in found.causes.taken.problem.free}[value.name]
+    assert spread
+    found.__dict__["found"] = (replace(value, value=value.nominal + 5.0 * spread),)
+    try:
+        assert words.moves(found) == {value.name: pytest.approx(5.0)}
+        (text,) = [it for it in words.warnings(found) if "prior deviations" in it]
+        assert f"'{value.name}' by +5" in text
+    finally:
+        del found.__dict__["found"]
+
+
+def test_the_parameter_file_is_the_fitted_model(case: tuple[Diagnosis, Told]) -> None:
+    found, _ = case
+    assert parameter_set(found).model().values == found.fitted.values
+
+
+def test_linear_algebra_keeps_to_one_thread_and_gets_the_others_back() -> None:
+    import scipy.linalg  # noqa: F401
+
+    def threads() -> list[int]:
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    before = threads()
+    assert before
+    with one_blas_thread():
+        assert set(threads()) == {1}
+    assert threads() == before
+
+
+def test_the_slowest_time_constant_is_that_of_the_slowest_pole() -> None:
+    poles = np.roots(EQ_12[1])
+    expected = 1.0 / np.min(-poles.real)
+    assert slowest_time_constant(model("torque_motor", "identified")) == pytest.approx(
+        expected, rel=1e-4
+    )
+
+
+@given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=4), st.booleans(), st.booleans())
+def test_poles_of_known_time_constants(times: list[float], clocked: bool, free: bool) -> None:
+    """Decays of known length, with and without a clock, beside an integrator or not."""
+    period = 0.3 * min(times) if clocked else 0.0
+    rates = [1.0 / time for time in times] + [0.0] * free
+    diagonal = [np.exp(-rate * period) if clocked else -rate for rate in rates]
+    n = len(rates)
+    linear = LinearModel(
+        np.diag(diagonal), np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)),
+        tuple("x" * n), (), (), (), {}, {}, {}, period,
+    )  # fmt: skip
+    assert linear.slowest() == pytest.approx(max(times), rel=1e-6)
+
+
+def test_nothing_that_decays_has_no_slowest_time_constant() -> None:
+    none = np.zeros((1, 0)), np.zeros((0, 1)), np.zeros((0, 0))
+    linear = LinearModel(np.zeros((1, 1)), *none, ("x",), (), (), (), {}, {}, {})
+    assert linear.slowest() == 0.0
+
+
+def two_outputs(count: int) -> Problem:
+    times = 1e-3 * np.arange(count)
+    random = np.random.default_rng(2)
+    outputs = {"angle": random.normal(size=count), "current": random.normal(size=count)}
+    channels = {name: Channel(name, name, "1") for name in ("voltage", *outputs)}
+    log = Log(
+        "log", Path("log.csv"), "", times, {"voltage": np.zeros(count)}, outputs, channels,
+        np.arange(count), np.zeros(count, dtype=bool),
+    )  # fmt: skip
+    return Problem(model("torque_motor"), [log], [], {"angle": 0.2, "current": 3.0})
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
+def test_gaps_of_outputs_make_up_the_gap_of_all(seed: int, size: float) -> None:
+    """In noise floors, squares of equally long outputs average to that of all of them."""
+    problem = two_outputs(200)
+    random = np.random.default_rng(seed)
+    parts = blocks(problem)
+
+    def stage(scale: float) -> Evidence:
+        errors = scale * random.normal(size=len(parts)) * np.where(parts % 2, 1.0, 3.0)
+        return Evidence(np.empty(0), errors, errors, parts)
+
+    before, retuned, after = stage(5.0 * size), stage(2.0 * size), stage(size)
+    causes: Any = SimpleNamespace(
+        before=before,
+        retuned=SimpleNamespace(problem=problem, evidence=retuned),
+        taken=SimpleNamespace(evidence=after),
+    )
+    floors = dict(problem.sigma)
+    whole = whole_gap(causes, 0)
+    single = gaps(causes, floors, dict.fromkeys(floors, ""), 0)
+    for name, evidence in (("before", before), ("retuned", retuned), ("after", after)):
+        squares = [(gap.rms[name] / gap.floor) ** 2 for gap in single]
+        assert whole.rms[name] ** 2 == pytest.approx(np.mean(squares))
+        assert whole.rms[name] == pytest.approx(evidence.rms)
+        low, high = whole.intervals[name]
+        assert low <= whole.rms[name] * 1.05
+        assert high >= whole.rms[name] * 0.95
+
+
+def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
+    """A friction term whose pole is far beyond what the internal step can follow."""
+    given_ = "parameters.rotor_inertia = 1e-8\nparameters.friction_coefficient = 2e-3\n"
+    text = DESCRIPTION.format("").replace("[uncertainty]", f"{given_}[uncertainty]")
+    with pytest.raises(UserError, match=r"the nominal model cannot be simulated.*correct it"):
+        diagnose(describe(tmp_path, text))
