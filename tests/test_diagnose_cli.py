@@ -14,16 +14,17 @@ import pytest
 from fmu_host import Host
 from hypothesis import given
 from hypothesis import strategies as st
-from jsonschema import Draft202012Validator
+from jsonschema import Draft202012Validator, ValidationError
 
 from servo_models import diagnosis
 from servo_models.cli import main
 from servo_models.description import read_description
-from servo_models.diagnosis import causes
+from servo_models.diagnosis import causes, experiment
 from servo_models.interchange import command, finite_json
 from servo_models.parameter_set import read_parameters
 from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
 from servo_models.simulate import model, simulate
+from servo_models.tables import read_signals
 
 Run = Callable[..., tuple[int, str, str]]
 RATE = 4000.0
@@ -126,20 +127,24 @@ def test_the_gap_before_is_the_error_of_the_nominal_model(session: Session) -> N
     assert before == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-3)
 
 
-def test_the_json_keeps_to_its_schema(session: Session) -> None:
+def check_schema(document: object) -> None:
     path = Path(diagnosis.__file__).parent / "schema.json"
     schema = json.loads(path.read_text(encoding="utf-8"))
     Draft202012Validator.check_schema(schema)
-    Draft202012Validator(schema).validate(session.document)
+    Draft202012Validator(schema).validate(document)
+
+
+def test_the_json_keeps_to_its_schema(session: Session) -> None:
+    check_schema(session.document)
     assert "NaN" not in (session.folder / "d.json").read_text()
 
 
 def test_the_schema_refuses_another_document(session: Session) -> None:
-    schema = json.loads((Path(diagnosis.__file__).parent / "schema.json").read_text())
     changed = {**session.document, "verdict": "perhaps"}
     lacking = {key: value for key, value in session.document.items() if key != "warnings"}
     for wrong in (changed, lacking):
-        assert not Draft202012Validator(schema).is_valid(wrong)
+        with pytest.raises(ValidationError):
+            check_schema(wrong)
 
 
 def test_an_fmu_of_the_parameter_file_leaves_what_the_json_says(
@@ -251,6 +256,28 @@ def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
     assert all("did not converge" in why or "cannot show" in why for why in told)
     taken = [one for one in document["effects"] if one["taken"] and not one["converged"]]
     assert any("did not converge" in text for text in document["warnings"]) == bool(taken)
+
+
+def test_the_next_experiment_is_told_and_can_be_played(
+    session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = model("torque_motor")
+    times = np.linspace(0.0, 0.3, 61)
+    command_ = 5.0 * np.sin(20.0 * times)
+    wire = chosen.plant.wire["voltage"]
+    planned = experiment.Experiment(
+        ("transport_delay",), ("sensor_lag",), "Play a sine.", wire, {}, times, command_, 7.0, 0.2
+    )
+    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (planned,))
+    words = ("diagnose", session.folder / "rig.toml", "--json", tmp_path / "d.json")
+    _, out, _ = run(*words)
+    assert "Play a sine." in out
+    document = json.loads((tmp_path / "d.json").read_text())
+    check_schema(document)
+    (told,) = document["next_experiments"]
+    played, signals = read_signals(tmp_path / told["file"], [wire])
+    assert np.array_equal(played, times)
+    assert np.array_equal(signals["voltage"], command_)
 
 
 def test_frozen_parameters_are_warned_of(run: Run, tmp_path: Path) -> None:

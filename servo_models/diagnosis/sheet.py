@@ -110,10 +110,12 @@ def _confirmation(found: Diagnosis, confirmation: Confirmation) -> Iterator[tupl
 
 
 def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
-    reasons = words.ruled_out(found)
+    singles = {one.effects[0]: one for one in found.causes.singles}
     plant = found.model.plant
     for claim in found.claims:
-        said = "taken" if claim.taken else "cannot be told apart" if claim.in_set else ""
+        said = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
+        if claim.name in singles and not claim.taken:
+            said += words.marks(found, singles[claim.name])
         sizes = ", ".join(_size(plant, value) for value in claim.parameters)
         yield (
             claim.name,
@@ -122,7 +124,7 @@ def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
             sizes,
             f"{claim.gap_after:.3g}",
             _percent(claim.closed),
-            said or reasons.get(claim.name, ""),
+            ", ".join(said),
         )
 
 
@@ -163,6 +165,6 @@ def _parameters(found: Diagnosis) -> Iterator[tuple[str, ...]]:
             "" if between is None else f"{scale * between:.4g}",
             *with_error(scale * value.value, scale * value.standard_error),
             display_unit(parameter),
-            f"{moves[value.name]:+.1f}" if value.name in moves else "",
+            f"{round(moves[value.name], 1) + 0.0:+g}" if value.name in moves else "",
             doubts.get(value.name, ""),
         )

@@ -115,15 +115,19 @@ def _unseen(reach: float) -> str:
 
 
 def _loses(found: Diagnosis, single: Explanation) -> str:
-    left, alone = single.evidence.rms, found.gap.rms["retuned"]
-    why = [f"leaves {left:.3g} noise floors held out"]
-    if left >= alone:
-        why = [f"worse held out than parameters alone, {left:.3g} noise floors"]
-    if single.disguised:
-        why.append("on a bound")
-    if not single.converged:
-        why.append("its fit did not converge")
-    return ", ".join(why)
+    left = f"leaves {single.evidence.rms:.3g} noise floors held out"
+    return ", ".join([left, *marks(found, single)])
+
+
+def marks(found: Diagnosis, single: Explanation) -> list[str]:
+    """Return what speaks against an effect beside the error that it leaves."""
+    worse = single.evidence.rms >= found.gap.rms["retuned"]
+    said = {
+        "worse than parameters alone": worse,
+        "on a bound": single.disguised,
+        "its fit did not converge": not single.converged,
+    }
+    return [text for text, holds in said.items() if holds]
 
 
 def warnings(found: Diagnosis) -> tuple[str, ...]:
