@@ -15,6 +15,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from servo_models.cli.blind import blind
 from servo_models.cli.build import build
 from servo_models.cli.check import check
 from servo_models.cli.diagnose import diagnose
@@ -59,6 +60,7 @@ app.command()(figures)
 app.command()(check)
 app.command()(identify)
 app.command()(diagnose)
+app.command()(blind)
 app.command()(build)
 app.command()(validate)
 

@@ -1,0 +1,78 @@
+"""Work on many cases in processes of their own, kept line by line so that it can be resumed."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any, TypeVar
+
+from servo_models.errors import UserError
+
+Task = TypeVar("Task")
+Row = dict[str, Any]
+
+
+def work_through(
+    path: Path,
+    tasks: Mapping[str, Task],
+    do: Callable[[Task], Row],
+    jobs: int,
+    tell: Callable[[int, int], None],
+) -> dict[str, Row]:
+    """Return what ``do`` makes of every task, by case; what ``path`` holds is not done again.
+
+    Args:
+        path: a line of JSON for every case that is done.
+        tasks: by case.
+        do: from a task to a row with its ``"case"``, a function of a module.
+        jobs: processes.
+        tell: is told how many cases are done, and how many there are.
+
+    Raises:
+        UserError: a process ended before its work.
+    """
+    rows = _read(path)
+    left = [task for case, task in tasks.items() if case not in rows]
+    tell(len(rows), len(tasks))
+    if not left:
+        return rows
+    processes = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(jobs, len(left)), processes, initializer=_be_quiet)
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            for future in as_completed([pool.submit(do, task) for task in left]):
+                row = future.result()
+                rows[row["case"]] = row
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+                tell(len(rows), len(tasks))
+    except BrokenProcessPool as error:
+        raise UserError(
+            f"a process ended before its work after {len(rows)} cases: use fewer --jobs where"
+            " memory is short, and the same --folder to go on"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return rows
+
+
+def _be_quiet() -> None:
+    """Ctrl-C is for the process that waits: the others finish their case and end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _read(path: Path) -> dict[str, Row]:
+    """Rows by case; a line that was being written when everything stopped is cut off."""
+    if not path.exists():
+        return {}
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        path.write_bytes(whole)
+    rows = [json.loads(line) for line in whole.splitlines()]
+    return {row["case"]: row for row in rows}

@@ -1,0 +1,213 @@
+"""What could have been said of a case: the same fits, told the truth, on logs without noise.
+
+Where the logs hardly tell the truth from something else, to miss it is no fault of a
+diagnosis.  So the truth and its rivals are fitted to the noise-free logs.  The truth is
+*separated* from a rival if
+
+* it leaves less than half of the rival's RMS error: the generator's laws are other ones than
+  the product's, so the truth leaves an error too; and
+* an ideal observer who knows both fitted responses would confuse them in the noise of the
+  case in fewer than 1 of 160 cases: their squared errors differ by at least 5^2 = 25 times the
+  noise power of one independent sample.
+
+Source of the second: Kay, Fundamentals of Statistical Signal Processing II (1998), sec. 4.3:
+two known signals at a distance of d standard deviations are confused with probability Q(d/2).
+Both numbers were set before any diagnosis was scored.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servo_models.blind.said import Said
+from servo_models.description import Description, read_description
+from servo_models.diagnose import diagnose
+from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.causes import Bench, Explanation
+from servo_models.diagnosis.evidence import dispersion
+from servo_models.diagnosis.screening import Sight, look, pairs
+from servo_models.identification.problem import free_parameter
+from servo_models.threads import one_blas_thread
+
+HALF = 0.5
+DISTANCE = 5.0
+RIVALS = 4
+"""Nearest rivals that are fitted, of those that the diagnosis has tried."""
+STARTS = 2
+"""Sizes from which the fit of an effect begins."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What could have been said of a case.
+
+    Attributes:
+        case: its name.
+        truth: error [noise floors] that the truth leaves in the noise-free logs, 0 for a cause
+            outside the catalogue; None where nothing could be fitted since the diagnosis failed.
+        parameters: that of nominal parameters alone.
+        rival: that of the best rival, and ``rival_effects`` its effects, none for nominal
+            parameters alone.
+        separated: from its best rival.
+        absorbed: not separated from nominal parameters alone: they imitate the truth.
+        after: held-out error [noise floors] of the product's own fit to the noisy logs when told
+            the names; None for a cause outside the catalogue.
+        without: verdict with the truth left out of the catalogue; "" where that is not asked.
+    """
+
+    case: str
+    truth: float | None
+    parameters: float
+    rival: float
+    rival_effects: list[str]
+    separated: bool
+    absorbed: bool
+    after: float | None
+    without: str
+
+
+@dataclass(frozen=True)
+class Question:
+    """A case to be judged: the folder of all cases, its answer, and what was said of it."""
+
+    folder: Path
+    answer: dict[str, Any]
+    said: Said
+
+
+def separates(truth: float, rival: float, samples: int, noise: float) -> bool:
+    """Return whether logs separate the truth from a rival, see the top of this file.
+
+    Args:
+        truth, rival: RMS errors in the noise-free logs [noise floors].
+        samples: of the logs, all outputs counted.
+        noise: mean square of the noise times the samples of which one is independent.
+    """
+    distance = samples * (rival * rival - truth * truth) / noise
+    return truth < HALF * rival and distance >= DISTANCE * DISTANCE
+
+
+def ask_oracle(question: Question) -> dict[str, Any]:
+    """Return the ``Known`` of a case as a dictionary."""
+    said, answer = question.said, question.answer
+    if not said.floors:
+        return asdict(Known(said.case, None, 0.0, 0.0, [], True, False, None, ""))
+    with warnings.catch_warnings(), one_blas_thread():
+        warnings.simplefilter("ignore")
+        return asdict(_known(question, [it["name"] for it in answer["effects"]]))
+
+
+def _known(question: Question, names: Sequence[str]) -> Known:
+    said, foreign = question.said, question.answer["kind"] == "foreign"
+    case = question.folder / "cases" / said.case
+    noisy, clean = read_description(case / "description.toml"), _noise_free(question)
+    bench = _bench(clean, said)
+    retuned = bench.fit((), ())
+    truth = 0.0 if foreign else _error(told(bench, names, retuned))
+    parameters = _error(retuned)
+    fitted = [told(bench, it, retuned) for it in rivals(said, () if foreign else names)]
+    best = min([retuned, *fitted], key=_error)
+    problem, vector = retuned.problem, retuned.evidence.vector
+    samples, measured = problem.samples, _bench(noisy, said)
+    apart = measured.problem().residuals(vector) - problem.residuals(vector)
+    noise = dispersion(apart[:samples])
+    separated = separates(truth, _error(best), samples, noise)
+    after, without = None, ""
+    if not foreign:
+        start = measured.fit((), ())
+        after = told(measured, names, start).evidence.rms
+    if len(names) == 1 and separated and not foreign:
+        without = diagnose(noisy, jobs=1, left_out=names).verdict.kind
+    return Known(
+        case=said.case,
+        truth=truth,
+        parameters=parameters,
+        rival=_error(best),
+        rival_effects=list(best.effects),
+        separated=separated,
+        absorbed=not separates(truth, parameters, samples, noise),
+        after=after,
+        without=without,
+    )
+
+
+def rivals(said: Said, names: Iterable[str]) -> list[list[str]]:
+    """Return the nearest explanations tried that are not the truth, with no more effects.
+
+    A cause outside the catalogue has no names, and every explanation is a rival.
+    """
+    truth = set(names)
+    most = len(truth) or 2
+    others = [it for it in said.tried if len(it) <= most and (not truth or set(it) != truth)]
+    return others[:RIVALS]
+
+
+def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanation:
+    """Return the product's own fit when told the names of one or two effects.
+
+    It begins at several sizes, two effects both at once and one after the other; where an
+    effect moves nothing, it is the fit without.
+    """
+    sights = _sights(names, retuned)
+    found = [retuned]
+    for sight in sights[:STARTS] if len(names) == 1 else ():
+        found.append(bench.fit(tuple(names), sight.candidate.at(sight.settings), retuned))
+    if len(names) == 2:
+        for pair in pairs(retuned.problem, retuned.evidence.vector, sights)[:1]:
+            extra = [free for one in pair for free in one.candidate.at(one.settings)]
+            found.append(bench.fit(tuple(names), extra, retuned))
+        halves = [told(bench, [name], retuned) for name in names]
+        first = min(halves, key=_error)
+        found += [first, *_beside(bench, first, names)]
+    return min(found, key=_error)
+
+
+def _beside(bench: Bench, first: Explanation, names: Sequence[str]) -> Iterable[Explanation]:
+    """The fit of a second effect beside the first one."""
+    others = [name for name in names if name not in first.effects]
+    for sight in _sights(others, first)[:1] if len(others) == 1 else ():
+        kept = next(it for it in candidates(bench.model) if it.name == first.effects[0])
+        extra = (*kept.at(first.values), *sight.candidate.at(sight.settings))
+        yield bench.fit(tuple(names), extra, first)
+
+
+def _sights(names: Iterable[str], beside: Explanation) -> list[Sight]:
+    """Sizes of some effects, those that explain most first."""
+    wanted = set(names)
+    every = [one for one in candidates(beside.problem.model) if one.name in wanted]
+    return look(beside.problem, beside.evidence.vector, every)[0]
+
+
+def _error(explanation: Explanation) -> float:
+    """RMS error [noise floors] of a fit to everything: nothing can be learnt by heart here."""
+    return float(np.sqrt(np.mean(explanation.evidence.errors**2)))
+
+
+def _bench(told: Description, said: Said) -> Bench:
+    parameters = told.model.plant.parameters
+    nominal = tuple(
+        free_parameter(parameters[name], told.model.values[name], prior)
+        for name, prior in told.uncertainty.items()
+    )
+    return Bench(told.model, told.logs, nominal, dict(said.floors), 1)
+
+
+def _noise_free(question: Question) -> Description:
+    """The description of a case with its noise-free logs."""
+    case = question.folder / "cases" / question.said.case
+    with tempfile.TemporaryDirectory() as folder:
+        beside = Path(folder)
+        for name in question.answer["noise_free"]:
+            shutil.copy(question.folder / name, beside / os.path.basename(name))
+        shutil.copy(case / "description.toml", beside)
+        read = read_description(beside / "description.toml")
+    return replace(read, path=case / "description.toml")

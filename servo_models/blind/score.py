@@ -1,0 +1,231 @@
+"""The figures of a withheld check: every one is a function whose docstring defines it.
+
+Cases are those of one tier.  *Separated* and *absorbed* are defined in ``oracle``; a failed
+diagnosis counts as wrong wherever its case is counted.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from servo_models.blind.interval import Figure, mean, share
+from servo_models.blind.oracle import Known
+from servo_models.blind.said import Said
+from servo_models.diagnosis.verdict import FEW, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+
+NOTHING = "nothing"
+BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case with its answer: what was said, and what could have been said.
+
+    Attributes:
+        tier, actuator, kind: of the answer; kinds are nothing, one, two and foreign.
+        truth: effects to be named.
+        hidden: effects that may be named beside them.
+        said: by the diagnosis.
+        known: by the oracle; None where nothing is wrong with the rig.
+    """
+
+    tier: str
+    actuator: str
+    kind: str
+    truth: frozenset[str]
+    hidden: frozenset[str]
+    said: Said
+    known: Known | None
+
+    @property
+    def separated(self) -> bool:
+        return self.known is not None and self.known.separated
+
+    @property
+    def right(self) -> bool:
+        """All effects of the truth are named, and none that is not there."""
+        named = frozenset(self.said.named)
+        return self.truth <= named <= self.truth | self.hidden
+
+    @property
+    def covered(self) -> bool:
+        """The set holds the truth; where parameters imitate it, to say so is right as well."""
+        if self.known and self.known.absorbed and self.said.verdict in (NO_GAP, PARAMETERS):
+            return True
+        return self.truth <= frozenset(self.said.members)
+
+
+Cases = Sequence[Case]
+
+
+def join(
+    answers: Iterable[dict[str, Any]], said: dict[str, Said], known: dict[str, Known]
+) -> Cases:
+    """Return the cases in the order of their answers."""
+    return [
+        Case(
+            tier=answer["tier"],
+            actuator=answer["actuator"],
+            kind=answer["kind"],
+            truth=frozenset(it["name"] for it in answer["effects"]),
+            hidden=frozenset(it["name"] for it in answer["hidden"]),
+            said=said[answer["case"]],
+            known=known.get(answer["case"]),
+        )
+        for answer in answers
+    ]
+
+
+def first_place(cases: Cases) -> Figure:
+    """One effect, separated: the explanation at first place names it, and no effect that is
+    not there.  Whatever the verdict says beside it."""
+    return share(case.right for case in cases if case.kind == "one" and case.separated)
+
+
+def set_coverage(cases: Cases) -> Figure:
+    """One effect, separated or not: the set that cannot be told apart holds it, or it is
+    absorbed by nominal parameters and the verdict is ``parameters`` or ``no-gap``."""
+    return share(case.covered for case in cases if case.kind == "one")
+
+
+def mean_set_size(cases: Cases) -> Figure:
+    """One effect: number of effects in the set, mean over the cases in which there is a set."""
+    sizes = [len(case.said.members) for case in cases if case.kind == "one"]
+    return mean(size for size in sizes if size)
+
+
+def both_named(cases: Cases) -> Figure:
+    """Two effects, separated: the explanation at first place names both and no other."""
+    return share(case.right for case in cases if case.kind == "two" and case.separated)
+
+
+def false_causes(cases: Cases) -> Figure:
+    """Nothing wrong: the verdict is another one than ``no-gap`` or ``parameters``."""
+    found = [case.said.verdict for case in cases if case.kind == NOTHING]
+    return share(verdict not in (NO_GAP, PARAMETERS) for verdict in found)
+
+
+def foreign_recall(cases: Cases) -> Figure:
+    """A cause outside the catalogue, separated: the verdict is ``outside-catalogue``."""
+    return share(
+        case.said.verdict == OUTSIDE for case in cases if case.kind == "foreign" and case.separated
+    )
+
+
+def left_out_recall(cases: Cases) -> Figure:
+    """One effect, separated, and left out of the catalogue: ``outside-catalogue``."""
+    return share(
+        case.known.without == OUTSIDE for case in cases if case.known and case.known.without
+    )
+
+
+def wrong_abstention(cases: Cases) -> Figure:
+    """One or two effects, separated or not: the verdict is ``outside-catalogue``."""
+    return share(case.said.verdict == OUTSIDE for case in cases if case.kind in ("one", "two"))
+
+
+def not_identifiable(cases: Cases) -> Figure:
+    """One effect, separated or not: the verdict is ``not-identifiable``."""
+    return share(case.said.verdict == NOT_IDENTIFIABLE for case in cases if case.kind == "one")
+
+
+def owns_up(cases: Cases) -> Figure:
+    """One effect that is not covered by a set of at most 3: ``not-identifiable``."""
+    lost = (
+        case
+        for case in cases
+        if case.kind == "one" and not (case.covered and len(case.said.members) <= FEW)
+    )
+    return share(case.said.verdict == NOT_IDENTIFIABLE for case in lost)
+
+
+def closed_vs_oracle(cases: Cases) -> Figure:
+    """One or two effects: gap closed over that of the product's own fit when told the names,
+    (before - after) / (before - after when told), held out, at most 1 and at least 0 each;
+    cases in which being told the names closes something."""
+    ratios = []
+    for case in cases:
+        if case.known and case.known.after is not None and case.said.before > case.known.after:
+            closed = case.said.before - case.said.after
+            ratios.append(min(max(closed / (case.said.before - case.known.after), 0.0), 1.0))
+    return mean(ratios)
+
+
+def quantisation_found(cases: Cases) -> Figure:
+    """One effect, separated, that is a quantisation: as ``first_place``."""
+    alone = (case for case in cases if case.kind == "one" and case.separated)
+    return share(case.right for case in alone if "quantisation" in min(case.truth))
+
+
+def seconds_per_case(cases: Cases) -> Figure:
+    """Time of a diagnosis by one process, files read included."""
+    return mean(case.said.seconds for case in cases)
+
+
+FIGURES: tuple[Callable[[Cases], Figure], ...] = (
+    first_place,
+    set_coverage,
+    mean_set_size,
+    both_named,
+    false_causes,
+    foreign_recall,
+    left_out_recall,
+    wrong_abstention,
+    not_identifiable,
+    owns_up,
+    closed_vs_oracle,
+    quantisation_found,
+    seconds_per_case,
+)
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Cases whose most probable effect is given a probability from ``low`` to ``high``."""
+
+    low: float
+    high: float
+    probability: float
+    right: Figure
+
+
+def calibration(cases: Cases) -> list[Bin]:
+    """Return how often the most probable effect is there, against its probability.
+
+    Cases with an effect, of which the diagnosis gives probabilities; bins hold their lower end.
+    """
+    found = []
+    for case in cases:
+        if case.kind in ("one", "two") and case.said.chances:
+            name, chance = max(case.said.chances.items(), key=lambda item: item[1])
+            found.append((min(chance, 1.0), name in case.truth | case.hidden))
+    bins = []
+    for low, high in pairwise(BINS):
+        inside = [it for it in found if low <= it[0] < high or it[0] == high == BINS[-1]]
+        if inside:
+            middle = sum(chance for chance, _ in inside) / len(inside)
+            bins.append(Bin(low, high, middle, share(right for _, right in inside)))
+    return bins
+
+
+def confusion(cases: Cases) -> dict[str, dict[str, int]]:
+    """Return how often a truth was met with an answer, ``{truth: {answer: cases}}``.
+
+    Effects are joined by " + ".  The answer is the verdict where that is ``outside-catalogue``
+    or where no effect is named.
+    """
+    found: dict[str, Counter[str]] = {}
+    for case in cases:
+        truth = " + ".join(sorted(case.truth)) or NOTHING
+        found.setdefault(truth, Counter())[_answer(case.said)] += 1
+    return {truth: dict(answers.most_common()) for truth, answers in sorted(found.items())}
+
+
+def _answer(said: Said) -> str:
+    return (
+        said.verdict if said.verdict == OUTSIDE else " + ".join(sorted(said.named)) or said.verdict
+    )

@@ -1,0 +1,71 @@
+"""servo-models blind"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servo_models.cli.options import check_outputs
+
+
+def blind(
+    cases: Annotated[int, typer.Option(min=1, help="Cases, in turn of every tier.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")],
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write every figure and case (.json).")
+    ] = None,
+    tiers: Annotated[
+        str, typer.Option(metavar="TIER,TIER", help="Of easy, hard and poor.")
+    ] = "easy,hard,poor",
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Keep cases and results, to go on after an interruption; default: a temporary"
+            " folder.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes; default: one a processor.")
+    ] = None,
+) -> int:
+    """Score the diagnosis on cases whose cause it is not told.
+
+    A generator that shares no simulation code with the models writes logs of
+    rigs with nothing, one effect, two, or one outside the catalogue. The
+    SHA-256 of the answers is printed before anything is diagnosed, and
+    checked when they are opened.
+
+    Exit code 0: done, 2: could not run.
+
+    Examples:
+
+    servo-models blind --cases 12 --seed 1
+
+    servo-models blind --cases 1800 --seed 7 --folder runs/7 --json blind.json
+    """
+    from servo_models.blind.run import Asked, check_tiers, run_blind
+    from servo_models.blind.sheet import check_sheet, document
+    from servo_models.cli.console import progress, show
+    from servo_models.files import write_whole
+    from servo_models.interchange import finite_json
+    from servo_models.validate import conditions
+
+    check_outputs((json, ".json"))
+    asked = Asked(cases, seed, check_tiers(tiers))
+    with tempfile.TemporaryDirectory() as scratch, progress("generating") as bar:
+        done = run_blind(
+            folder or Path(scratch) / "blind",
+            asked,
+            jobs,
+            lambda seal: print(f"seal of the answers, SHA-256: {seal}", flush=True),
+            bar,
+        )
+    show(check_sheet(done))
+    if json:
+        told = finite_json(document(done, conditions()))
+        write_whole(json, f"{told}\n".encode())
+    return 0
