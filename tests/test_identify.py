@@ -33,8 +33,9 @@ from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identify import identify
 from servo_models.parameter_set import ParameterSet, read_parameters
+from servo_models.recording import Channel
 from servo_models.sheets import MOST, with_error
-from servo_models.simulate import simulate
+from servo_models.simulate import model, simulate
 
 Array = NDArray[np.float64]
 Run = Callable[..., tuple[int, str, str]]
@@ -409,6 +410,30 @@ def test_a_fit_of_anything_stays_in_bounds_and_never_makes_it_worse(
         (row,) = found.accuracy
         assert row.after <= row.before * (1.0 + 1e-6)
     assert all(error >= 0.0 for error in found.standard_errors if not np.isnan(error))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_slopes_mean_something_where_small_differences_do_not(seed: int) -> None:
+    """Encoder counts and dry friction in a sampled loop: followed by small differences, a
+    search ends far from the truth, at a hundred times the error, and calls that converged.
+    """
+    true = {"torque_constant": 1.6, "inertia": 0.02, "coulomb_friction.level": 0.06}
+    times, random = 0.02 * np.arange(1000), np.random.default_rng(seed)
+    waves = zip(np.geomspace(0.1, 5.0, 8), random.uniform(0.0, 2.0 * np.pi, 8))
+    goal = sum(0.05 * np.sin(2.0 * np.pi * f * times + p) for f, p in waves)
+    servo = model("smart_servo", "sts3215", true)
+    angle = simulate(servo, times, {"goal": goal})["angle_reading"]
+    log = replace(
+        log_of(goal, angle),
+        times=times,
+        inputs={"goal": goal},
+        outputs={"angle_reading": angle},
+        channels={"angle_reading": Channel("angle_reading", "angle", "rad")},
+    )
+    found = fit(model("smart_servo", "sts3215"), [log], list(true))
+    assert found.values == pytest.approx(list(true.values()), rel=0.02)
+    assert found.accuracy[0].after < 0.05 * found.accuracy[0].before
+    assert any("rough" in said for said in found.warnings)
 
 
 def test_smooth_errors_have_a_covariance() -> None:

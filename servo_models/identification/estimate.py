@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from servo_models.identification.covariance import covariance
 from servo_models.identification.problem import Free, Problem
+from servo_models.identification.slopes import steps
 
 Array = NDArray[np.float64]
 
@@ -59,13 +60,15 @@ class Spread:
 def spread(problem: Problem, vector: Array) -> Spread:
     """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,).
 
-    Slopes are taken over about the standard errors that they lead to, since a response may
-    be a staircase of a parameter, such as of a delay before a sampler.
+    Slopes are taken over about the standard errors that they lead to, and no less than what
+    makes them mean something.
     """
-    first = _spread(problem, vector, problem.jacobian(vector))
+    least = steps(problem, vector)
+    first = _spread(problem, vector, problem.jacobian(vector, least))
     widths = np.nan_to_num(first.standard_errors / problem.scales)
     widths = np.where(widths < WIDE, np.maximum(widths, NARROW), NARROW)
     widths = np.where(first.slopes == 0.0, WIDE, widths)
+    widths = widths if least is None else np.maximum(widths, least)
     return _spread(problem, vector, problem.jacobian(vector, widths))
 
 
@@ -111,6 +114,7 @@ def doubt(free: Free, value: float, error: float) -> str:
 def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
     """Return in words what makes an estimate doubtful, each with its cure."""
     said: list[str] = []
+    unseen: list[str] = []
     names = [free.name for free in problem.free]
     for name, side in zip(names, found.on_bound):
         if side:
@@ -127,16 +131,18 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
                 f"'{free.name}' is not excited by these logs: nothing measured depends on it"
             )
         elif reason == FROM_PRIOR:
-            said.append(
-                f"'{free.name}' is known from its prior only: these logs say nothing about it"
-            )
+            unseen.append(f"'{free.name}'")
         elif reason == NOT_DETERMINED:
-            share = 100.0 * error / max(abs(value), 1e-300)
-            size = f"{share:.0f} % of its value" if share < 1e4 else "beyond all bounds"
             said.append(
-                f"the data do not determine '{free.name}': its standard error is {size}; fix"
-                " it, give it a prior, or excite it more"
+                f"the data do not determine '{free.name}': its standard error is"
+                f" {_share(error, value)}; fix it, give it a prior, or excite it more"
             )
+    if unseen:
+        verb, its = ("is", "its prior") if len(unseen) == 1 else ("are", "their priors")
+        said.append(
+            f"{', '.join(unseen)} {verb} known from {its} only: these logs say nothing about"
+            f" {'it' if len(unseen) == 1 else 'them'}"
+        )
     said += _alike(names, found.correlations)
     if found.condition > ILL_CONDITIONED:
         said.append(
@@ -144,6 +150,14 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
             " parameters is free; fix one of them"
         )
     return said
+
+
+def _share(error: float, value: float) -> str:
+    """A standard error as part of a value, in words."""
+    share = error / max(abs(value), 1e-300)
+    if share < 10.0:
+        return f"{100.0 * share:.0f} % of its value"
+    return f"{share:.0f} times its value" if share < 1e6 else "without bounds"
 
 
 def _alike(names: Sequence[str], correlations: Array) -> list[str]:

@@ -69,7 +69,7 @@ def fit(
     found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)
     uncertainty = spread(problem, found.vector)
-    said = warnings(problem, found.vector, uncertainty) + _ending(found)
+    said = warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
     fitted = replace(model, values={**model.values, **values})
     return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
 
@@ -114,7 +114,7 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
     if len(problem.sigma) == 1 and not any(free.prior for free in problem.free):
         return found  # one weight on everything moves no optimum
     again = search(problem, LOCAL, 1, 0, progress)
-    return replace(again, costs=found.costs, interrupted=again.interrupted)
+    return replace(again, costs=found.costs)
 
 
 def _on_bounds(problem: Problem, vector: Array) -> Array:
@@ -126,9 +126,14 @@ def _on_bounds(problem: Problem, vector: Array) -> Array:
     return moved if there <= near * (1.0 + 1e-6) else vector
 
 
-def _ending(found: Found) -> list[str]:
+def _ending(found: Found, kind: str, starts: int) -> list[str]:
     if found.interrupted:
         return ["stopped before it converged: these are the best values so far"]
     if not found.converged:
         return ["the search did not converge: give it more starts or fewer free parameters"]
+    if found.rough and kind == LOCAL and starts == 1:
+        return [
+            "the response is rough in these parameters, as with a quantiser or dry friction in"
+            " a loop: there may be better values; try more starts or a global search"
+        ]
     return []

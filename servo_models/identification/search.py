@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.identification.problem import Problem
+from servo_models.identification.slopes import steps
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -40,6 +41,7 @@ class Found:
         converged: the last local search met its tolerance.
         interrupted: the user stopped it.
         costs: of every start, sorted.
+        rough: the response is rough in the parameters, see ``slopes.steps``.
     """
 
     vector: Array
@@ -47,6 +49,7 @@ class Found:
     converged: bool
     interrupted: bool
     costs: tuple[float, ...]
+    rough: bool = False
 
 
 def search(
@@ -64,22 +67,25 @@ def search(
     tell = progress or (lambda _: None)
     ends: list[tuple[float, Array, bool]] = []
     stopped = False
+    widths: Array | None = None
     try:
         problem.residuals(problem.nominal)  # a result is never worse
+        widths = steps(problem, _inside(problem, problem.start))
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _evolve(problem, seed, tell)
-            ends.append(descend(problem, problem.best[1]))
+            ends.append(descend(problem, problem.best[1], widths=widths))
         for count, start in enumerate(_starts(problem, starts, seed)):
             tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
-            ends.append(descend(problem, start))
+            ends.append(descend(problem, start, widths=widths))
         if problem.best[0] < min(cost for cost, _, _ in ends):
-            ends.append(descend(problem, problem.best[1]))
+            ends.append(descend(problem, problem.best[1], widths=widths))
     except KeyboardInterrupt:
         stopped = True
     cost, vector = problem.best
     met = any(ok for end, _, ok in ends if end <= cost * (1.0 + 1e-6))
-    return Found(vector, cost, met and not stopped, stopped, tuple(sorted(e[0] for e in ends)))
+    costs = tuple(sorted(end for end, _, _ in ends))
+    return Found(vector, cost, met and not stopped, stopped, costs, widths is not None)
 
 
 def _so_far(problem: Problem) -> str:
@@ -105,25 +111,36 @@ def _starts(problem: Problem, count: int, seed: int) -> Iterator[Array]:
 
 
 def descend(
-    problem: Problem, start: Array, tolerance: float = TOLERANCE, limit: int = LIMIT
+    problem: Problem,
+    start: Array,
+    tolerance: float = TOLERANCE,
+    limit: int = LIMIT,
+    widths: Array | None = None,
 ) -> tuple[float, Array, bool]:
-    """Return cost, vector and success of one least-squares search of at most ``limit`` steps."""
+    """Return cost, vector and success of one least-squares search of at most ``limit`` steps.
+
+    Slopes are taken over ``widths`` [scales], shape (p,); None for small differences.
+    """
     from scipy.optimize import least_squares
 
-    low, high = problem.bounds
-    margin = 1e-9 * np.maximum(1.0, np.abs(start))
-    inside = np.clip(start, low + margin, high - margin)
     done = least_squares(
         problem.residuals,
-        inside,
-        jac=problem.jacobian,
-        bounds=(low, high),
+        _inside(problem, start),
+        jac=lambda vector: problem.jacobian(vector, widths),
+        bounds=problem.bounds,
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
         max_nfev=limit,
     )
     return float(done.cost), done.x, bool(done.status > 0)
+
+
+def _inside(problem: Problem, vector: Array) -> Array:
+    """A vector moved a little off its bounds, where a search may begin."""
+    low, high = problem.bounds
+    margin = 1e-9 * np.maximum(1.0, np.abs(vector))
+    return np.clip(vector, low + margin, high - margin)
 
 
 def _evolve(problem: Problem, seed: int, tell: Progress) -> None:

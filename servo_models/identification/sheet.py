@@ -9,16 +9,8 @@ from servo_models.sheets import Sheet, Table, with_error
 from servo_models.units import factor
 
 PARAMETERS = ("parameter", "before", "estimate", "+-", "unit", "")
-ACCURACY = (
-    "log",
-    "output",
-    "part",
-    "RMS before",
-    "RMS after",
-    "unit",
-    "fit %",
-    "after, in numbers of the file",
-)
+ACCURACY = ("log", "output", "part", "RMS before", "RMS after", "unit", "fit %")
+IN_FILE = "after, in numbers of the file"
 
 
 def identification_sheet(found: Identification) -> Sheet:
@@ -32,7 +24,7 @@ def identification_sheet(found: Identification) -> Sheet:
         (ends, *warnings),
         (
             Table("Parameters", PARAMETERS, _parameters(found)),
-            Table("Errors", ACCURACY, tuple(_accuracy(found, row) for row in found.accuracy)),
+            _errors(found),
         ),
     )
 
@@ -60,8 +52,15 @@ def _parameters(found: Identification) -> tuple[tuple[str, ...], ...]:
     return tuple(rows)
 
 
+def _errors(found: Identification) -> Table:
+    """Errors in the unit that a person reads, and in the numbers of a file of other units."""
+    rows = [_accuracy(found, row) for row in found.accuracy]
+    if all(row[4] == row[-1] for row in rows):
+        return Table("Errors", ACCURACY, tuple(row[:-1] for row in rows))
+    return Table("Errors", (*ACCURACY, IN_FILE), tuple(rows))
+
+
 def _accuracy(found: Identification, row: Accuracy) -> tuple[str, ...]:
-    """Errors in the unit that a person reads, and in the numbers of the file."""
     wire = found.fitted.plant.wire[row.output]
     unit = wire.display or wire.unit
     scale = factor(wire.unit, unit)
