@@ -61,10 +61,11 @@ def _correlations(found: Identification) -> Picture:
         for j, i in itertools.combinations_with_replacement(range(p), 2):
             value = float(found.correlations[i, j])
             own = i == j
-            tint = colour("muted" if own else "orange" if value > 0.0 else "blue")
-            strength = 0.25 if own or math.isnan(value) else 0.6 * abs(value)
+            blank = own or math.isnan(value)
+            tint = colour("muted" if blank else "orange" if value > 0.0 else "blue")
+            strength = 0.25 if own else 0.08 if blank else 0.6 * abs(value)
             axes.add_patch(Rectangle((j, i), 1, 1, color=tint, alpha=strength, lw=0))
-            if not own and not math.isnan(value):
+            if not blank:
                 axes.text(j + 0.5, i + 0.5, _short(value), ha="center", va="center", size=7.5)
         axes.set(xlim=(0, p), ylim=(p, 0))
         axes.set_xticks(np.arange(p) + 0.5, [str(j + 1) for j in range(p)])

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 TITLE = "Residuals"
 BINS = 41
+NUMBERS = 5
+"""Numbers on an axis of long ones."""
 LAGS = 40
 """Lags that are drawn at least; else twice as many as matter."""
 DASHED = (0, (4, 3))
@@ -75,6 +77,7 @@ def _over_lag(axes: Axes, reading: Reading) -> None:
     for side in (1.96, -1.96):
         axes.axhline(side / np.sqrt(n), color=colour("muted"), lw=0.8, ls=DASHED)
     axes.set(xlabel="lag [s]", ylabel="autocorrelation", xlim=(0.0, None), ylim=(None, 1.05))
+    axes.locator_params(axis="x", nbins=NUMBERS)
 
 
 def _over_size(axes: Axes, reading: Reading) -> None:
@@ -88,3 +91,4 @@ def _over_size(axes: Axes, reading: Reading) -> None:
         axes.plot(across, height, color=colour("ink"), lw=1.0, ls=DASHED)
     axes.set_xlabel(f"error [{reading.unit}]", parse_math=False)
     axes.set(ylabel="frequency", yticks=[])
+    axes.locator_params(axis="x", nbins=NUMBERS)
