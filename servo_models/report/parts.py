@@ -43,7 +43,7 @@ class Table:
         columns: headings after the verdict.
         lines: its lines.
         numbers: headings of the columns that hold numbers.
-        folded: shown only when the reader opens it.
+        folded: shown only when the reader opens it, below the section's pictures.
     """
 
     caption: str

@@ -15,8 +15,14 @@ from servo_models.experiment import display
 from servo_models.identification.problem import Problem
 from servo_models.report.diagnosis.stages import together
 from servo_models.report.identification.readings import BUCKETS, envelope, unit_among, words
+from servo_models.report.identification.responses import (
+    JUDGED,
+    NOMINAL,
+    draw_curve,
+    draw_legend,
+)
 from servo_models.report.parts import Section
-from servo_models.report.style import Picture, colour, drawing, picture
+from servo_models.report.style import SERIES, Picture, colour, drawing, picture
 
 Array = NDArray[np.float64]
 
@@ -40,36 +46,36 @@ def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | No
 
 
 def _picture(found: Diagnosis, next_: Experiment, name: str) -> Picture:
-    """The command, and below it each output as either explanation predicts it."""
+    """The command, each output as either explanation predicts it, and how far these differ."""
     rivals = {one.effects: one for one in found.verdict.rivals}
     told = {together(names): _predicted(rivals[names], next_) for names in (next_.one, next_.other)}
-    outputs = list(found.floors)
-    with drawing(name, rows=1 + len(outputs), height=0.7 + PANEL * (1 + len(outputs))) as (
-        figure,
-        (command, *panels),
-    ):
+    rows = 2 + len(found.floors)
+    with drawing(name, rows=rows, height=0.7 + PANEL * rows) as (figure, panels):
+        command, *predicted, difference = panels
         scale, unit = display(next_.wire)
-        command.plot(next_.times, scale * next_.command, color=colour("ink"), lw=1.0)
+        thin = envelope(next_.times, scale * next_.command, BUCKETS)
+        command.plot(*thin, color=colour("ink"), lw=0.9)
         command.set_ylabel(f"{words(next_.wire.name)} [{unit}]", parse_math=False)
-        for output, axes in zip(outputs, panels):
+        for output, axes, series in zip(found.floors, predicted, SERIES * len(predicted)):
             unit, size = unit_among(found.logs, output)
-            for (label, values), (tint, dash) in zip(
-                told.items(), (("blue", "-"), ("orange", "--"))
-            ):
-                curve = envelope(next_.times, values[output] / size, BUCKETS)
-                axes.plot(*curve, color=colour(tint), ls=dash, lw=1.2, label=label)
+            for (label, values), style in zip(told.items(), (JUDGED, NOMINAL)):
+                draw_curve(axes, next_.times, values[output] / size, label, style)
             axes.set_ylabel(f"{words(output)} [{unit}]", parse_math=False)
-        panels[0].set_title(" ", fontsize=8.5)
-        panels[0].legend(
-            loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=2, frameon=False, fontsize=8.5
-        ).set_in_layout(False)
-        panels[-1].set(xlabel="time [s]", xlim=(next_.times[0], next_.times[-1]))
-        figure.align_ylabels([command, *panels])
+            one, other = (values[output] / found.floors[output] for values in told.values())
+            draw_curve(difference, next_.times, one - other, words(output), (series, "-", 1.0, 1.0))
+        draw_legend(predicted[0], len(told))
+        if len(predicted) > 1:
+            draw_legend(difference, len(predicted))
+        difference.axhspan(-1.0, 1.0, color=colour("grid"), alpha=0.8, lw=0, zorder=0)
+        difference.set(xlabel="time [s]", xlim=(next_.times[0], next_.times[-1]))
+        difference.set_ylabel("difference\n[noise floors]")
+        figure.align_ylabels(panels)
         return picture(
             figure,
             name,
             " or ".join(told),
-            "Above: the command to play. Below: what either fitted model predicts.",
+            "From above: the command to play, what either fitted model predicts, and by how much"
+            " they differ before either is re-fitted. Shaded: the noise floor.",
         )
 
 

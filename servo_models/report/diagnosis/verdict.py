@@ -28,7 +28,7 @@ def judgement(found: Diagnosis) -> bool | None:
 
 def counts(found: Diagnosis) -> tuple[Count, ...]:
     """Return a card for the whole gap, one for each output and one for the effects."""
-    cards = [Count("gap", "gap in noise floors, held out", _whole(found), judgement(found))]
+    cards = [Count("gap", "gap [noise floors]", _whole(found), judgement(found))]
     cards += [Count("gap", words(gap.output), _text(found, gap), None) for gap in found.gaps]
     named = [claim for claim in found.claims if claim.in_set]
     if named:

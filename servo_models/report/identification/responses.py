@@ -149,12 +149,12 @@ def draw_legend(axes: Axes, count: int) -> None:
     axes.set_title(" ", fontsize=8.5)
     axes.legend(
         loc="lower left",
-        bbox_to_anchor=(-0.02, 0.98),
+        bbox_to_anchor=(-0.06, 0.98),
         ncols=count,
         frameon=False,
-        handlelength=1.6,
-        handletextpad=0.5,
-        columnspacing=1.1,
+        handlelength=1.4,
+        handletextpad=0.4,
+        columnspacing=0.8,
         fontsize=8.5,
     ).set_in_layout(False)
 

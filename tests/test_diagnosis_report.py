@@ -1,0 +1,303 @@
+"""The report of a diagnosis: it says what was found, and stands alone.
+
+The rig is the torque motor with a delay; figures that are looked for on the page are worked
+out here, from the rig or from the arrays of the diagnosis.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from html_page import Page
+from numpy.typing import NDArray
+
+from servo_models.description import Description
+from servo_models.diagnose import diagnose
+from servo_models.diagnosis import words
+from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.experiment import next_experiments
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.verdict import EFFECT, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.diagnosis.where import where
+from servo_models.identification.result import Accuracy
+from servo_models.recording import Channel, Log
+from servo_models.report.diagnosis import diagnosis_page
+from servo_models.report.diagnosis.evidence import intervals
+from servo_models.report.diagnosis.gap import unit_for
+from servo_models.report.parts import MINUS
+from servo_models.simulate import model, simulate
+from servo_models.toml_file import Section
+
+Array = NDArray[np.float64]
+
+STEP = 2.5e-4
+DELAY = 1.1e-3
+NOISE = math.radians(0.02)
+DEGREE = math.radians(1.0)
+FIXED = {"end_stops.half_range": 0.0}
+HOSTILE = "<script>alert('x')</script> $x_"
+NUMBER = r"(\d[\d.]*)"
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    """A torque constant that is 10 % larger, and a delay of 1.1 ms."""
+    nominal = model("torque_motor", "measured", FIXED)
+    constant = 1.1 * nominal.values["torque_constant"]
+    rig = model(
+        "torque_motor",
+        "measured",
+        {**FIXED, "torque_constant": constant, "transport_delay.time": DELAY},
+    )
+    voltage = _voltage()
+    n = len(voltage)
+    times = np.arange(n, dtype=np.float64) * STEP
+    angle = simulate(rig, times, {"voltage": voltage})["angle"]
+    log = Log(
+        name="bench",
+        path=Path("bench.csv"),
+        sha256="0123456789abcdef" * 4,
+        times=times,
+        inputs={"voltage": voltage},
+        outputs={"angle": angle + NOISE * np.random.default_rng(4).standard_normal(n)},
+        channels={"angle": Channel("angle", "angle_deg", "deg", DEGREE)},
+        rows=np.arange(n),
+        held_out=np.zeros(n, dtype=bool),
+    )
+    relative = nominal.actuator.variant("measured").uncertainty
+    known = {name: abs(part * nominal.values[name]) for name, part in relative.items()}
+    path = Path("bench.toml")
+    return diagnose(Description(path, Section(path, "", {}), nominal, {}, known, (log,)), jobs=1)
+
+
+def _voltage() -> Array:
+    """Steps of several sizes, then a slow triangle and a sweep."""
+    steps = np.repeat([0.0, 10.0, 0.0, -20.0, 0.0, 28.0, -28.0, 0.0], 100)
+    t = STEP * np.arange(600)
+    triangle = 15.0 * np.interp(t / t[-1], [0.0, 0.25, 0.75, 1.0], [0.0, 1.0, -1.0, 0.0])
+    sweep = 15.0 * np.sin(2.0 * np.pi * (5.0 * t + 500.0 * t**2))
+    return np.concatenate([steps, triangle, sweep])
+
+
+@pytest.fixture(scope="module")
+def unsure(found: Diagnosis) -> Diagnosis:
+    """As if the two best effects could not be told apart."""
+    rivals = tuple(found.causes.singles[:2])
+    members = tuple(name for one in rivals for name in one.effects)
+    claims = tuple(replace(one, in_set=one.name in members) for one in found.claims)
+    verdict = replace(found.verdict, kind=EFFECT, members=members, rivals=rivals)
+    return replace(found, verdict=verdict, claims=claims)
+
+
+@pytest.fixture(scope="module")
+def text(found: Diagnosis) -> str:
+    return _page(found)
+
+
+def _page(found: Diagnosis) -> str:
+    return diagnosis_page(
+        "Bench", found, where(found.causes), conditions={"Python": "3.11"}, date="2026-01-31"
+    )
+
+
+def _cells(page: Page, first: str) -> list[list[str]]:
+    """Rows that begin with a cell."""
+    return [row for row in page.rows if row[0] == first]
+
+
+def _number(text: str) -> float:
+    return float(text.replace(MINUS, "-"))
+
+
+def _heading(text: str) -> str:
+    heading = re.search(r"<h1>(.*?)</h1>", text, flags=re.S)
+    assert heading
+    return re.sub(r"<.*?>", "", heading[1])
+
+
+def test_page_is_whole_and_stands_alone(found: Diagnosis, text: str) -> None:
+    page = Page(text)
+    page.assert_stands_alone()
+    assert page.count("svg") == page.count("figcaption")
+    assert page.count("table") == page.count("caption")
+    assert "2026-01-31" in page.text
+    assert len(text.encode()) < 500_000
+    sections = ("gap", "where", "evidence", "ruled-out", "parameters", "provenance")
+    assert [name for name in page.values("id") if name in sections] == list(sections)
+
+
+def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None:
+    assert _page(found) == text
+
+
+def test_verdict_names_the_effect(text: str) -> None:
+    assert _heading(text).startswith("Transport delay on")
+    assert "explains the gap" in _heading(text)
+
+
+def test_gap_is_that_of_the_arrays(found: Diagnosis, text: str) -> None:
+    """Nominal error from a simulation of the model itself; the rest from held-out errors."""
+    log = found.logs[0]
+    nominal = simulate(found.model, log.times, log.inputs)["angle"]
+    wanted = [
+        np.degrees(np.sqrt(np.mean((nominal - log.outputs["angle"]) ** 2))),
+        *(
+            np.degrees(found.floors["angle"]) * np.sqrt(np.mean(one.evidence.unseen**2))
+            for one in (found.causes.retuned, found.causes.taken)
+        ),
+    ]
+    row = next(row for row in _cells(Page(text), "angle") if row[-1] == "deg")
+    for cell, value, stage in zip(row[1:], wanted, ("before", "retuned", "after")):
+        shown = re.fullmatch(rf"{NUMBER} \({NUMBER} to {NUMBER}\)", cell)
+        assert shown
+        error, low, high = map(float, shown.groups())
+        assert error == pytest.approx(value, rel=6e-3)
+        assert low <= error <= high
+        assert low * DEGREE == pytest.approx(found.gaps[0].intervals[stage][0], rel=6e-3)
+    assert float(row[4]) == pytest.approx(0.02, rel=0.1)  # the noise that was added
+
+
+def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
+    page = Page(text)
+    place = found.model.plant.placements
+    reasons = words.ruled_out(found)
+    for name in found.causes.reach:
+        rows = [
+            row
+            for row in _cells(page, name.replace("_", " "))
+            if row[1] == place[name][0].on[0].replace("_", " ")
+        ]
+        assert [row[2] for row in rows] == ([reasons[name]] if name in reasons else [])
+    named = {*found.verdict.members, *found.causes.taken.effects}
+    assert named | set(reasons) == set(found.causes.reach)
+
+
+def test_the_set_is_marked_in_the_evidence(unsure: Diagnosis) -> None:
+    page = Page(_page(unsure))
+    marked = {row[0].replace(" ", "_") for row in page.rows if "in the set" in row}
+    assert len(marked) == 2
+    assert marked == set(unsure.verdict.members)
+    assert "cannot be told apart from" in _heading(page.source)
+
+
+def test_probabilities_are_shown_for_the_kind_of_explanation_that_was_taken(
+    found: Diagnosis, text: str
+) -> None:
+    """Among pairs of which none was taken they would mean nothing."""
+    rows = {row[0]: row[3] for row in Page(text).rows if row[-1].endswith("converged")}
+    alone = [one.effects[0].replace("_", " ") for one in found.causes.singles if one.converged]
+    assert all("%" in rows[name] for name in alone)
+    assert all("%" not in chance for name, chance in rows.items() if " and " in name)
+
+
+def test_intervals_compare_with_the_best(found: Diagnosis) -> None:
+    """One that is worse by the same factor in every block is so in every draw."""
+    best = found.causes.singles[0]
+    twice = replace(best, evidence=replace(best.evidence, unseen=2.0 * best.evidence.unseen))
+    same, worse = intervals([best, twice])
+    assert same == pytest.approx((best.evidence.rms, best.evidence.rms))
+    assert worse == pytest.approx((2.0 * best.evidence.rms, 2.0 * best.evidence.rms))
+
+
+def test_parameters_are_in_their_display_units(found: Diagnosis, text: str) -> None:
+    page = Page(text)
+    (size,) = [row for row in _cells(page, "transport delay") if row[1] == "time"]
+    assert size[4] == "ms"
+    assert abs(_number(size[2]) - 1.1) < 4.0 * _number(size[3])
+    (moved,) = _cells(page, "torque_constant")
+    nominal, _, _, _, value, error = map(_number, moved[1:7])
+    assert nominal == pytest.approx(found.model.values["torque_constant"], rel=1e-4)
+    assert abs(value - 1.1 * nominal) < 4.0 * error
+
+
+def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
+    planned = next_experiments(unsure.verdict)
+    page = Page(diagnosis_page("Bench", unsure, experiments=planned))
+    page.assert_stands_alone()
+    assert planned
+    for one in planned:
+        assert one.text in page.text
+    drawn = " ".join(page.values("aria-label"))
+    assert " or ".join(one.effects[0] for one in unsure.verdict.rivals).replace("_", " ") in drawn
+    assert "experiment" not in Page(_page(unsure)).values("id")
+
+
+def test_what_the_fmu_leaves_is_told(found: Diagnosis) -> None:
+    rows = (Accuracy("bench", "angle", "fit", 2000, 0.2 * DEGREE, 0.0301 * DEGREE, 99.9, DEGREE),)
+    equal = Page(diagnosis_page("Bench", found, confirmed=Confirmation(rows, 0.0)))
+    assert _cells(equal, "bench")[0][4:6] == ["0.2", "0.0301"]
+    assert any("same bits" in piece for piece in equal.text)
+    off = Page(diagnosis_page("Bench", found, confirmed=Confirmation(rows, 2e-9)))
+    assert not any("same bits" in piece for piece in off.text)
+
+
+@pytest.mark.parametrize(
+    ("kind", "judged", "begins"),
+    [
+        (NO_GAP, "pass", "No gap"),
+        (PARAMETERS, "open", "Re-tuned parameters"),
+        (OUTSIDE, "fail", "Outside the catalogue"),
+        (NOT_IDENTIFIABLE, "fail", "These logs cannot tell"),
+    ],
+)
+def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begins: str) -> None:
+    causes = found.causes
+    if kind in (NO_GAP, PARAMETERS):
+        causes = replace(causes, taken=causes.retuned, singles=[], pairs=[])
+    other = replace(
+        found,
+        causes=causes,
+        verdict=replace(found.verdict, kind=kind, chances={}),
+        claims=tuple(replace(one, taken=False, in_set=False) for one in found.claims),
+    )
+    text = _page(other)
+    Page(text).assert_stands_alone()
+    assert f'<header class="{judged}">' in text
+    assert begins in _heading(text)
+
+
+def test_a_model_without_uncertainties_is_not_called_retuned(found: Diagnosis) -> None:
+    bare = replace(found.causes.retuned.problem, free=())
+    alone = replace(found.causes.retuned, problem=bare)
+    alone = replace(alone, evidence=replace(alone.evidence, vector=np.empty(0)))
+    before = replace(found.causes.before, vector=np.empty(0))
+    causes = replace(found.causes, before=before, retuned=alone)
+    text = _page(replace(found, causes=causes, moved=()))
+    page = Page(text)
+    page.assert_stands_alone()
+    assert "re-tuned" not in page.text
+    assert any("frozen ones invent effects" in piece for piece in page.text)
+
+
+def test_small_errors_are_told_with_a_prefix(found: Diagnosis) -> None:
+    """0.0000123 m reads 12.3 um; a log in degrees keeps its unit."""
+    (gap,) = found.gaps
+    metre = replace(found.logs[0], channels={"angle": Channel("angle", "x", "m", 1.0)})
+    for rms, wanted in ((12.3e-6, ("um", 1e-6)), (4.7e-3, ("mm", 1e-3)), (0.54, ("m", 1.0))):
+        small = replace(gap, rms={**gap.rms, "before": rms})
+        assert unit_for(replace(found, logs=(metre,)), small) == wanted
+    assert unit_for(found, gap) == ("deg", DEGREE)
+
+
+def test_hostile_names_stay_text(found: Diagnosis) -> None:
+    log = replace(
+        found.logs[0],
+        name=HOSTILE,
+        channels={"angle": Channel("angle", "1", HOSTILE, DEGREE)},
+    )
+    audits = tuple(replace(one, log=log) for one in found.audits)
+    gaps = tuple(replace(gap, worst=(HOSTILE, 0.1)) for gap in found.gaps)
+    page = Page(_page(replace(found, logs=(log,), audits=audits, gaps=gaps)))
+    page.assert_stands_alone()
+    assert any(HOSTILE in piece for piece in page.text)
+
+
+def test_logs_and_their_hashes_are_named(found: Diagnosis, text: str) -> None:
+    assert found.logs[0].sha256 in text
+    assert "bench.csv" in text
+    assert "Python" in Page(text).text
