@@ -64,7 +64,7 @@ def _diagnose(
         for name, prior in told.uncertainty.items()
     )
     bench = Bench(told.model, told.logs, nominal, floors, jobs)
-    causes = find_causes(bench, left_out, tell)
+    causes = find_causes(bench, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
     return Diagnosis(
         model=told.model,

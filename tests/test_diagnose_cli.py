@@ -198,9 +198,16 @@ def test_text_tells_it_in_one_screen(session: Session, run: Run) -> None:
 def test_a_gap_inside_the_tolerance_is_none(session: Session, run: Run) -> None:
     rig = session.folder / "rig.toml"
     before = session.document["gap"]["before"]
-    code, out, _ = run("diagnose", rig, "--tolerance", str(1.01 * before), "--format", "json")
+    file = session.folder / "as it was.toml"
+    words = ("diagnose", rig, "--format", "json", "--out", file)
+    code, out, _ = run(*words, "--tolerance", str(1.01 * before))
     assert code == 0
-    assert json.loads(out)["verdict"] == "no-gap"
+    document = json.loads(out)
+    check_schema(document)
+    assert document["verdict"] == "no-gap"
+    assert not any(one["taken"] for one in document["effects"])
+    nominal = read_description(rig).model.values
+    assert read_parameters(file).model().values == pytest.approx(nominal, rel=1e-14, abs=0.0)
     code, out, _ = run("diagnose", rig, "--tolerance", str(0.99 * before), "--format", "github")
     assert code == 1
     assert out.startswith("::error title=servo-models%3A torque_motor::transport_delay")

@@ -143,18 +143,27 @@ class Causes:
     reach: dict[str, float]
 
 
-def find_causes(bench: Bench, left_out: Iterable[str] = (), tell: Tell | None = None) -> Causes:
+def find_causes(
+    bench: Bench,
+    left_out: Iterable[str] = (),
+    tell: Tell | None = None,
+    tolerance: float = 0.0,
+) -> Causes:
     """Explain a gap by nominal parameters, by one effect, or by two.
 
     Args:
         bench: model, logs, priors and floors.
         left_out: effects that are not considered.
         tell: is told what goes on.
+        tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = tell or (lambda _: None)
     nominal = bench.problem()
     errors = nominal.residuals(nominal.nominal)[: nominal.samples]
     before = Evidence(nominal.nominal, errors, errors, blocks(nominal))  # no fit, all is unseen
+    if before.rms <= tolerance:
+        as_it_is = Explanation((), nominal, before, converged=True)
+        return Causes(before, as_it_is, [], [], as_it_is, {})
     say("re-tuning nominal parameters")
     retuned = bench.fit((), ())
     every = candidates(bench.model, left_out)
