@@ -1,23 +1,24 @@
-"""What could have been said of a case: the same fits, told the truth, on logs without noise.
+"""What could have been said of a case: fits to the logs without noise, begun at the truth.
 
 Where the logs hardly tell the truth from something else, to miss it is no fault of a
-diagnosis.  So the truth and its rivals are fitted to the noise-free logs.  The truth is
-*separated* from a rival if
+diagnosis.  So the truth and its rivals are fitted to the noise-free logs, the hidden effect
+of a case, if there is one, switched on as it is.  A rival is *seen* if an ideal observer who
+knows both fitted responses would confuse them in the noise of the case in fewer than 1 of 160
+cases: their squared errors differ by at least 5^2 = 25 times the noise power of one
+independent sample.  The truth is
 
-* it leaves less than half of the rival's RMS error: the generator's laws are other ones than
-  the product's, so the truth leaves an error too; and
-* an ideal observer who knows both fitted responses would confuse them in the noise of the
-  case in fewer than 1 of 160 cases: their squared errors differ by at least 5^2 = 25 times the
-  noise power of one independent sample.
+* *separated* from a rival that is seen, if it leaves less than half of the rival's RMS error
+  as well: laws of the generator are other ones than the product's, so the truth leaves an
+  error too;
+* *absorbed* if nominal parameters alone are a rival that is not seen.
 
-Source of the second: Kay, Fundamentals of Statistical Signal Processing II (1998), sec. 4.3:
-two known signals at a distance of d standard deviations are confused with probability Q(d/2).
+Source: Kay, Fundamentals of Statistical Signal Processing II (1998), sec. 4.3: two known
+signals at a distance of d standard deviations are confused with probability Q(d/2).
 Both numbers were set before any diagnosis was scored.
 """
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 import warnings
@@ -35,7 +36,7 @@ from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.causes import Bench, Explanation
 from servo_models.diagnosis.evidence import dispersion
 from servo_models.diagnosis.screening import Sight, look, pairs
-from servo_models.identification.problem import free_parameter
+from servo_models.identification.problem import Problem, free_parameter
 from servo_models.threads import one_blas_thread
 
 HALF = 0.5
@@ -84,8 +85,8 @@ class Question:
     said: Said
 
 
-def separates(truth: float, rival: float, samples: int, noise: float) -> bool:
-    """Return whether logs separate the truth from a rival, see the top of this file.
+def seen(truth: float, rival: float, samples: int, noise: float) -> bool:
+    """Return whether an ideal observer sees a rival of the truth, see the top of this file.
 
     Args:
         truth, rival: RMS errors in the noise-free logs [noise floors].
@@ -93,7 +94,7 @@ def separates(truth: float, rival: float, samples: int, noise: float) -> bool:
         noise: mean square of the noise times the samples of which one is independent.
     """
     distance = samples * (rival * rival - truth * truth) / noise
-    return truth < HALF * rival and distance >= DISTANCE * DISTANCE
+    return distance >= DISTANCE * DISTANCE
 
 
 def ask_oracle(question: Question) -> dict[str, Any]:
@@ -108,47 +109,57 @@ def ask_oracle(question: Question) -> dict[str, Any]:
 
 def _known(question: Question, names: Sequence[str]) -> Known:
     said, foreign = question.said, question.answer["kind"] == "foreign"
-    case = question.folder / "cases" / said.case
-    noisy, clean = read_description(case / "description.toml"), _noise_free(question)
-    bench = _bench(clean, said)
+    noisy, clean = _logs(question)
+    bench, measured = _bench(clean, said), _bench(noisy, said)
     retuned = bench.fit((), ())
-    truth = 0.0 if foreign else _error(told(bench, names, retuned))
-    parameters = _error(retuned)
-    fitted = [told(bench, it, retuned) for it in rivals(said, () if foreign else names)]
-    best = min([retuned, *fitted], key=_error)
-    problem, vector = retuned.problem, retuned.evidence.vector
-    samples, measured = problem.samples, _bench(noisy, said)
-    apart = measured.problem().residuals(vector) - problem.residuals(vector)
-    noise = dispersion(apart[:samples])
-    separated = separates(truth, _error(best), samples, noise)
+    truth = 0.0 if foreign else _error(_true_fit(bench, question.answer))
+    hidden = [it["name"] for it in question.answer["hidden"]]
+    nearest = rivals(said, () if foreign else names, hidden)
+    best = min([retuned, *(told(bench, it, retuned) for it in nearest)], key=_error)
+    samples, vector = retuned.problem.samples, retuned.evidence.vector
+    apart = Problem(bench.model, noisy.logs, bench.nominal, dict(bench.floors)).residuals(vector)
+    noise = dispersion((apart - retuned.problem.residuals(vector))[:samples])
+    separated = seen(truth, _error(best), samples, noise) and truth < HALF * _error(best)
     after, without = None, ""
     if not foreign:
-        start = measured.fit((), ())
-        after = told(measured, names, start).evidence.rms
+        after = told(measured, names, measured.fit((), ())).evidence.rms
     if len(names) == 1 and separated and not foreign:
         without = diagnose(noisy, jobs=1, left_out=names).verdict.kind
     return Known(
         case=said.case,
         truth=truth,
-        parameters=parameters,
+        parameters=_error(retuned),
         rival=_error(best),
         rival_effects=list(best.effects),
         separated=separated,
-        absorbed=not separates(truth, parameters, samples, noise),
+        absorbed=not seen(truth, _error(retuned), samples, noise),
         after=after,
         without=without,
     )
 
 
-def rivals(said: Said, names: Iterable[str]) -> list[list[str]]:
+def rivals(said: Said, names: Iterable[str], hidden: Iterable[str]) -> list[list[str]]:
     """Return the nearest explanations tried that are not the truth, with no more effects.
 
     A cause outside the catalogue has no names, and every explanation is a rival.
     """
-    truth = set(names)
+    truth, on = set(names), set(hidden)
     most = len(truth) or 2
-    others = [it for it in said.tried if len(it) <= most and (not truth or set(it) != truth)]
-    return others[:RIVALS]
+    others = [it for it in said.tried if len(it) <= most and not on & set(it)]
+    return [it for it in others if not truth or set(it) != truth][:RIVALS]
+
+
+def _true_fit(bench: Bench, answer: dict[str, Any]) -> Explanation:
+    """The fit of the true effects that begins at the true values."""
+    true = {**answer["parameters"], **_parameters(answer["effects"])}
+    names = tuple(it["name"] for it in answer["effects"])
+    nominal = tuple(replace(free, start=true[free.name]) for free in bench.nominal)
+    extra = [f for one in candidates(bench.model) if one.name in names for f in one.at(true)]
+    return replace(bench, nominal=nominal).fit(names, extra)
+
+
+def _parameters(effects: Iterable[dict[str, Any]]) -> dict[str, float]:
+    return {name: value for it in effects for name, value in it["parameters"].items()}
 
 
 def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanation:
@@ -201,13 +212,14 @@ def _bench(told: Description, said: Said) -> Bench:
     return Bench(told.model, told.logs, nominal, dict(said.floors), 1)
 
 
-def _noise_free(question: Question) -> Description:
-    """The description of a case with its noise-free logs."""
+def _logs(question: Question) -> tuple[Description, Description]:
+    """The description of a case, and the same with noise-free logs and the hidden effect."""
     case = question.folder / "cases" / question.said.case
+    noisy = read_description(case / "description.toml")
     with tempfile.TemporaryDirectory() as folder:
-        beside = Path(folder)
         for name in question.answer["noise_free"]:
-            shutil.copy(question.folder / name, beside / os.path.basename(name))
-        shutil.copy(case / "description.toml", beside)
-        read = read_description(beside / "description.toml")
-    return replace(read, path=case / "description.toml")
+            shutil.copy(question.folder / name, folder)
+        shutil.copy(case / "description.toml", folder)
+        clean = read_description(Path(folder) / "description.toml")
+    on = {**clean.model.values, **_parameters(question.answer["hidden"])}
+    return noisy, replace(clean, model=replace(clean.model, values=on))

@@ -84,12 +84,11 @@ def run_blind(
     workers = jobs or os.cpu_count() or 1
     seal = _sealed(folder, asked, tell)
     announce(seal)
-    names = [f"{number:04d}" for number in range(asked.cases)]
     said = {
         case: Said(**row)
         for case, row in work_through(
             folder / "results.jsonl",
-            {name: folder / "cases" / name for name in names},
+            {case.name: case for case in sorted((folder / "cases").iterdir())},
             diagnose_case,
             workers,
             lambda done, every: tell(done, every, "diagnosing"),

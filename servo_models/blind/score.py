@@ -80,6 +80,11 @@ def join(
     ]
 
 
+def separated(cases: Cases) -> Figure:
+    """Something wrong: the noise-free log separates the truth from its best rival."""
+    return share(case.separated for case in cases if case.kind != NOTHING)
+
+
 def first_place(cases: Cases) -> Figure:
     """One effect, separated: the explanation at first place names it, and no effect that is
     not there.  Whatever the verdict says beside it."""
@@ -167,6 +172,7 @@ def seconds_per_case(cases: Cases) -> Figure:
 
 
 FIGURES: tuple[Callable[[Cases], Figure], ...] = (
+    separated,
     first_place,
     set_coverage,
     mean_set_size,

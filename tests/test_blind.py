@@ -1,0 +1,314 @@
+"""The withheld check: a small one from end to end, and every figure on cases made by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+import servo_models.blind as package
+from servo_models.blind.interval import mean, share
+from servo_models.blind.oracle import Known, rivals, seen
+from servo_models.blind.run import check_tiers
+from servo_models.blind.said import Said, diagnose_case
+from servo_models.blind.score import FIGURES, Case, calibration, confusion
+from servo_models.blind.sheet import BARS, met
+from servo_models.cli import main
+from servo_models.errors import UserError
+
+CASES, SEED = 12, 3
+SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
+
+
+def command(folder: Path, json_: Path, seed: int = SEED) -> list[str]:
+    numbers = ["--cases", str(CASES), "--seed", str(seed), "--jobs", "2"]
+    return ["blind", *numbers, "--folder", str(folder), "--json", str(json_)]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a small check, with its JSON beside the cases."""
+    folder = tmp_path_factory.mktemp("blind") / "check"
+    assert main(command(folder, folder.parent / "result.json")) == 0
+    shutil.move(folder.parent / "result.json", folder / "result.json")
+    return folder
+
+
+@pytest.fixture
+def copy(finished: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(finished, tmp_path / "check"))
+
+
+def result(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    return found
+
+
+def untimed(value: Any) -> Any:
+    """A result without what a clock has measured."""
+    if isinstance(value, dict):
+        clock = ("seconds", "seconds_per_case")
+        return {k: untimed(v) for k, v in value.items() if k not in clock and k != "bars"}
+    return [untimed(v) for v in value] if isinstance(value, list) else value
+
+
+def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
+    Draft202012Validator.check_schema(SCHEMA)
+    found = result(finished)
+    Draft202012Validator(SCHEMA).validate(found)
+    assert found["n"] == CASES
+    assert {tier: it["n"] for tier, it in found["tiers"].items()} == dict.fromkeys(BARS, 4)
+    assert [it["said"]["why"] for it in found["cases"]] == [""] * CASES
+
+
+def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
+    """The true effects at their true sizes leave less than what the product knows without them,
+    though the laws of the generator are its own."""
+    known = [it["oracle"] for it in result(finished)["cases"] if it["kind"] in ("one", "two")]
+    assert len(known) > 3
+    for it in known:
+        assert it["truth"] <= it["parameters"] * (1.0 + 1e-6)
+        assert it["truth"] < 1.0
+
+
+def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) -> None:
+    case = result(finished)["cases"][-1]["said"]
+    alone = shutil.copytree(finished / "cases" / case["case"], tmp_path / case["case"])
+    assert untimed(diagnose_case(alone)) == untimed(case)
+
+
+def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
+    before = result(copy)
+    lines = (copy / "results.jsonl").read_bytes().splitlines(keepends=True)
+    (copy / "results.jsonl").write_bytes(b"".join(lines[:-2]) + lines[-2][:40])
+    kept = (copy / "oracle.jsonl").read_bytes().splitlines(keepends=True)
+    (copy / "oracle.jsonl").write_bytes(b"".join(kept[:-1]))
+    assert main(command(copy, copy / "result.json")) == 0
+    assert untimed(result(copy)) == untimed(before)
+    assert (copy / "results.jsonl").read_bytes().startswith(b"".join(lines[:-2]))
+
+
+def test_the_seal_is_printed_and_is_of_the_answers(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(copy, copy / "result.json")) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first == f"seal of the answers, SHA-256: {result(copy)['seal']}"
+
+
+def test_changed_answers_are_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = copy / "answers.json"
+    path.write_bytes(path.read_bytes().replace(b'"kind": "one"', b'"kind": "two"', 1))
+    assert main(command(copy, copy / "new.json")) == 2
+    assert "not what was sealed" in capsys.readouterr().err
+    assert not (copy / "new.json").exists()
+
+
+def test_another_check_in_the_same_folder_is_refused(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(copy, copy / "new.json", seed=SEED + 1)) == 2
+    said = capsys.readouterr().err
+    assert f"holds {CASES} cases of seed {SEED}, tiers easy,hard,poor" in said
+    assert len(said.splitlines()) == 1
+
+
+def test_a_folder_with_something_else_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(tmp_path, tmp_path / "new.json")) == 2
+    assert "holds no withheld check" in capsys.readouterr().err
+
+
+def test_tiers_are_named_once_and_rightly() -> None:
+    assert check_tiers("poor, easy") == ("poor", "easy")
+    with pytest.raises(UserError, match="did you mean 'easy'"):
+        check_tiers("esay")
+    with pytest.raises(UserError, match="once"):
+        check_tiers("easy,easy")
+
+
+def test_a_case_that_cannot_be_read_is_a_wrong_answer(tmp_path: Path) -> None:
+    said = Said(**diagnose_case(tmp_path))
+    assert said.verdict == "failed"
+    assert "description.toml" in said.why
+
+
+# R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3.
+NEWCOMBE = [
+    (81, 263, 0.2553, 0.3662),
+    (15, 148, 0.0624, 0.1605),
+    (0, 20, 0.0000, 0.1611),
+    (1, 29, 0.0061, 0.1718),
+]
+
+
+@pytest.mark.parametrize(("true", "n", "low", "high"), NEWCOMBE)
+def test_intervals_of_shares_are_published_ones(true: int, n: int, low: float, high: float) -> None:
+    found = share([True] * true + [False] * (n - true))
+    assert found.value == pytest.approx(true / n)
+    assert found.n == n
+    assert (found.low, found.high) == (pytest.approx(low, abs=6e-5), pytest.approx(high, abs=6e-5))
+
+
+def test_the_interval_of_a_mean_is_that_of_a_normal_one() -> None:
+    values = [math.sin(k) for k in range(400)]
+    found = mean(values)
+    middle = sum(values) / 400
+    error = math.sqrt(sum((v - middle) ** 2 for v in values)) / 400
+    assert found.value == pytest.approx(middle)
+    assert found.low == pytest.approx(middle - 1.96 * error, abs=0.1 * error)
+    assert found.high == pytest.approx(middle + 1.96 * error, abs=0.1 * error)
+
+
+def test_no_case_is_no_figure() -> None:
+    assert (
+        asdict(share([]))
+        == asdict(mean([]))
+        == dict.fromkeys(("value", "low", "high"), None) | {"n": 0}
+    )
+
+
+@pytest.mark.parametrize(
+    ("truth", "rival", "samples", "found"),
+    [
+        (0.0, 0.1, 2500, True),  # d = 0.1 sqrt(2500) = 5
+        (0.0, 0.1, 2499, False),
+        (3.0, 5.0, 100, True),
+        (5.0, 3.0, 10**9, False),
+    ],
+)
+def test_an_ideal_observer_sees_five_deviations(
+    truth: float, rival: float, samples: int, found: bool
+) -> None:
+    assert seen(truth, rival, samples, 1.0) is found
+    assert seen(truth, rival, 4 * samples, 4.0) is found
+
+
+def test_rivals_are_the_nearest_that_are_not_the_truth() -> None:
+    tried = [["a"], ["b"], ["a", "b"], ["c"], ["d"], ["e"], ["f"]]
+    said = Said("0", "effect", 1.0, tried=tried)
+    assert rivals(said, ["a"], []) == [["b"], ["c"], ["d"], ["e"]]
+    assert rivals(said, ["a"], ["b"]) == [["c"], ["d"], ["e"], ["f"]]
+    assert rivals(said, ["b", "a"], []) == [["a"], ["b"], ["c"], ["d"]]
+    assert rivals(said, [], []) == tried[:4]
+
+
+def case(
+    kind: str,
+    truth: str,
+    verdict: str,
+    named: str = "",
+    members: str = "",
+    hidden: str = "",
+    chance: float = 1.0,
+    after: float = 1.0,
+    **known: Any,
+) -> Case:
+    """A case with names as words; the gap before is 11, and 1 after when told."""
+    oracle = {
+        "truth": 0.0,
+        "parameters": 9.0,
+        "rival": 9.0,
+        "rival_effects": [],
+        "separated": True,
+        "absorbed": False,
+        "after": None if kind == "foreign" else 1.0,
+        "without": "",
+        **known,
+    }
+    words = named.split()
+    chances = {words[0]: chance} if words else {}
+    said = Said("0", verdict, 2.0, "", words, members.split() or words, chances, [], [], {}, 11.0)
+    return Case(
+        "easy",
+        "sg90",
+        kind,
+        frozenset(truth.split()),
+        frozenset(hidden.split()),
+        Said(**{**asdict(said), "after": after}),
+        None if kind == "nothing" else Known(case="0", **oracle),
+    )
+
+
+MADE = [
+    case("one", "a", "effect", "a", chance=0.95, without="outside-catalogue"),
+    case("one", "a", "effect", "a b", hidden="b", chance=0.6, without="effect"),
+    case("one", "a", "effects", "a c", chance=0.95, after=6.0, without="outside-catalogue"),
+    case("one", "a", "outside-catalogue", "b", "b a", chance=0.65),
+    case("one", "quantisation", "parameters", separated=False, absorbed=True),
+    case("one", "reading_quantisation", "not-identifiable", "b", "b c d e", chance=0.3),
+    case("one", "reading_quantisation", "parameters", after=16.0),
+    case("one", "a", "failed", after=11.0),
+    case("two", "a b", "effects", "b a", after=0.0),
+    case("two", "a b", "effect", "a"),
+    case("two", "a b", "outside-catalogue", separated=False),
+    case("nothing", "", "parameters"),
+    case("nothing", "", "no-gap"),
+    case("nothing", "", "effect", "a"),
+    case("nothing", "", "outside-catalogue"),
+    case("foreign", "drag", "outside-catalogue", "a"),
+    case("foreign", "drag", "effect", "a"),
+    case("foreign", "drag", "parameters"),
+    case("foreign", "drag", "effect", "a", separated=False),
+]
+EXPECTED = {
+    "separated": (12, 15),
+    "first_place": (2, 7),
+    "set_coverage": (5, 8),
+    "mean_set_size": (1 + 2 + 2 + 2 + 4, 5),
+    "both_named": (1, 2),
+    "false_causes": (2, 4),
+    "foreign_recall": (1, 3),
+    "left_out_recall": (2, 3),
+    "wrong_abstention": (2, 11),
+    "not_identifiable": (1, 8),
+    "owns_up": (1, 3),
+    "closed_vs_oracle": (9 - 0.5, 11),
+    "quantisation_found": (0, 2),
+    "seconds_per_case": (2 * 19, 19),
+}
+
+
+@pytest.mark.parametrize("define", FIGURES, ids=lambda it: it.__name__)
+def test_a_figure_is_what_its_definition_says(define: Any) -> None:
+    part, n = EXPECTED[define.__name__]
+    found = define(MADE)
+    assert found.n == n
+    assert found.value == pytest.approx(part / n)
+    assert found.low <= found.value <= found.high
+
+
+def test_confusions_count_every_case_once() -> None:
+    found = confusion(MADE)
+    assert found["a"] == {"a": 1, "a + b": 1, "a + c": 1, "outside-catalogue": 1, "failed": 1}
+    assert found["a + b"] == {"a + b": 1, "a": 1, "outside-catalogue": 1}
+    assert found["nothing"] == {"parameters": 1, "no-gap": 1, "a": 1, "outside-catalogue": 1}
+    assert sum(sum(row.values()) for row in found.values()) == len(MADE)
+
+
+def test_calibration_sets_what_happened_against_what_was_said() -> None:
+    """Cases with an effect in the catalogue and probabilities: 0.3 wrong; 0.6 right, 0.65 wrong;
+    0.95 twice right; 1 twice right."""
+    found = [(b.low, b.probability, b.right.value, b.right.n) for b in calibration(MADE)]
+    assert found == [
+        (0.0, pytest.approx(0.3), 0.0, 1),
+        (0.5, pytest.approx(0.625), 0.5, 2),
+        (0.9, pytest.approx(0.95), 1.0, 2),
+        (0.99, pytest.approx(1.0), 1.0, 2),
+    ]
+
+
+def test_bars_are_met_on_their_side() -> None:
+    half = share([True, False])
+    assert met(half, (">=", 0.5)) is met(half, ("<=", 0.5)) is True
+    assert met(half, (">=", 0.6)) is met(half, ("<=", 0.4)) is False
+    assert met(share([]), (">=", 0.5)) is None
+    names = {define.__name__ for define in FIGURES}
+    assert all(set(bars) <= names for bars in BARS.values())
