@@ -39,16 +39,19 @@ def by_time(samples: Samples) -> Breakdown:
     firsts, counts = [], []
     for log in samples.logs:
         own = max(1, round(WINDOWS * log.duration / total))
-        name = f" of {log.name}" if len(samples.logs) > 1 else ""
         firsts.append(len(edges))
         counts.append(own)
         cuts = np.linspace(0.0, log.duration, own + 1)
-        edges += [(f"{_between(a, b, 's')}{name}", a, b) for a, b in itertools.pairwise(cuts)]
+        name = f" of {log.name}" if len(samples.logs) > 1 else ""
+        labels = [f"{_between(a, b, 's')}{name}" for a, b in itertools.pairwise(cuts)]
+        if name and own == 1:
+            labels = [log.name]
+        edges += [(label, a, b) for label, a, b in zip(labels, cuts, cuts[1:])]
     durations = np.array([log.duration for log in samples.logs])
     own_count = np.array(counts)[samples.log]
     within = (samples.times / durations[samples.log] * own_count).astype(int)
     at = np.array(firsts)[samples.log] + np.minimum(within, own_count - 1)
-    return _split(samples, "time", "s", edges, at, "from ")
+    return _split(samples, "time", "s", edges, at, "during ")
 
 
 def by_amplitude(samples: Samples) -> Breakdown:
