@@ -1,0 +1,69 @@
+"""Diagnosis of real actuators from their logs: what holds of the page ``docs/studies/real_logs``.
+
+What does not hold is written down there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servo_models.diagnose import Diagnosis, diagnose
+
+EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs" / "diagnosis"
+Diagnosed = Callable[[str], Diagnosis]
+
+
+@pytest.fixture(scope="module")
+def diagnosed(logs_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
+    """Return the diagnosis of an example, its logs taken from the folder of measured logs."""
+    folder = tmp_path_factory.mktemp("descriptions")
+    found: dict[str, Diagnosis] = {}
+
+    def of(name: str) -> Diagnosis:
+        if name not in found:
+            text = (EXAMPLES / name).read_text(encoding="utf-8")
+            (folder / name).write_text(text.replace('"../logs/', f'"{logs_folder.as_posix()}/'))
+            found[name] = diagnose(folder / name)
+        return found[name]
+
+    return of
+
+
+def named(found: Diagnosis) -> set[str]:
+    """Effects that are taken, or in the set with those."""
+    return {*found.causes.taken.effects, *found.verdict.members}
+
+
+def held_out(found: Diagnosis, output: str) -> float:
+    """RMS error [SI] of the diagnosed model where no part of the diagnosis has looked."""
+    taken = found.causes.taken
+    responses = taken.problem.responses(taken.evidence.vector)
+    errors = [
+        (response[output] - log.outputs[output])[log.checked]
+        for log, response in zip(found.logs, responses)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def test_emps_has_dry_friction_and_no_stribeck(diagnosed: Diagnosed) -> None:
+    found = diagnosed("emps.toml")
+    assert named(found) == {"coulomb_friction"}
+    values = {one.name: one.value for one in found.found}
+    assert values["coulomb_friction.level"] == pytest.approx(20.4, rel=0.05)
+    assert values["force_offset"] == pytest.approx(-3.16, rel=0.1)
+
+
+def test_emps_is_met_on_the_run_with_pulses(diagnosed: Diagnosed) -> None:
+    found = diagnosed("emps.toml")
+    assert held_out(found, "position") <= 3.7e-6
+    assert held_out(found, "drive") <= 0.15
+
+
+def test_sg90_saturates_and_its_steps_show_no_dry_friction(diagnosed: Diagnosed) -> None:
+    names = named(diagnosed("sg90_steps.toml"))
+    assert names & {"supply_limit", "drive_saturation"}
+    assert not names & {"coulomb_friction", "drive_dead_zone", "dead_band"}
