@@ -26,8 +26,8 @@ DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
 EDGE = 1e-6
 """Distance from a bound, in scales and relative to the value, that counts as on it."""
-REFUSED = 1e3
-"""Weighted residual of a run that leaves the finite numbers."""
+REFUSED, LARGEST = 1e3, 1e100
+"""Weighted residual of a run that leaves the finite numbers, or those with finite squares."""
 
 
 @functools.cache
@@ -163,8 +163,8 @@ class Problem:
     def __post_init__(self) -> None:
         self.runs = [_prepare(self.model, log) for log in self.logs]
         for name in dict.fromkeys(name for log in self.logs for name in log.outputs):
-            seen = [log.outputs[name][log.fitted] for log in self.logs if name in log.outputs]
-            values = np.concatenate(seen)
+            logs = [log for log in self.logs if name in log.outputs]
+            values = np.concatenate([log.outputs[name][log.fitted] for log in logs])
             self.sigma.setdefault(name, float(np.std(values)) or 1.0 if len(values) else 1.0)
         self.restart(np.array([free.start for free in self.free]) / self.scales)
 
@@ -219,11 +219,11 @@ class Problem:
     def errors(self, run: Run, values: Mapping[str, float]) -> Array:
         """Weighted errors of one log at every sample, shape (n, outputs of the log)."""
         measured = np.column_stack(list(run.log.outputs.values()))
-        weights = np.array([self.sigma[name] for name in run.log.outputs])
         try:
-            return np.asarray((run.outputs(values) - measured) / weights)
+            errors = (run.outputs(values) - measured) / [self.sigma[n] for n in run.log.outputs]
         except UserError:
             return np.full(measured.shape, REFUSED)
+        return np.where(np.abs(errors) < LARGEST, errors, REFUSED)
 
     def residuals(self, vector: Array) -> Array:
         """Return weighted errors of all samples that a fit may see, then of the priors."""
