@@ -284,6 +284,25 @@ def test_small_errors_are_told_with_a_prefix(found: Diagnosis) -> None:
     assert unit_for(found, gap) == ("deg", DEGREE)
 
 
+def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> None:
+    """No fit has seen it; its worst sample is told all the same."""
+    log = found.logs[0]
+    checked = replace(log, name="later", held_out=np.ones(len(log.times), dtype=bool))
+    problems = [
+        replace(one.problem, logs=(log, checked))
+        for one in (found.causes.retuned, found.causes.taken)
+    ]
+    causes = replace(
+        found.causes,
+        retuned=replace(found.causes.retuned, problem=problems[0]),
+        taken=replace(found.causes.taken, problem=problems[1]),
+    )
+    text = _page(replace(found, logs=(log, checked), causes=causes))
+    nominal = simulate(found.model, log.times, log.inputs)["angle"]
+    worst = log.times[np.argmax(np.abs(nominal - log.outputs["angle"]))]
+    assert len(re.findall(rf"is worst: \S+ deg at {worst:.5g} s", text)) == 2
+
+
 def test_hostile_names_stay_text(found: Diagnosis) -> None:
     log = replace(
         found.logs[0],

@@ -55,12 +55,12 @@ def _picture(found: Diagnosis, next_: Experiment, name: str) -> Picture:
         scale, unit = display(next_.wire)
         thin = envelope(next_.times, scale * next_.command, BUCKETS)
         command.plot(*thin, color=colour("ink"), lw=0.9)
-        command.set_ylabel(f"{words(next_.wire.name)} [{unit}]", parse_math=False)
+        command.set_ylabel(f"{words(next_.wire.name)}\n[{unit}]", parse_math=False)
         for output, axes, series in zip(found.floors, predicted, SERIES * len(predicted)):
             unit, size = unit_among(found.logs, output)
             for (label, values), style in zip(told.items(), (JUDGED, NOMINAL)):
                 draw_curve(axes, next_.times, values[output] / size, label, style)
-            axes.set_ylabel(f"{words(output)} [{unit}]", parse_math=False)
+            axes.set_ylabel(f"{words(output)}\n[{unit}]", parse_math=False)
             one, other = (values[output] / found.floors[output] for values in told.values())
             draw_curve(difference, next_.times, one - other, words(output), (series, "-", 1.0, 1.0))
         draw_legend(predicted[0], len(told))

@@ -33,11 +33,12 @@ def section(found: Diagnosis, confirmed: Confirmation | None) -> Section:
     missed = most_missed(readings(found), found.floors)
     bars = [_picture(found, gap, f"gap-{i}") for i, gap in enumerate(found.gaps)]
     curves = [response(one, f"response-{i}") for i, one in enumerate(missed)]
+    left = not_drawn(found.logs) if confirmed else ""
     return Section(
         "gap",
         TITLE,
         "RMS errors on blocks of time that the fit has not seen, with 95 % intervals over the"
-        f" blocks. {not_drawn(found.logs)}".strip(),
+        f" blocks. {left}".strip(),
         (_errors(found), _details(found), *([_fmu(found, confirmed)] if confirmed else [])),
         (*bars, *curves),
     )

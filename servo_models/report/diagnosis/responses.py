@@ -30,9 +30,10 @@ def response(reading: Reading, name: str) -> Picture:
         name: keeps the ids of the drawing unique on the page.
     """
     errors = next(iter(reading.simulated.values())) - reading.measured
-    worst = worst_sample(errors, reading.log.fitted)
+    log = reading.log
+    worst = worst_sample(errors, log.fitted if log.fitted.any() else log.checked)
     window = stretch(errors, worst)
-    times = reading.log.times
+    times = log.times
     with drawing(name, rows=4, height=6.2, shared=False) as (figure, panels):
         whole, over_all, zoom, close = panels
         draw_responses(whole, reading, slice(None))
@@ -48,7 +49,7 @@ def response(reading: Reading, name: str) -> Picture:
             axes.tick_params(labelbottom=False)
         close.set_xlabel("time [s]")
         figure.align_ylabels(panels)
-        held = " Shaded: held out by the description." if reading.log.held_out.any() else ""
+        held = " Shaded: held out by the description." if log.held_out.any() else ""
         error = in_unit(abs(errors[worst]), reading.unit)
         return picture(
             figure,
@@ -63,7 +64,7 @@ def _errors(axes: Axes, reading: Reading, part: slice) -> None:
     curves = {name: (values - reading.measured)[part] for name, values in reading.simulated.items()}
     axes.axhline(0.0, color=colour("muted"), lw=0.7)
     draw_models(axes, reading.log, part, curves)
-    axes.set_ylabel(f"error [{reading.unit}]", parse_math=False)
+    axes.set_ylabel(f"error\n[{reading.unit}]", parse_math=False)
     largest = max(float(np.abs(values).max()) for values in curves.values())
     if 0.0 < largest < 1e-3:
         axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0), useMathText=True)

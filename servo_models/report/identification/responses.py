@@ -119,7 +119,7 @@ def draw_responses(axes: Axes, reading: Reading, part: slice) -> None:
     draw_curve(axes, reading.log.times[part], measured, "measured", MEASURED)
     draw_models(axes, reading.log, part, simulated)
     axes.set_ylim(*_limits(np.concatenate([measured, list(simulated.values())[-1]])))
-    axes.set_ylabel(f"{words(reading.output)} [{reading.unit}]", parse_math=False)
+    axes.set_ylabel(f"{words(reading.output)}\n[{reading.unit}]", parse_math=False)
 
 
 def draw_models(axes: Axes, log: Log, part: slice, curves: Mapping[str, Array]) -> None:
