@@ -35,6 +35,8 @@ LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
 BY_CHANCE = 0.05
 """Probability that so many blocks favour it by chance."""
+UNEXPLAINED = 1.5
+"""Error left, in noise floors, above which something may be missing."""
 DISGUISE = 1.25
 """Factor on the squared errors that an effect on its bound leaves."""
 WORTH = 0.02
@@ -171,7 +173,7 @@ def find_causes(
     sights, reach = look(retuned.problem, retuned.evidence.vector, every)
     singles = _fitted(bench, [(one,) for one in _distinct(sights)[:SINGLES]], retuned, say)
     couples: list[Explanation] = []
-    if singles and _better(singles[0], retuned):
+    if singles and (_better(singles[0], retuned) or retuned.evidence.rms > UNEXPLAINED):
         couples = _couples(bench, retuned, singles, sights, every, say)
     taken = _taken(retuned, singles, couples)
     say(f"fitting {' and '.join(taken.effects) or 'nominal parameters'} to the end")
@@ -233,9 +235,7 @@ def _distinct(sights: Iterable[Sight]) -> list[Sight]:
 def _taken(
     retuned: Explanation, singles: Sequence[Explanation], couples: Sequence[Explanation]
 ) -> Explanation:
-    if not singles or not _better(singles[0], retuned):
-        return retuned
-    best = singles[0]
+    best = singles[0] if singles and _better(singles[0], retuned) else retuned
     for couple in couples:
         halves = [one for one in singles if set(one.effects) <= set(couple.effects)]
         if _better(couple, best) and all(_better(couple, half) for half in halves):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from servo_models.diagnosis.belief import covering, probabilities
-from servo_models.diagnosis.causes import Causes, Explanation
-from servo_models.diagnosis.evidence import dispersion
+from servo_models.diagnosis.causes import UNEXPLAINED, Causes, Explanation
+from servo_models.diagnosis.structure import structured
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -19,10 +17,6 @@ NOT_IDENTIFIABLE = "not-identifiable"
 
 TOLERANCE = 2.0
 """Gap in noise floors that counts as none."""
-UNEXPLAINED = 1.5
-"""Error left, in noise floors, above which something is missing, if it is also structured."""
-STRUCTURED = 3.0
-"""Dispersion over mean square above which errors are no noise."""
 FEW = 3
 """Effects that a set may hold and still say something."""
 
@@ -52,7 +46,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     taken = causes.taken
     if causes.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
-    missing = taken.evidence.rms > UNEXPLAINED and _structured(taken)
+    missing = taken.evidence.rms > UNEXPLAINED and structured(taken.problem, taken.evidence)
     if not taken.effects:
         return Verdict(OUTSIDE if missing else PARAMETERS, {}, (), ())
     rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
@@ -70,9 +64,3 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     elif missing:
         kind = OUTSIDE
     return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held))
-
-
-def _structured(explanation: Explanation) -> bool:
-    """Whether the errors left have a memory that a white floor has not."""
-    errors = explanation.evidence.errors
-    return dispersion(errors) > STRUCTURED * float(np.mean(errors**2))
