@@ -129,10 +129,16 @@ CASES = {
     "sg90": Case(
         "The servo paper: linear eq. 7 as the simulation, the printed nonlinear servo as the plant",
         PAPERS / "sg90.toml",
-        "The plant has a dead zone of 0.5 and 0.6 V, a top speed that drive saturation imitates,"
-        " 23 % less of it backward, a frame of 20 ms and levels of 5 V/1024 on its command."
-        " A level is 2 degrees of the command, a frame 1/70 of a rise.",
-        (one_of("drive_dead_zone"), one_of("drive_saturation", "supply_limit")),
+        "Left out of the plant one at a time, the dead zone changes this angle by 328 noise"
+        " levels, the asymmetry of its edges by 54, the levels of the command by 19, the top speed"
+        " by 7 and the frame by 0, since the log's rows fall on the frames: it can show all but"
+        " the frame.",
+        (
+            one_of("drive_dead_zone"),
+            one_of("direction_asymmetry"),
+            one_of("command_quantisation"),
+            one_of("drive_saturation", "supply_limit"),
+        ),
     ),
 }
 
