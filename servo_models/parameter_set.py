@@ -44,7 +44,6 @@ from servo_models.simulate import Model, model
 from servo_models.toml_file import Section, nested, read_toml
 from servo_models.units import factor
 
-
 HEAD = ("actuator", "variant", "method", "date", "servo_models", "warnings")
 KEYS = (*HEAD, "logs", "parameters", "figures")
 
