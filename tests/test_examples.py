@@ -172,18 +172,18 @@ def test_scripts_make_the_files_beside_them(
 
 
 def test_xl330(copy: Copy, logs_folder: Path) -> None:
-    """Load-dependent friction is beyond doubt, and more than halves the error held out.
+    """Load-dependent friction is beyond doubt; a gain held out is met four times as well.
 
     The other real logs are those of test_real_logs.py.
     """
     description = copy("real_logs") / "xl330.toml"
     text = description.read_text(encoding="utf-8")
     head, *logs = text.replace('"logs/', f'"{logs_folder.resolve().as_posix()}/').split("[[logs]]")
-    few = [log for log in logs if "lift_and_drop" in log]  # all of them take their time
+    few = [log for log in logs if "sin_time_square" not in log]  # all of them take their time
     description.write_text("[[logs]]".join([head, *few]), "utf-8")
     found = identify(description).result
     names = [free.name for free in found.free]
     k = names.index("load_friction.coefficient")
     assert found.values[k] > ERRORS * found.standard_errors[k]
     before = found.rms("angle_reading", HELD_OUT, "before")
-    assert found.rms("angle_reading", HELD_OUT) < 0.5 * before
+    assert found.rms("angle_reading", HELD_OUT) < 0.25 * before

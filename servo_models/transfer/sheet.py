@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from servo_models.sheets import Sheet, Table
+from servo_models.sheets import Sheet, Table, with_error
 from servo_models.transfer.choose import COLOURED, Candidate
 from servo_models.transfer.evidence import Record
 from servo_models.transfer.functions import TransferFunction
@@ -37,7 +37,7 @@ def _coefficients(chosen: Candidate) -> tuple[Table, ...]:
     names += [f"denominator, {_power(k)}" for k in range(structure.poles - 1, -1, -1)]
     names += ["delay [s]"] if structure.delay else []
     rows = tuple(
-        (name, f"{value:.6g}", f"{error:.2g}", f"{100.0 * error / abs(value):.2g} %")
+        (name, *with_error(value, error), f"{100.0 * error / abs(value):.2g} %")
         for name, value, error in zip(names, chosen.fit.coefficients, chosen.fit.standard_errors)
     )
     return (Table("Coefficients", ("coefficient", "value", "standard error", ""), rows),)
@@ -62,13 +62,12 @@ def _constants(result: TransferResult) -> Table:
     assert result.constants
     rows = []
     for c in result.constants.constants.values():
-        error = "" if c.standard_error is None else f"{c.standard_error:.2g}"
         low_high = ""
         if c.standard_error is not None:
             half = 1.96 * c.standard_error
             low_high = f"{c.value - half:.5g} to {c.value + half:.5g}"
         said = "" if c.determined else "not determined"
-        rows.append((c.name, f"{c.value:.5g}", error, low_high, said))
+        rows.append((c.name, *with_error(c.value, c.standard_error), low_high, said))
     columns = ("constant, SI", "value", "standard error", "95 % interval", "")
     return Table("Physical constants", columns, tuple(rows))
 
