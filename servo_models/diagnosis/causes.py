@@ -25,8 +25,9 @@ from servo_models.simulate import Model
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
-SINGLES, SECONDS, PAIRS = 8, 3, 4
-"""Effects, second effects beside the best one, and pairs that are fitted in full."""
+SINGLES, FIRSTS, SECONDS, PAIRS = 8, 2, 3, 4
+"""Effects fitted in full, how many of them get a second one beside them and how many of
+those, and pairs."""
 LOOKED_AT = 40
 """Sights from which pairs are made."""
 ENOUGH, STEPS = 1e-4, 15
@@ -196,17 +197,19 @@ def _couples(
         frozenset(s.candidate.name for s in pair): pair for pair in wanted
     }
     found = _fitted(bench, list(chosen.values()), retuned, say)
-    first = singles[0]
-    others = [one for one in every if one.name not in first.effects]
-    seconds, _ = look(first.problem, first.evidence.vector, others)
-    for sight in _distinct(seconds)[:SECONDS]:
-        names = (*first.effects, sight.candidate.name)
-        if frozenset(names) in chosen:
-            continue
-        say(f"fitting {' and '.join(names)}")
-        kept = by_name[first.effects[0]].at(first.values)
-        extra = (*kept, *sight.candidate.at(sight.settings))
-        found.append(bench.fit(names, extra, first))
+    tried = set(chosen)
+    for first in singles[:FIRSTS]:
+        others = [one for one in every if one.name not in first.effects]
+        seconds, _ = look(first.problem, first.evidence.vector, others)
+        for sight in _distinct(seconds)[:SECONDS]:
+            names = (*first.effects, sight.candidate.name)
+            if frozenset(names) in tried:
+                continue
+            tried.add(frozenset(names))
+            say(f"fitting {' and '.join(names)}")
+            kept = by_name[first.effects[0]].at(first.values)
+            extra = (*kept, *sight.candidate.at(sight.settings))
+            found.append(bench.fit(names, extra, first))
     return sorted(found, key=lambda one: one.loss)
 
 

@@ -61,7 +61,7 @@ def blocks(problem: Problem, count: int = BLOCKS) -> NDArray[np.int64]:
     total = sum(lengths)
     made, first = [], 0
     for log, length in zip(problem.logs, lengths):
-        own = max(2, round(count * length / total))
+        own = min(max(2, round(count * length / total)), length)  # none of a log held out whole
         within = first + np.arange(length) * own // max(length, 1)
         made += [within] * len(log.outputs)
         first += own

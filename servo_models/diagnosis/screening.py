@@ -100,6 +100,7 @@ def _difference(
         parts = [
             problem.errors(run, {**base, **settings})[run.log.fitted].T.ravel()
             for run in problem.runs
+            if run.log.fitted.any()
         ]
     except UserError:
         return None

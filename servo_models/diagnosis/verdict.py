@@ -59,8 +59,8 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     ranked = dict(sorted(by_effect.items(), key=lambda item: -item[1]))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS
-    if len(held) > FEW:
-        kind = NOT_IDENTIFIABLE
-    elif missing:
+    if missing:
         kind = OUTSIDE
+    elif len(held) > FEW:
+        kind = NOT_IDENTIFIABLE
     return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held))

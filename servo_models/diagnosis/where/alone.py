@@ -106,6 +106,8 @@ class _Bench:
     def sums(self, values: Mapping[str, float]) -> Array:
         """Squares before, after, of the amplitude, and their number; shape (4,)."""
         log = self.run.log
+        if not log.fitted.any():
+            return np.zeros(4)
         measured = log.outputs[self.name]
         found = []
         for moment in MOMENTS:
