@@ -9,6 +9,7 @@ import numpy as np
 from servo_models.diagnosis.causes import Causes, Explanation
 from servo_models.diagnosis.verdict import Verdict
 from servo_models.identification.estimate import spread
+from servo_models.identification.slopes import steps
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def estimates(explanation: Explanation) -> tuple[Value, ...]:
     problem, vector = explanation.problem, explanation.evidence.vector
     if not problem.free:
         return ()
-    errors = spread(problem, vector).standard_errors
+    errors = spread(problem, vector, steps(problem, vector)).standard_errors
     return tuple(
         Value(free.name, free.nominal, value, float(error))
         for free, value, error in zip(

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from servo_models.identification.covariance import covariance
 from servo_models.identification.problem import Free, Problem
-from servo_models.identification.slopes import steps
 
 Array = NDArray[np.float64]
 
@@ -57,13 +56,12 @@ class Spread:
     slopes: Array
 
 
-def spread(problem: Problem, vector: Array) -> Spread:
+def spread(problem: Problem, vector: Array, least: Array | None) -> Spread:
     """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,).
 
-    Slopes are taken over about the standard errors that they lead to, and no less than what
-    makes them mean something.
+    Slopes are taken over about the standard errors that they lead to, and over no less than
+    ``least`` [scales], shape (p,), from ``slopes.steps``.
     """
-    least = steps(problem, vector)
     first = _spread(problem, vector, problem.jacobian(vector, least))
     widths = np.nan_to_num(first.standard_errors / problem.scales)
     widths = np.where(widths < WIDE, np.maximum(widths, NARROW), NARROW)

@@ -68,7 +68,7 @@ def fit(
         progress("standard errors")
     found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)
-    uncertainty = spread(problem, found.vector)
+    uncertainty = spread(problem, found.vector, found.widths)
     said = warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
     fitted = replace(model, values={**model.values, **values})
     return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
@@ -113,7 +113,7 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
     problem.restart(found.vector)
     if len(problem.sigma) == 1 and not any(free.prior for free in problem.free):
         return found  # one weight on everything moves no optimum
-    again = search(problem, LOCAL, 1, 0, progress)
+    again = search(problem, LOCAL, 1, 0, progress, smooth=found.widths is None)
     return replace(again, costs=found.costs)
 
 
@@ -131,7 +131,7 @@ def _ending(found: Found, kind: str, starts: int) -> list[str]:
         return ["stopped before it converged: these are the best values so far"]
     if not found.converged:
         return ["the search did not converge: give it more starts or fewer free parameters"]
-    if found.rough and kind == LOCAL and starts == 1:
+    if found.widths is not None and kind == LOCAL and starts == 1:
         return [
             "the response is rough in these parameters, as with a quantiser or dry friction in"
             " a loop: there may be better values; try more starts or a global search"

@@ -41,7 +41,7 @@ class Found:
         converged: the last local search met its tolerance.
         interrupted: the user stopped it.
         costs: of every start, sorted.
-        rough: the response is rough in the parameters, see ``slopes.steps``.
+        widths: steps of slopes where the response is rough, shape (p,), see ``slopes.steps``.
     """
 
     vector: Array
@@ -49,11 +49,16 @@ class Found:
     converged: bool
     interrupted: bool
     costs: tuple[float, ...]
-    rough: bool = False
+    widths: Array | None = None
 
 
 def search(
-    problem: Problem, kind: str, starts: int, seed: int, progress: Progress | None = None
+    problem: Problem,
+    kind: str,
+    starts: int,
+    seed: int,
+    progress: Progress | None = None,
+    smooth: bool = False,
 ) -> Found:
     """Minimise the problem's squared residuals.
 
@@ -63,6 +68,7 @@ def search(
         starts: local searches, the first from the nominal values.
         seed: of the other starts and of CMA-ES.
         progress: is told a sentence about each stage.
+        smooth: the response is known to have slopes, so that nobody has to look.
     """
     tell = progress or (lambda _: None)
     ends: list[tuple[float, Array, bool]] = []
@@ -70,7 +76,7 @@ def search(
     widths: Array | None = None
     try:
         problem.residuals(problem.nominal)  # a result is never worse
-        widths = steps(problem, _inside(problem, problem.start))
+        widths = None if smooth else steps(problem, _inside(problem, problem.start))
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _evolve(problem, seed, tell)
@@ -85,7 +91,7 @@ def search(
     cost, vector = problem.best
     met = any(ok for end, _, ok in ends if end <= cost * (1.0 + 1e-6))
     costs = tuple(sorted(end for end, _, _ in ends))
-    return Found(vector, cost, met and not stopped, stopped, costs, widths is not None)
+    return Found(vector, cost, met and not stopped, stopped, costs, widths)
 
 
 def _so_far(problem: Problem) -> str:
