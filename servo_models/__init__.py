@@ -1,4 +1,4 @@
-"""Identified actuator models: simulate them, build FMUs of them, validate both.
+"""Identified actuator models: simulate them, fit them to logs, build FMUs of them.
 
 The names below are imported when first used, so that importing the package costs nothing.
 A function that shares its module's name, such as ``simulate``, is the function here; reach
@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from servo_models.build import build
     from servo_models.catalogue import actuator
+    from servo_models.check import check
+    from servo_models.description import read_description
+    from servo_models.diagnose import diagnose
     from servo_models.errors import UserError
     from servo_models.explain import explain, overview
     from servo_models.figures import figures
@@ -33,12 +36,15 @@ _HOME = {
     "Validation": "validate",
     "actuator": "catalogue",
     "build": "build",
+    "check": "check",
+    "diagnose": "diagnose",
     "explain": "explain",
     "figures": "figures",
     "identify": "identify",
     "linearise": "linearise",
     "model": "simulate",
     "overview": "explain",
+    "read_description": "description",
     "read_inputs": "tables",
     "read_parameters": "parameter_set",
     "read_signals": "tables",
@@ -57,12 +63,15 @@ __all__ = [
     "Validation",
     "actuator",
     "build",
+    "check",
+    "diagnose",
     "explain",
     "figures",
     "identify",
     "linearise",
     "model",
     "overview",
+    "read_description",
     "read_inputs",
     "read_parameters",
     "read_signals",
