@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from ctypes import byref
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,7 +18,6 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
     free,
 )
-from fmpy.logging import addLoggerProxy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -30,14 +28,14 @@ _messages: dict[bytes, Messages] = {}
 
 
 def _log(_: Any, name: bytes, status: int, category: bytes, text: bytes) -> None:
-    _messages[name].append((status, text.decode()))
+    """The text is a printf format without arguments, to be expanded as a C host does."""
+    _messages[name].append((status, text.decode() % ()))
 
 
 _CALLBACKS = fmi2CallbackFunctions()
 _CALLBACKS.logger = fmi2CallbackLoggerTYPE(_log)
 _CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
 _CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-addLoggerProxy(byref(_CALLBACKS))  # expands % as a C host does; one for the whole process
 
 
 class Host:

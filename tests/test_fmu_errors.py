@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmu_host import Host
+
+from servo_models.errors import UserError
+from servo_models.validation.subject import Subject
 
 Files = Callable[[str], Path]
 FATAL = 4
@@ -169,3 +175,37 @@ def test_a_failed_instance_can_go_back_to_a_saved_state(host: Host) -> None:
     assert host.get() == before
     host.fmu.doStep(1e-3, 1e-3)
     host.fmu.freeFMUstate(saved)
+
+
+def test_each_of_two_instances_hears_its_own_error(fmu_file: Files) -> None:
+    subject = Subject(fmu_file("torque_motor"))
+    values, rest = subject.model.values, np.zeros(2)
+    with subject.instance(values, 0.0, rest) as one, subject.instance(values, 0.0, rest) as other:
+        with pytest.raises(UserError, match="'voltage' = nan is not finite"):
+            one.step(0.0, 1e-3, np.array([math.nan, 0.0]))
+        with pytest.raises(UserError, match="'load_torque' = inf is not finite"):
+            other.step(0.0, 1e-3, np.array([0.0, math.inf]))
+    subject.close()
+
+
+def test_an_fmu_that_a_command_has_run_leaves_other_hosts_their_logger(fmu_file: Files) -> None:
+    """fmpy's native logger is one for the process: taken over, it calls what is freed."""
+    script = (
+        "import fmpy, gc, sys\n"
+        "from servo_models.validation.subject import Subject\n"
+        "subject = Subject(sys.argv[1])\n"
+        "subject.run(subject.model, [0.0, 1e-3], [[0.0, 0.0], [0.0, 0.0]])\n"
+        "subject.close()\n"
+        "gc.collect()\n"
+        "try:\n"
+        "    values = {'voltage': 1e5}\n"
+        "    fmpy.simulate_fmu(sys.argv[1], start_values=values, debug_logging=True)\n"
+        "except fmpy.fmi1.FMICallException as error:\n"
+        "    print(error.status)\n"
+    )
+    command = [sys.executable, "-c", script, str(fmu_file("torque_motor"))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "[FATAL]" in done.stdout
+    assert "'voltage' = 100000 is outside [" in done.stdout
+    assert done.stdout.splitlines()[-1] == str(FATAL)

@@ -6,7 +6,7 @@ import ast
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,7 @@ class Instance:
     def __init__(
         self, subject: Subject, values: Mapping[str, float], start: float, inputs: Array
     ) -> None:
-        from fmpy.simulation import instantiate_fmu
+        from fmpy.fmi2 import FMU2Slave
 
         reference = subject._reference
         plant = subject.model.plant
@@ -126,13 +126,13 @@ class Instance:
         self._outputs = [reference[name] for name in plant.outputs]
         self._flags = [plant.wire[name].flag for name in plant.outputs]
         try:
-            self._fmu: Any = instantiate_fmu(
-                subject._folder,
-                subject._description,
-                "CoSimulation",
-                debug_logging=True,
-                logger=self._hear,
+            description = subject._description
+            self._fmu: Any = FMU2Slave(
+                guid=description.guid,
+                unzipDirectory=subject._folder,
+                modelIdentifier=description.coSimulation.modelIdentifier,
             )
+            self._fmu.instantiate(callbacks=_callbacks(self._hear), loggingOn=True)
             self._fmu.setupExperiment(startTime=start)
             self._fmu.enterInitializationMode()
             self._fmu.setReal([reference[name] for name in values], list(values.values()))
@@ -182,7 +182,7 @@ class Instance:
         self, environment: Any, instance: bytes, status: int, category: bytes, text: bytes
     ) -> None:
         if status >= FMI_ERROR:
-            self._said.append(text.decode(errors="replace"))
+            self._said.append(text.decode(errors="replace").replace("%%", "%"))
 
     def _complaint(self, what: str, error: Exception) -> UserError:
         said = self._said[0] if self._said else str(error)
@@ -190,6 +190,22 @@ class Instance:
         if quoted:
             said = str(ast.literal_eval(quoted[1]))
         return UserError(f"FMU '{self._name}' {what}: {said}")
+
+
+def _callbacks(hear: Callable[..., None]) -> Any:
+    """Return FMI's callbacks with a logger of their own: ``hear`` gets printf formats.
+
+    ``fmpy.instantiate_fmu(logger=...)`` would expand these natively, by way of one pointer for
+    the process: the latest logger hears all instances, those of other hosts too, and once it
+    is freed their next message ends in lost memory.
+    """
+    from fmpy import calloc, fmi2, free
+
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(hear)
+    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
+    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+    return callbacks
 
 
 def drive(one: Instance, times: Array, inputs: Array, first: int = 0) -> Array:
