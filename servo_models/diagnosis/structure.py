@@ -44,9 +44,10 @@ SURE = 1.645
 """Standard errors from an estimate to the bound that is passed in 5 % of the cases."""
 LARGE = 0.4
 """Structured part over the noise that is worth speaking of."""
-SHARE = 0.25
-"""Structured part over that before, from which on an explanation has missed the main cause: a
-hidden one with 30 % of its gap leaves about as much."""
+SHARE = 0.2
+"""Structured part over that before, from which on an explanation has missed something: it
+leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
+more; where it shows, a pair explains both."""
 
 
 @dataclass(frozen=True)
