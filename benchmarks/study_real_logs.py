@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis import words
-from servo_models.diagnosis.causes import Explanation
 from servo_models.diagnosis.experiment import next_experiments
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.where import where
 from servo_models.files import write_whole
 

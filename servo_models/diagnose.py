@@ -8,13 +8,13 @@ from pathlib import Path
 
 from servo_models.audit import Audit, audit, noise_floors
 from servo_models.description import Description, read_description
-from servo_models.diagnosis.causes import Bench, Tell, find_causes
+from servo_models.diagnosis.causes import Tell, find_causes
 from servo_models.diagnosis.claims import claims, estimates
+from servo_models.diagnosis.explanation import Bench, nominal_parameters
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import TOLERANCE, decide
-from servo_models.identification.problem import free_parameter
 from servo_models.threads import one_blas_thread
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -58,12 +58,7 @@ def _diagnose(
     audits = tuple(audit(log, told.model.plant) for log in told.logs)
     floors = noise_floors(audits)
     origins = _origins(audits)
-    parameters = told.model.plant.parameters
-    nominal = tuple(
-        free_parameter(parameters[name], told.model.values[name], prior)
-        for name, prior in told.uncertainty.items()
-    )
-    bench = Bench(told.model, told.logs, nominal, floors, jobs)
+    bench = Bench(told.model, told.logs, nominal_parameters(told), floors, jobs)
     causes = find_causes(bench, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
     return Diagnosis(

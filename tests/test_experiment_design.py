@@ -12,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Bench, find_causes
+from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.commands import FAMILIES, Command
 from servo_models.diagnosis.experiment import Experiment, next_experiments
+from servo_models.diagnosis.explanation import Bench
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log

@@ -24,6 +24,7 @@ import tempfile
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -33,18 +34,17 @@ from servo_models.blind.said import Said
 from servo_models.description import Description, read_description
 from servo_models.diagnose import diagnose
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.causes import Bench, Explanation
+from servo_models.diagnosis.causes import STARTS, beside, together
 from servo_models.diagnosis.evidence import dispersion
+from servo_models.diagnosis.explanation import Bench, Explanation, nominal_parameters
 from servo_models.diagnosis.screening import Sight, look, pairs
-from servo_models.identification.problem import Problem, free_parameter
+from servo_models.identification.problem import Problem
 from servo_models.threads import one_blas_thread
 
 HALF = 0.5
 DISTANCE = 5.0
 RIVALS = 4
 """Nearest rivals that are fitted, of those that the diagnosis has tried."""
-STARTS = 2
-"""Sizes from which the fit of an effect begins."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,9 @@ def _true_fit(bench: Bench, answer: dict[str, Any]) -> Explanation:
     true = {**answer["parameters"], **_parameters(answer["effects"])}
     names = tuple(it["name"] for it in answer["effects"])
     nominal = tuple(replace(free, start=true[free.name]) for free in bench.nominal)
-    extra = [f for one in candidates(bench.model) if one.name in names for f in one.at(true)]
+    extra = [
+        f for one in candidates(bench.model, bench.logs) if one.name in names for f in one.at(true)
+    ]
     return replace(bench, nominal=nominal).fit(names, extra)
 
 
@@ -165,37 +167,27 @@ def _parameters(effects: Iterable[dict[str, Any]]) -> dict[str, float]:
 def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanation:
     """Return the product's own fit when told the names of one or two effects.
 
-    It begins at several sizes, two effects both at once and one after the other; where an
+    Two effects are fitted both at once, and one beside the other in either order; where an
     effect moves nothing, it is the fit without.
     """
-    sights = _sights(names, retuned)
     found = [retuned]
-    for sight in sights[:STARTS] if len(names) == 1 else ():
-        found.append(bench.fit(tuple(names), sight.candidate.at(sight.settings), retuned))
-    if len(names) == 2:
-        for pair in pairs(retuned.problem, retuned.evidence.vector, sights)[:1]:
-            extra = [free for one in pair for free in one.candidate.at(one.settings)]
-            found.append(bench.fit(tuple(names), extra, retuned))
-        halves = [told(bench, [name], retuned) for name in names]
-        first = min(halves, key=_error)
-        found += [first, *_beside(bench, first, names)]
+    for order in permutations(names):
+        explanation = retuned
+        for name in order:
+            sights = _sights([name], explanation)
+            if sights:
+                explanation = beside(bench, explanation, sights[:STARTS])
+                found.append(explanation)
+    for pair in pairs(_sights(names, retuned))[:1] if len(names) == 2 else ():
+        found.append(together(bench, pair))
     return min(found, key=_error)
 
 
-def _beside(bench: Bench, first: Explanation, names: Sequence[str]) -> Iterable[Explanation]:
-    """The fit of a second effect beside the first one."""
-    others = [name for name in names if name not in first.effects]
-    for sight in _sights(others, first)[:1] if len(others) == 1 else ():
-        kept = next(it for it in candidates(bench.model) if it.name == first.effects[0])
-        extra = (*kept.at(first.values), *sight.candidate.at(sight.settings))
-        yield bench.fit(tuple(names), extra, first)
-
-
-def _sights(names: Iterable[str], beside: Explanation) -> list[Sight]:
+def _sights(names: Iterable[str], first: Explanation) -> list[Sight]:
     """Sizes of some effects, those that explain most first."""
-    wanted = set(names)
-    every = [one for one in candidates(beside.problem.model) if one.name in wanted]
-    return look(beside.problem, beside.evidence.vector, every)[0]
+    model, wanted = first.problem.model, set(names)
+    every = candidates(model, first.problem.logs)
+    return look((first.view,), [one for one in every if one.name in wanted])[0]
 
 
 def _error(explanation: Explanation) -> float:
@@ -204,12 +196,7 @@ def _error(explanation: Explanation) -> float:
 
 
 def _bench(told: Description, said: Said) -> Bench:
-    parameters = told.model.plant.parameters
-    nominal = tuple(
-        free_parameter(parameters[name], told.model.values[name], prior)
-        for name, prior in told.uncertainty.items()
-    )
-    return Bench(told.model, told.logs, nominal, dict(said.floors), 1)
+    return Bench(told.model, told.logs, nominal_parameters(told), dict(said.floors), 1)
 
 
 def _logs(question: Question) -> tuple[Description, Description]:

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Explanation
 from servo_models.diagnosis.evidence import dispersion
+from servo_models.diagnosis.explanation import Explanation
 
 Array = NDArray[np.float64]
 

@@ -1,34 +1,37 @@
 """The effects that may cause a gap: every effect of the actuator that the model has switched off.
 
-A cause is a parameter vector: its switches at some size, its shape at the default.  The
-sizes tried before anything is fitted are shares of the typical one, of both signs where the
-bounds allow.
+A cause is a parameter vector: its switches at some size, its shape at the default.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from servo_models.actuator import Parameter
+from servo_models.diagnosis.sizes import (
+    CHOICES,
+    COUNT,
+    SLOW,
+    Settings,
+    fine,
+    quanta,
+    ripple_of,
+    ripples,
+    shares,
+    travel,
+)
 from servo_models.identification.problem import Free, free_parameter
+from servo_models.recording import Log
 from servo_models.simulate import Model
 
-SHARES = (0.1, 0.3, 1.0, 3.0)
-"""Sizes that are tried, over the typical size."""
-FINE = tuple(0.05 * 1.08**k for k in range(67))
-"""Those of an effect whose size no slope leads to."""
-STEPWISE = ("quantisation", "sample_hold")
-"""Effects of which a response is no smooth function."""
-SHAPES = (0.1, 1.0, 10.0)
-"""Values of a shape parameter that are tried, over its default."""
 LEAST = 0.01
 """Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
-CHOICES = ("rounding", "full_scale", "jitter")
-"""Shape parameters that say how an effect is counted, not how it looks."""
-SLOW = ("gear_compliance",)
-"""Effects whose simulation is slow where their shape is far from the default."""
+PERIODS = 0.7
+"""Periods of a ripple that the logs have to show at least."""
+AROUND = 3.0
+"""How far a fit may go beyond the shapes that are looked at, where far ones are slow."""
 
 
 @dataclass(frozen=True)
@@ -39,21 +42,31 @@ class Candidate:
         name: of the place, such as ``"drive_dead_zone"``.
         wire: on which it acts.
         free: its parameters, switches first.
-        sizes: settings [SI] of its switches to look at first.
+        sizes: settings [SI] to look at first.
+        fine: many more, where the response is a staircase of the size; for a second look.
+        ripple: its switch and its phase, if it has one: each size is then to be looked at
+            with a phase of 0 and of a quarter turn.
     """
 
     name: str
     wire: str
     free: tuple[Free, ...]
-    sizes: tuple[dict[str, float], ...]
+    sizes: tuple[Settings, ...]
+    fine: tuple[Settings, ...] = ()
+    ripple: tuple[str, str] | None = None
 
-    def at(self, settings: dict[str, float]) -> tuple[Free, ...]:
+    def at(self, settings: Settings) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give."""
         return tuple(replace(one, start=settings.get(one.name, one.start)) for one in self.free)
 
 
-def candidates(model: Model, left_out: Iterable[str] = ()) -> tuple[Candidate, ...]:
-    """Return the effects that a model has switched off, without those ``left_out``."""
+def candidates(
+    model: Model, logs: Sequence[Log], left_out: Iterable[str] = ()
+) -> tuple[Candidate, ...]:
+    """Return the effects that a model has switched off, without those ``left_out``.
+
+    The logs have a say in the sizes to look at.
+    """
     skipped = set(left_out)
     owned: dict[str, list[Parameter]] = {}
     for parameter in model.plant.parameters.values():
@@ -64,49 +77,48 @@ def candidates(model: Model, left_out: Iterable[str] = ()) -> tuple[Candidate, .
         switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
         if switches and not on and name not in skipped:
-            found.append(_candidate(model, name, switches, parameters))
+            found.append(_candidate(model, logs, name, switches, parameters))
     return tuple(found)
 
 
 def _candidate(
-    model: Model, name: str, switches: list[Parameter], parameters: list[Parameter]
+    model: Model,
+    logs: Sequence[Log],
+    name: str,
+    switches: list[Parameter],
+    parameters: list[Parameter],
 ) -> Candidate:
-    placement = model.plant.placements[name][0]
-    stepwise = placement.effect.name in STEPWISE
+    plant = model.plant
+    placement = plant.placements[name][0]
+    effect, wire = placement.effect.name, placement.on[0]
     shape = [
         p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
     ]
     free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
-    if name in SLOW:
-        free += [_narrowed(model, p, min(SHAPES), max(SHAPES)) for p in shape]
-        shape = []
+    if effect in SLOW:
+        least, most = min(SLOW[effect]) / AROUND, max(SLOW[effect]) * AROUND
+        free += [_narrowed(model, p, least, most) for p in shape]
     else:
         free += [free_parameter(p, model.values[p.name], None) for p in shape]
-    sizes = [
-        {switch.name: size, **form}
-        for switch in switches
-        for size in _sizes(switch, FINE if stepwise else SHARES)
-        for form in _forms(shape)
-    ]
-    return Candidate(name, placement.on[0], tuple(free), tuple(sizes))
+    free = [_periodic(it, PERIODS * 2.0 * math.pi / travel(plant, logs)) for it in free]
+    phase = ripple_of(name, shape)
+    if phase:
+        sizes = ripples(switches[0], shape, plant, logs)
+    else:
+        sizes = shares(effect, switches, shape)
+        if effect == "quantisation":
+            sizes += quanta(switches[0], plant.wire[wire].unit, plant, logs)
+    ripple = (switches[0].name, phase) if phase else None
+    narrow = fine(effect, switches[0])
+    return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple)
 
 
-def _sizes(switch: Parameter, shares: Iterable[float]) -> list[float]:
-    """Sizes of a switch inside its bounds, of both signs where there are two."""
-    param = switch.param
-    both = [sign * share * param.typical for share in shares for sign in (1.0, -1.0)]
-    return [size for size in both if param.low <= size <= param.high]
-
-
-def _forms(shape: list[Parameter]) -> list[dict[str, float]]:
-    """Shapes to look at: the default, and each parameter apart from it."""
-    forms: dict[tuple[tuple[str, float], ...], None] = {}
-    for parameter in shape:
-        param = parameter.param
-        for share in SHAPES:
-            value = min(max(share * param.default, param.low), param.high)
-            forms[((parameter.name, value),)] = None
-    return [dict(form) for form in forms] or [{}]
+def _periodic(free: Free, least: float) -> Free:
+    """A count of so many periods a turn at least: with less, a ripple looks like any load."""
+    if free.name.rpartition(".")[2] != COUNT:
+        return free
+    low = min(max(free.low, least), 0.5 * free.high)
+    return replace(free, low=low, start=max(free.start, low))
 
 
 def _narrowed(model: Model, parameter: Parameter, least: float, most: float) -> Free:

@@ -1,129 +1,49 @@
 """Which effects explain a gap: fits of the promising ones, singly and in pairs, judged held out.
 
-Nominal parameters stay free inside their priors in every fit, since frozen ones invent
-effects.  An effect is taken only if it predicts blocks that its fit has not seen, and
-beside a pair each half has to earn its place.
+An effect is taken only if it predicts blocks that its fit has not seen, and beside a pair
+each half has to earn its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.evidence import Evidence, advantage, blocks, consistency, judge
+from servo_models.diagnosis.evidence import Evidence, advantage, consistency
+from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight, look, pairs
-from servo_models.identification.problem import Free, Problem
-from servo_models.identification.search import descend
-from servo_models.recording import Log
-from servo_models.simulate import Model
+from servo_models.diagnosis.structure import left_over
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
-SINGLES, FIRSTS, SECONDS, PAIRS = 8, 2, 3, 4
-"""Effects fitted in full, how many of them get a second one beside them and how many of
-those, and pairs."""
-LOOKED_AT = 40
-"""Sights from which pairs are made."""
-ENOUGH, STEPS = 1e-4, 15
-"""Relative tolerance and steps of a fit: differences between effects are larger."""
+SINGLES, FEW = 10, 6
+"""Effects fitted in full, and where there is nothing left to explain."""
+STAIRCASES = 4
+"""Those fitted of which the response is a staircase of the size, after a closer look."""
+FIRSTS, SECONDS, PAIRS = 3, 4, 4
+"""Effects that get a second one beside them, how many of those, and pairs seen together."""
+HALVED = 2
+"""Pairs of which each half is tried alone again."""
+STARTS = 2
+"""Sizes from which the fit of an effect begins, while it leaves more than was promised."""
+PROMISED = 1.1
+"""Squared errors over those that a look has promised, above which another start is made."""
+AGAIN, HALF, SLOWLY = 4, 0.5, 0.98
+"""Fits of a staircase at most, the share of the squared errors from which they are worth it,
+and that from which another one is not."""
+KEPT = 6
+"""Sizes of a staircase or a ripple at which it is seen again beside another effect."""
+SETTLED = 0.3
+"""Structured part of the errors over the noise, below which nothing is left to explain."""
 LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
 BY_CHANCE = 0.05
 """Probability that so many blocks favour it by chance."""
-UNEXPLAINED = 1.5
-"""Error left, in noise floors, above which something may be missing."""
-DISGUISE = 1.25
-"""Factor on the squared errors that an effect on its bound leaves."""
 WORTH = 0.02
 """Share of the error left [mean square] that an effect has to take away at least."""
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """A fit with some effects switched on.
-
-    Attributes:
-        effects: their names, none for nominal parameters alone.
-        problem: with all free parameters.
-        evidence: how it predicts.
-        converged: whether the search met its tolerance.
-    """
-
-    effects: tuple[str, ...]
-    problem: Problem
-    evidence: Evidence
-    converged: bool
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Free parameters [SI] by name."""
-        return self.problem.values(self.evidence.vector)
-
-    @cached_property
-    def disguised(self) -> bool:
-        """Whether a parameter of an effect sits on a bound: another effect may look so."""
-        sides = self.problem.sides(self.evidence.vector)
-        free = self.problem.free
-        return any(side and one.prior is None for side, one in zip(sides, free))
-
-    @cached_property
-    def loss(self) -> float:
-        """Sum of squared unseen errors; larger for a disguise, which yields to a plain effect."""
-        return float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """What every fit of a diagnosis shares.
-
-    Attributes:
-        model, logs: of the diagnosis.
-        nominal: parameters with a prior, free in every fit.
-        floors: noise floor [SI] of each output, its weight.
-        jobs: simulations at once.
-    """
-
-    model: Model
-    logs: Sequence[Log]
-    nominal: tuple[Free, ...]
-    floors: dict[str, float]
-    jobs: int
-
-    def problem(self, extra: Iterable[Free] = ()) -> Problem:
-        """Return the question with further free parameters."""
-        free = [*self.nominal, *extra]
-        return Problem(self.model, self.logs, free, sigma=dict(self.floors), jobs=self.jobs)
-
-    def fit(
-        self, effects: tuple[str, ...], extra: Sequence[Free], start: Explanation | None = None
-    ) -> Explanation:
-        """Fit from the estimates of ``start``, further parameters from their own starts."""
-        problem = self.problem(extra)
-        if start:
-            known = start.values
-            begin = [known.get(free.name, free.start) for free in problem.free]
-            low, high = problem.bounds
-            problem.restart(np.clip(np.array(begin) / problem.scales, low, high))
-        if not problem.free:
-            vector, converged = np.empty(0), True
-        else:
-            _, vector, converged = descend(problem, problem.start, tolerance=ENOUGH, limit=STEPS)
-        return Explanation(effects, problem, judge(problem, vector, blocks(problem)), converged)
-
-    def finish(self, found: Explanation) -> Explanation:
-        """Fit to the end: what the logs leave open goes back to its prior."""
-        problem = found.problem
-        if not problem.free:
-            return found
-        _, vector, converged = descend(problem, found.evidence.vector)
-        evidence = judge(problem, vector, blocks(problem))
-        return replace(found, evidence=evidence, converged=converged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,78 +81,162 @@ def find_causes(
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = tell or (lambda _: None)
-    nominal = bench.problem()
-    errors = nominal.residuals(nominal.nominal)[: nominal.samples]
-    before = Evidence(nominal.nominal, errors, errors, blocks(nominal))  # no fit, all is unseen
+    as_it_is = bench.unfitted()
+    before = as_it_is.evidence
     if before.rms <= tolerance:
-        as_it_is = Explanation((), nominal, before, converged=True)
         return Causes(before, as_it_is, [], [], as_it_is, {})
     say("re-tuning nominal parameters")
-    retuned = bench.fit((), ())
-    every = candidates(bench.model, left_out)
+    bench = bench.surveyed()
+    retuned = bench.finish(bench.fit((), ()))
+    every = candidates(bench.model, bench.logs, left_out)
     say(f"looking at {len(every)} effects")
-    sights, reach = look(retuned.problem, retuned.evidence.vector, every)
-    singles = _fitted(bench, [(one,) for one in _distinct(sights)[:SINGLES]], retuned, say)
-    couples: list[Explanation] = []
-    if singles and (_better(singles[0], retuned) or retuned.evidence.rms > UNEXPLAINED):
-        couples = _couples(bench, retuned, singles, sights, every, say)
+    sights, reach = look((bench.view(), retuned.view), every)
+    open_question = not _settled(retuned)
+    singles = _singles(bench, retuned, sights, SINGLES if open_question else FEW, say)
+    if open_question and not _settled(singles[0]):
+        say("looking closer at staircases")
+        closer, _ = look((retuned.view,), [_finer(one) for one in every if one.fine])
+        singles += _singles(bench, retuned, closer, STAIRCASES, say)
+        singles = _best_of_each(singles)
+        sights = sorted([*sights, *closer], key=lambda sight: sight.left)
+    couples = _couples(bench, singles, sights, every, say) if open_question else []
+    singles = _best_of_each([*singles, *_halves(bench, couples[:HALVED])])
     taken = _taken(retuned, singles, couples)
-    say(f"fitting {' and '.join(taken.effects) or 'nominal parameters'} to the end")
-    taken = bench.finish(taken)
+    if taken is not retuned:
+        say(f"fitting {' and '.join(taken.effects)} to the end")
+        taken = bench.finish(taken)
     return Causes(before, retuned, singles, couples, taken, reach)
+
+
+def _settled(explanation: Explanation) -> bool:
+    """Whether what is left is noise."""
+    left = left_over(explanation.problem, explanation.evidence)
+    return left.structured < SETTLED * left.noise
+
+
+def _finer(one: Candidate) -> Candidate:
+    return replace(one, sizes=one.fine)
+
+
+def _nearer(one: Candidate, sights: Sequence[Sight]) -> Candidate:
+    """Of the many sizes of a staircase or a ripple, those that were promising once."""
+    if not (one.fine or one.ripple):
+        return one
+    keys = one.sizes[0].keys()
+    own = [sight.settings for sight in sights if sight.candidate.name == one.name][:KEPT]
+    return replace(one, sizes=tuple({key: it[key] for key in keys} for it in own))
+
+
+def _singles(
+    bench: Bench, retuned: Explanation, sights: Sequence[Sight], count: int, say: Tell
+) -> list[Explanation]:
+    """Fits of the most promising effects, best first."""
+    found: list[Explanation] = []
+    for name in _names(sights)[:count]:
+        best = f", best so far {found[0].effects[0]}" if found else ""
+        say(f"fitting {name}{best}")
+        own = [sight for sight in sights if sight.candidate.name == name]
+        found.append(beside(bench, retuned, own[:STARTS]))
+        found.sort(key=lambda one: one.loss)
+    return found
+
+
+def _best_of_each(found: Iterable[Explanation]) -> list[Explanation]:
+    """Explanations by different effects, best first."""
+    best: dict[frozenset[str], Explanation] = {}
+    for one in sorted(found, key=lambda one: one.loss):
+        best.setdefault(frozenset(one.effects), one)
+    return list(best.values())
+
+
+def _names(sights: Iterable[Sight]) -> list[str]:
+    return list(dict.fromkeys(sight.candidate.name for sight in sights))
+
+
+def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
+    """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
+
+    It begins again from the next of them while it leaves more than a look has promised.
+    """
+    kept = [free for free in first.problem.free if free.prior is None]
+    effects = (*first.effects, own[0].candidate.name)
+    best: Explanation | None = None
+    for sight in own:
+        extra = [*kept, *sight.candidate.at(sight.settings)]
+        found = bench.fit(effects, extra, sight.start, sight.seen.slopes)
+        found = _polished(bench, found, first) if sight.candidate.fine else found
+        if best is None or found.cost < best.cost:
+            best = found
+        if best.cost < PROMISED * sight.left:
+            break
+    assert best
+    return best
+
+
+def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanation:
+    """Fit a promising staircase again while that helps: each fit moves its size a little."""
+    for _ in range(AGAIN):
+        if found.cost > HALF * first.cost:
+            break
+        before, found = found, bench.again(found)
+        if found.cost > SLOWLY * before.cost:
+            break
+    return found
+
+
+def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:
+    """Fit effects that were seen together."""
+    names = tuple(sight.candidate.name for sight in pair)
+    extra = [free for sight in pair for free in sight.candidate.at(sight.settings)]
+    seen = pair[0].seen
+    start = seen.start(sum((sight.whole for sight in pair), np.zeros(1)))
+    return bench.fit(names, extra, start, seen.slopes)
 
 
 def _couples(
     bench: Bench,
-    retuned: Explanation,
     singles: Sequence[Explanation],
     sights: Sequence[Sight],
     every: Sequence[Candidate],
     say: Tell,
 ) -> list[Explanation]:
-    """Pairs seen together from the start, and second effects seen beside the best first ones."""
-    by_name = {one.name: one for one in every}
-    wanted = pairs(retuned.problem, retuned.evidence.vector, sights[:LOOKED_AT])[:PAIRS]
-    chosen: dict[frozenset[str], tuple[Sight, ...]] = {
-        frozenset(s.candidate.name for s in pair): pair for pair in wanted
-    }
-    found = _fitted(bench, list(chosen.values()), retuned, say)
-    tried = set(chosen)
-    for first in singles[:FIRSTS]:
-        others = [one for one in every if one.name not in first.effects]
-        seconds, _ = look(first.problem, first.evidence.vector, others)
-        for sight in _distinct(seconds)[:SECONDS]:
-            names = (*first.effects, sight.candidate.name)
-            if frozenset(names) in tried:
-                continue
-            tried.add(frozenset(names))
-            say(f"fitting {' and '.join(names)}")
-            kept = by_name[first.effects[0]].at(first.values)
-            extra = (*kept, *sight.candidate.at(sight.settings))
-            found.append(bench.fit(names, extra, first))
-    return sorted(found, key=lambda one: one.loss)
+    """Pairs seen together from the start, and second effects seen beside the best first ones.
 
-
-def _fitted(
-    bench: Bench, wanted: Iterable[tuple[Sight, ...]], start: Explanation, say: Tell
-) -> list[Explanation]:
+    One that explains everything already needs no long search for a second.
+    """
+    settled = _settled(singles[0])
     found: list[Explanation] = []
-    for sights in wanted:
-        names = tuple(sight.candidate.name for sight in sights)
-        best = f", best so far {found[0].effects[0]}" if found else ""
-        say(f"fitting {' and '.join(names)}{best}")
-        extra = [free for sight in sights for free in sight.candidate.at(sight.settings)]
-        found.append(bench.fit(names, extra, start))
-        found.sort(key=lambda one: one.loss)
+    tried: set[frozenset[str]] = set()
+    for pair in [] if settled else pairs(sights)[:PAIRS]:
+        tried.add(frozenset(sight.candidate.name for sight in pair))
+        say(f"fitting {' and '.join(sight.candidate.name for sight in pair)}")
+        found.append(together(bench, pair))
+    nearer = [_nearer(one, sights) for one in every]
+    for first in singles[: 1 if settled else FIRSTS]:
+        others = [one for one in nearer if one.name not in first.effects]
+        seconds, _ = look((first.view,), others)
+        for name in _names(seconds)[: FEW if settled else SECONDS]:
+            names = (*first.effects, name)
+            if frozenset(names) not in tried:
+                tried.add(frozenset(names))
+                say(f"fitting {' and '.join(names)}")
+                own = [it for it in seconds if it.candidate.name == name]
+                found.append(beside(bench, first, own[:1]))
+    return _best_of_each(found)
+
+
+def _halves(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]:
+    """Each effect of a pair alone, begun where the pair has ended: it may suffice."""
+    found = []
+    for couple in couples:
+        for name in couple.effects:
+            extra = [
+                free
+                for free in couple.problem.free
+                if free.prior is None and free.name.startswith(f"{name}.")
+            ]
+            found.append(bench.fit((name,), extra, couple.values))
     return found
-
-
-def _distinct(sights: Iterable[Sight]) -> list[Sight]:
-    """The best size of each effect."""
-    best: dict[str, Sight] = {}
-    for sight in sights:
-        best.setdefault(sight.candidate.name, sight)
-    return list(best.values())
 
 
 def _taken(

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.diagnosis.causes import Causes, Explanation
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.verdict import Verdict
-from servo_models.identification.estimate import spread
+from servo_models.identification.estimate import Spread, spread, spread_of
 from servo_models.identification.slopes import steps
 
 
@@ -62,6 +63,8 @@ def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
 
 def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict) -> Claim:
     model = explanation.problem.model
+    matters = explanation is causes.taken or explanation in verdict.rivals
+    values = estimates(explanation) if matters else _quick_estimates(explanation)
     before, after = causes.before.rms, explanation.evidence.rms
     reducible = max(before - 1.0, 1e-9)
     return Claim(
@@ -70,7 +73,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
         probability=verdict.chances.get(name, 0.0),
         in_set=name in verdict.members,
         taken=name in causes.taken.effects,
-        parameters=tuple(v for v in estimates(explanation) if v.name.startswith(f"{name}.")),
+        parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),
         gap_after=after,
         closed=min((before - after) / reducible, 1.0),
         converged=explanation.converged,
@@ -83,10 +86,19 @@ def estimates(explanation: Explanation) -> tuple[Value, ...]:
     problem, vector = explanation.problem, explanation.evidence.vector
     if not problem.free:
         return ()
-    errors = spread(problem, vector, steps(problem, vector)).standard_errors
+    least = explanation.widths if explanation.widths is not None else steps(problem, vector)
+    return _values(explanation, spread(problem, vector, least))
+
+
+def _quick_estimates(explanation: Explanation) -> tuple[Value, ...]:
+    """The same from the slopes of the fit, for an explanation that is not believed."""
+    vector, slopes = explanation.evidence.vector, explanation.view.slopes
+    return _values(explanation, spread_of(explanation.problem, vector, slopes))
+
+
+def _values(explanation: Explanation, found: Spread) -> tuple[Value, ...]:
+    free, values = explanation.problem.free, explanation.values.values()
     return tuple(
-        Value(free.name, free.nominal, value, float(error))
-        for free, value, error in zip(
-            problem.free, explanation.values.values(), np.atleast_1d(errors)
-        )
+        Value(one.name, one.nominal, value, float(error))
+        for one, value, error in zip(free, values, np.atleast_1d(found.standard_errors))
     )

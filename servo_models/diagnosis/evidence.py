@@ -10,18 +10,22 @@ Sources: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.diagnosis.screening import View
 from servo_models.identification.problem import Problem
 from servo_models.noise import inflation
 
 Array = NDArray[np.float64]
 
 BLOCKS = 20
+TRUSTED = 1.0
+"""Largest change of a block's errors, relative to them, that slopes are trusted with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,24 +72,33 @@ def blocks(problem: Problem, count: int = BLOCKS) -> NDArray[np.int64]:
     return np.concatenate(made)
 
 
-def judge(problem: Problem, vector: Array, parts: NDArray[np.int64]) -> Evidence:
+def judge(
+    problem: Problem, seen: View, parts: NDArray[np.int64], held: Sequence[int] = ()
+) -> Evidence:
     """Return the errors of a fit on each block, with the block left out of the fit.
 
     Args:
         problem: with the fit's free parameters and weights.
-        vector: the fit.
+        seen: errors and slopes at the fit.
         parts: from ``blocks``.
+        held: parameters that stay, since the response is a staircase of them.
     """
-    errors, slopes = problem.residuals(vector), problem.jacobian(vector)
-    n = problem.samples
-    gram = slopes.T @ slopes + 1e-12 * np.trace(slopes.T @ slopes) * np.eye(len(vector))
-    unseen = errors[:n].copy()
+    n, vector = problem.samples, seen.vector
+    slopes = seen.slopes.copy()
+    slopes[:, list(held)] = 0.0
+    errors = seen.errors[:n]
+    gram = slopes.T @ slopes
+    gram += 1e-12 * np.trace(gram) * np.eye(len(vector))
+    low, high = (bound - vector for bound in problem.bounds)
+    unseen = errors.copy()
     for k in range(int(parts.max()) + 1):
         rows = np.flatnonzero(parts == k)
-        own, error = slopes[:n][rows], errors[:n][rows]
+        own, error = slopes[rows], errors[rows]
         step = np.linalg.lstsq(gram - own.T @ own, own.T @ error, rcond=None)[0]
-        unseen[rows] += own @ step
-    return Evidence(vector, unseen, errors[:n], parts)
+        change = own @ np.clip(step, low, high)
+        size, most = np.linalg.norm(change), TRUSTED * np.linalg.norm(error)
+        unseen[rows] += change * (most / size if size > most else 1.0)
+    return Evidence(vector, unseen, errors, parts)
 
 
 def dispersion(errors: Array) -> float:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from servo_models.actuator import Plant, Wire
-from servo_models.diagnosis.causes import Explanation
 from servo_models.diagnosis.commands import Array, in_time
 from servo_models.diagnosis.experiment_search import Stage
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.verdict import Verdict
 from servo_models.lookalikes import cause, experiment
 from servo_models.tables import write_signals

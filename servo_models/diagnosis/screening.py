@@ -1,28 +1,69 @@
 """Look at every effect, and every pair, without fitting any: a score test in the large.
 
 Each effect is simulated at a few sizes.  What is left of the gap is regressed on such a
-difference and on the slopes of the nominal parameters, held by their priors.
-Source: Rao, Proc. Cambridge Phil. Soc. 44 (1948) (score test); the sizes replace its
-derivative, since many effects have none at 0.
+difference and on the slopes of the nominal parameters, held by their priors, so a look gives
+the start of a fit as well.  Source: Rao, Proc. Cambridge Phil. Soc. 44 (1948) (score test); the
+sizes replace its derivative, since many effects have none at 0.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from math import atan2, hypot, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.errors import UserError
-from servo_models.identification.problem import Problem, workers
+from servo_models.identification.problem import Problem, map_on
 
 Array = NDArray[np.float64]
 
 STRETCH = 1.6
 """A difference counts up to this much larger than simulated, since sizes are a grid."""
+EACH = 3
+"""Sizes of each effect that take part in pairs."""
+LARGEST = 10.0
+"""The same for a ripple, of which one size is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Where one looks from: a fitted problem, linear about its estimates.
+
+    Attributes:
+        problem, vector: the fit.
+        errors, slopes: there, priors included, shapes (m,) and (m, p).
+    """
+
+    problem: Problem
+    vector: Array
+    errors: Array
+    slopes: Array
+
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal, of what parameters can do."""
+        return _orthonormal(self.slopes)
+
+    @property
+    def left(self) -> Array:
+        """Errors that nominal parameters cannot take away."""
+        return self.without(self.errors)
+
+    def without(self, values: Array) -> Array:
+        """Return weighted errors, shape (m,) or (m, k), without what the parameters imitate."""
+        return np.asarray(values - self.basis @ (self.basis.T @ values))
+
+    def start(self, whole: Array) -> dict[str, float]:
+        """Return the estimates [SI] of the fit's parameters beside an effect's difference."""
+        if self.slopes.shape[1] == 0:
+            return {}
+        step = np.linalg.lstsq(self.slopes, -(self.errors + whole), rcond=1e-9)[0]
+        return self.problem.values(np.clip(self.vector + step, *self.problem.bounds))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,75 +71,132 @@ class Sight:
     """An effect at one size.
 
     Attributes:
+        seen: from where.
         candidate: the effect.
-        settings: its switches [SI].
-        difference: that it makes, in noise floors, without what nominal parameters can
-            imitate, shape (m + priors,).
-        gain: of squared errors that it would explain.
+        settings: its parameters [SI].
+        whole: difference that it makes, in noise floors, shape (m + priors,).
+        difference: the same without what nominal parameters can imitate.
+        left: squared errors that would remain.
     """
 
+    seen: View
     candidate: Candidate
     settings: dict[str, float]
+    whole: Array
     difference: Array
-    gain: float
+    left: float
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Estimates [SI] of the other parameters beside the effect."""
+        return self.seen.start(self.whole)
 
 
-def look(
-    problem: Problem, vector: Array, every: Sequence[Candidate]
-) -> tuple[list[Sight], dict[str, float]]:
-    """Return each effect at each size, best first, and how far each moves the outputs at most.
+def view(problem: Problem, vector: Array, widths: Array | None = None) -> View:
+    """Return the view from a fit; slopes are taken over ``widths`` [scales], shape (p,)."""
+    errors = problem.latest(vector)
+    return View(problem, vector, errors, problem.jacobian(vector, widths))
 
-    The movement is the RMS in noise floors of what nominal parameters cannot imitate.
+
+def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight], dict[str, float]]:
+    """Return each effect at each size from each view, best first, and the reach of each effect.
+
+    That is how far it moves the outputs at most: RMS in noise floors of what nominal
+    parameters cannot imitate.
     """
-    errors, slopes = problem.residuals(vector), problem.jacobian(vector)
-    basis = _orthonormal(slopes)
-    left = _without(basis, errors)
-    base = problem.values(vector)
-    tasks = [(one, size) for one in every for size in one.sizes]
-    threads = workers(problem.jobs)
-    found = threads.map(lambda task: _difference(problem, base, errors, task[1]), tasks)
-    sights, reach = [], {one.name: 0.0 for one in every}
-    for (one, size), difference in zip(tasks, found):
-        if difference is None:
-            continue
-        rest = _without(basis, difference)
-        moved = float(np.sqrt(np.sum(rest**2) / max(problem.samples, 1)))
-        reach[one.name] = max(reach[one.name], moved)
-        if moved > 0.0:
-            sights.append(Sight(one, size, rest, _gain(left, rest)))
-    return sorted(sights, key=lambda sight: -sight.gain), reach
+    sights: list[Sight] = []
+    reach = {one.name: 0.0 for one in every}
+    for seen in views:
+        problem, left = seen.problem, seen.left
+        base = problem.values(seen.vector)
+        tasks = [(one, size) for one in every for size in one.sizes]
+        simulate = partial(_differences, seen, base)
+        found = map_on(problem.jobs, simulate, tasks)
+        for (one, size), columns in zip(tasks, found):
+            if columns is None:
+                continue
+            sight = _sight(seen, left, one, size, columns)
+            moved = float(np.sqrt(np.sum(sight.difference**2) / max(problem.samples, 1)))
+            reach[one.name] = max(reach[one.name], moved)
+            if moved > 0.0:
+                sights.append(sight)
+    return sorted(sights, key=lambda sight: sight.left), reach
 
 
-def pairs(problem: Problem, vector: Array, sights: Sequence[Sight]) -> list[tuple[Sight, Sight]]:
-    """Return pairs of different effects by what both would explain together, best first."""
-    errors, slopes = problem.residuals(vector), problem.jacobian(vector)
-    left = _without(_orthonormal(slopes), errors)
-    matrix = np.column_stack([sight.difference for sight in sights])
-    products, towards = matrix.T @ matrix, -(matrix.T @ left)
-    scored = []
-    for i, j in itertools.combinations(range(len(sights)), 2):
-        if sights[i].candidate.name == sights[j].candidate.name:
-            continue
-        gram = products[np.ix_([i, j], [i, j])]
-        if np.linalg.det(gram) < 1e-6 * gram[0, 0] * gram[1, 1]:
-            continue
-        shares = np.clip(np.linalg.solve(gram, towards[[i, j]]), 0.0, STRETCH)
-        gain = float(2.0 * shares @ towards[[i, j]] - shares @ gram @ shares)
-        scored.append((gain, i, j))
+def pairs(sights: Sequence[Sight]) -> list[tuple[Sight, Sight]]:
+    """Return pairs of different effects by what both would leave together, best first.
+
+    Each effect takes part with the sizes that leave least alone.
+    """
+    scored: list[tuple[float, int, int]] = []
+    for seen in dict.fromkeys(sight.seen for sight in sights):
+        taken: dict[str, list[int]] = {}
+        for i, sight in enumerate(sights):
+            if sight.seen is seen:
+                taken.setdefault(sight.candidate.name, []).append(i)
+        own = [i for group in taken.values() for i in group[:EACH]]
+        scored += _pairs(sights, own)
     best: dict[frozenset[str], tuple[Sight, Sight]] = {}
-    for _, i, j in sorted(scored, reverse=True):
+    for _, i, j in sorted(scored):
         names = frozenset((sights[i].candidate.name, sights[j].candidate.name))
         best.setdefault(names, (sights[i], sights[j]))
     return list(best.values())
 
 
-def _difference(
-    problem: Problem, base: dict[str, float], errors: Array, settings: dict[str, float]
+def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[tuple[float, int, int]]:
+    """Squared errors that pairs from one view would leave, and which they are."""
+    left = sights[own[0]].seen.left
+    matrix = np.column_stack([sights[i].difference for i in own])
+    gram, towards = matrix.T @ matrix, -(matrix.T @ left)
+    i, j = np.triu_indices(len(own), 1)
+    names = np.array([sights[k].candidate.name for k in own])
+    a, b, c = gram[i, i], gram[j, j], gram[i, j]
+    apart = (names[i] != names[j]) & (a * b - c * c > 1e-6 * a * b)
+    i, j, a, b, c = (it[apart] for it in (i, j, a, b, c))
+    determinant = a * b - c * c
+    first = np.clip((b * towards[i] - c * towards[j]) / determinant, 0.0, STRETCH)
+    second = np.clip((a * towards[j] - c * towards[i]) / determinant, 0.0, STRETCH)
+    gain = 2.0 * (first * towards[i] + second * towards[j])
+    gain -= a * first**2 + b * second**2 + 2.0 * c * first * second
+    remains = float(left @ left) - gain
+    return [(float(left), own[k], own[m]) for left, k, m in zip(remains, i, j)]
+
+
+def _sight(
+    seen: View, left: Array, one: Candidate, settings: dict[str, float], columns: Array
+) -> Sight:
+    """The best share of a difference; of a sine and a cosine, the best amplitude and phase."""
+    rest = seen.without(columns)
+    if one.ripple:
+        switch, phase = one.ripple
+        sine, cosine = np.linalg.lstsq(rest, -left, rcond=1e-9)[0]
+        size = settings[switch] * min(hypot(sine, cosine), LARGEST)
+        settings = {**settings, switch: size, phase: atan2(cosine, sine)}
+        columns, rest = (part @ [sine, cosine] for part in (columns, rest))
+        return Sight(seen, one, settings, columns, rest, _left(left, rest, 1.0))
+    whole, rest = columns[:, 0], rest[:, 0]
+    share = 1.0 if one.fine else _share(left, rest)
+    return Sight(seen, one, settings, share * whole, rest, _left(left, rest, share))
+
+
+def _differences(
+    seen: View, base: dict[str, float], task: tuple[Candidate, dict[str, float]]
 ) -> Array | None:
-    """Change of the weighted errors that an effect makes; the priors do not change."""
+    """Changes of the weighted errors by an effect at a size, shape (m + priors, 1 or 2)."""
+    one, size = task
+    phases = (0.0, pi / 2.0) if one.ripple else ()
+    probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
+    found = [_difference(seen, {**base, **probe}) for probe in probes]
+    known = [it for it in found if it is not None]
+    return np.column_stack(known) if len(known) == len(found) else None
+
+
+def _difference(seen: View, values: dict[str, float]) -> Array | None:
+    """Change of the weighted errors; the priors do not change."""
+    problem = seen.problem
     try:
         parts = [
-            problem.errors(run, {**base, **settings})[run.log.fitted].T.ravel()
+            problem.errors(run, values)[run.log.fitted].T.ravel()
             for run in problem.runs
             if run.log.fitted.any()
         ]
@@ -107,8 +205,8 @@ def _difference(
     changed = np.concatenate(parts)
     if not np.isfinite(changed).all():
         return None
-    priors = np.zeros(len(errors) - len(changed))
-    return np.concatenate([changed - errors[: len(changed)], priors])
+    priors = np.zeros(len(seen.errors) - len(changed))
+    return np.concatenate([changed - seen.errors[: len(changed)], priors])
 
 
 def _orthonormal(slopes: Array) -> Array:
@@ -118,12 +216,13 @@ def _orthonormal(slopes: Array) -> Array:
     return left[:, singular > 1e-9 * singular[0]]
 
 
-def _without(basis: Array, values: Array) -> Array:
-    return np.asarray(values - basis @ (basis.T @ values))
-
-
-def _gain(left: Array, rest: Array) -> float:
-    """Squared errors explained by the best share of a difference."""
+def _share(left: Array, rest: Array) -> float:
+    """Share of a difference that explains most."""
     size = float(rest @ rest)
-    share = float(np.clip(-(rest @ left) / size, 0.0, STRETCH))
-    return -2.0 * share * float(rest @ left) - share**2 * size
+    return float(np.clip(-(rest @ left) / size, 0.0, STRETCH)) if size > 0.0 else 0.0
+
+
+def _left(left: Array, rest: Array, share: float) -> float:
+    """Squared errors that a share of a difference leaves."""
+    remains = left + share * rest
+    return float(remains @ remains)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from servo_models.diagnosis.belief import covering, probabilities
-from servo_models.diagnosis.causes import UNEXPLAINED, Causes, Explanation
-from servo_models.diagnosis.structure import structured
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.structure import left_over, missing
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -46,9 +49,10 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     taken = causes.taken
     if causes.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
-    missing = taken.evidence.rms > UNEXPLAINED and structured(taken.problem, taken.evidence)
+    gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
+    lacking = missing(left_over(taken.problem, taken.evidence), gap)
     if not taken.effects:
-        return Verdict(OUTSIDE if missing else PARAMETERS, {}, (), ())
+        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), ())
     rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
     chances = probabilities(rivals)
     held = covering(chances)
@@ -59,7 +63,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     ranked = dict(sorted(by_effect.items(), key=lambda item: -item[1]))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS
-    if missing:
+    if lacking:
         kind = OUTSIDE
     elif len(held) > FEW:
         kind = NOT_IDENTIFIABLE

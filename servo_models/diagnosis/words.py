@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from servo_models.diagnosis.causes import Explanation
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import (

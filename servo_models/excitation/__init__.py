@@ -20,7 +20,7 @@ from servo_models.actuator import Plant
 from servo_models.errors import UserError
 from servo_models.excitation import responses
 from servo_models.excitation.evidence import Evidence
-from servo_models.identification.problem import Problem, workers
+from servo_models.identification.problem import Problem, map_on
 from servo_models.lookalikes import cause, experiment
 from servo_models.recording import Log, Mask
 from servo_models.simulate import Model
@@ -126,9 +126,9 @@ def excitation(
         raise UserError("the nominal model leaves the finite numbers on these logs: correct it")
     changes = responses.parameters(model, asked, given)
     settings = responses.effects(model)
-    pool = workers(jobs or os.cpu_count() or 1)
-    parameters = list(pool.map(lambda change: responses.slope(problem, model, change), changes))
-    effects = list(pool.map(lambda e: responses.difference(problem, nominal, *e), settings))
+    many = jobs or os.cpu_count() or 1
+    parameters = list(map_on(many, lambda it: responses.slope(problem, model, it), changes))
+    effects = list(map_on(many, lambda it: responses.difference(problem, nominal, *it), settings))
     causes = [c for c in (*parameters, *effects) if c.difference is not None]
     evidence = Evidence(causes, asked, given)
     outputs = responses.outputs(problem)

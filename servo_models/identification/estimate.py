@@ -62,15 +62,16 @@ def spread(problem: Problem, vector: Array, least: Array | None) -> Spread:
     Slopes are taken over about the standard errors that they lead to, and over no less than
     ``least`` [scales], shape (p,), from ``slopes.steps``.
     """
-    first = _spread(problem, vector, problem.jacobian(vector, least))
+    first = spread_of(problem, vector, problem.jacobian(vector, least))
     widths = np.nan_to_num(first.standard_errors / problem.scales)
     widths = np.where(widths < WIDE, np.maximum(widths, NARROW), NARROW)
     widths = np.where(first.slopes == 0.0, WIDE, widths)
     widths = widths if least is None else np.maximum(widths, least)
-    return _spread(problem, vector, problem.jacobian(vector, widths))
+    return spread_of(problem, vector, problem.jacobian(vector, widths))
 
 
-def _spread(problem: Problem, vector: Array, jacobian: Array) -> Spread:
+def spread_of(problem: Problem, vector: Array, jacobian: Array) -> Spread:
+    """Return the uncertainty of an estimate from slopes that are known, shape (m, p)."""
     at = problem.sides(vector)
     residuals = problem.residuals(vector)
     inner = np.array([not side for side in at])

@@ -8,19 +8,23 @@ Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import Parameter, Plant, unknown
 from servo_models.errors import UserError
+from servo_models.identification.run import Run, prepared
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
 Array = NDArray[np.float64]
+S = TypeVar("S")
+T = TypeVar("T")
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
@@ -30,13 +34,12 @@ REFUSED, LARGEST = 1e3, 1e100
 """Weighted residual of a run that leaves the finite numbers, or those with finite squares."""
 
 
-@functools.cache
-def workers(jobs: int) -> ThreadPoolExecutor:
-    """Return the process's threads for so many simulations at once.
+_workers = functools.cache(ThreadPoolExecutor)
 
-    A compiled run lets the other threads go on.
-    """
-    return ThreadPoolExecutor(jobs)
+
+def map_on(jobs: int, simulate: Callable[[T], S], tasks: Iterable[T]) -> Iterable[S]:
+    """Return ``map`` of a function over tasks, on so many threads: compiled runs go on together."""
+    return map(simulate, tasks) if jobs == 1 else _workers(jobs).map(simulate, tasks)
 
 
 @dataclass(frozen=True)
@@ -94,46 +97,6 @@ def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A log as the simulation takes it: the settling time in front, inputs as a matrix."""
-
-    log: Log
-    model: Model
-    times: Array
-    inputs: Array
-    columns: tuple[int, ...]
-
-    def outputs(self, values: Mapping[str, float]) -> Array:
-        """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
-        return np.asarray(self.simulate(values)[:, self.columns])
-
-    def simulate(self, values: Mapping[str, float]) -> Array:
-        """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
-        chosen = replace(self.model, values={**self.model.values, **values})
-        return chosen.run(self.times, self.inputs)[-len(self.log.times) :]
-
-
-def _prepare(model: Model, log: Log) -> Run:
-    plant = model.plant
-    inputs = {wire.name: np.full(len(log.times), float(wire.rest)) for wire in plant.inputs}
-    parameters: dict[str, float] = {}
-    for name, value in log.constants.items():
-        if name in inputs:
-            inputs[name] = np.full(len(log.times), value)
-        else:
-            parameters[name] = value
-    inputs |= log.inputs
-    matrix = np.column_stack([inputs[wire.name] for wire in plant.inputs])
-    times = log.times
-    if log.settle > 0.0:
-        times = np.concatenate([[0.0], times + log.settle])
-        matrix = np.vstack([matrix[:1], matrix])
-    chosen = replace(model, values={**model.values, **parameters})
-    columns = tuple(plant.outputs.index(name) for name in log.outputs)
-    return Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
-
-
 @dataclass(eq=False)
 class Problem:
     """Free parameters of one model and the logs that judge them.
@@ -161,7 +124,7 @@ class Problem:
     """A vector and its residuals, which the slopes there begin with."""
 
     def __post_init__(self) -> None:
-        self.runs = [_prepare(self.model, log) for log in self.logs]
+        self.runs = [prepared(self.model, log) for log in self.logs]
         for name in dict.fromkeys(name for log in self.logs for name in log.outputs):
             logs = [log for log in self.logs if name in log.outputs]
             values = np.concatenate([log.outputs[name][log.fitted] for log in logs])
@@ -233,6 +196,11 @@ class Problem:
         self._latest = (vector.copy(), residuals)
         return residuals
 
+    def latest(self, vector: Array) -> Array:
+        """Return ``residuals`` of the vector they were asked for last, or else find them."""
+        known, residuals = self._latest
+        return residuals if np.array_equal(known, vector) else self.residuals(vector)
+
     def costs(self, vectors: Sequence[Array]) -> list[float]:
         """Return half the sum of the squared ``residuals`` of each vector, ``jobs`` at once."""
         found = self._all(vectors)
@@ -247,7 +215,7 @@ class Problem:
 
     def _all(self, vectors: Sequence[Array]) -> list[Array]:
         self.evaluations += len(vectors)
-        return list(workers(self.jobs).map(self._residuals, vectors))
+        return list(map_on(self.jobs, self._residuals, vectors))
 
     def _residuals(self, vector: Array) -> Array:
         values = self.values(vector)
@@ -272,28 +240,32 @@ class Problem:
         """Number of weighted errors that a fit may see."""
         return sum(int(log.fitted.sum()) * len(log.outputs) for log in self.logs)
 
-    def jacobian(self, vector: Array, widths: Array | None = None) -> Array:
+    def jacobian(
+        self, vector: Array, widths: Array | None = None, which: Sequence[int] | None = None
+    ) -> Array:
         """Return the slope of ``residuals`` per scale, shape (m, p), by differences.
 
         They are one-sided and small, or, with ``widths`` in scales of shape (p,), central
-        and that wide, as far as the bounds allow.
+        and that wide, as far as the bounds allow; of all parameters or of those named by
+        position.
         """
         low, high = self.bounds
-        unit = np.eye(len(vector))
         if widths is None:
             ends = vector + np.where(vector + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
             starts = vector
-            points = [vector + (ends - vector) * e for e in unit]
         else:
             ends, starts = np.minimum(vector + widths, high), np.maximum(vector - widths, low)
-            points = [vector + (ends - vector) * e for e in unit]
-            points += [vector + (starts - vector) * e for e in unit]
-        known, base = self._latest
-        if widths is None and not np.array_equal(known, vector):
-            base = self._all([vector])[0]
-        found = self._all(points)
-        p = len(vector)
-        above, below = (found, [base] * p) if widths is None else (found[:p], found[p:])
-        steps = ends - starts
-        slopes = [(u - d) / s for u, d, s in zip(above, below, steps)]
+        chosen = range(len(vector)) if which is None else which
+        units = np.eye(len(vector))[list(chosen)]
+        points = [vector + (ends - vector) * e for e in units]
+        if widths is not None:
+            points += [vector + (starts - vector) * e for e in units]
+            found = self._all(points)
+            pairs = zip(found[: len(units)], found[len(units) :])
+        else:
+            base = self._latest[1]
+            if not np.array_equal(self._latest[0], vector):
+                base = self._all([vector])[0]
+            pairs = zip(self._all(points), [base] * len(units))
+        slopes = [(u - d) / (ends - starts)[i] for i, (u, d) in zip(chosen, pairs)]
         return np.column_stack(slopes) if slopes else np.empty((self.samples, 0))

@@ -21,7 +21,7 @@ from servo_models.block import Block, Param, effect
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.evidence import BLOCKS
 from servo_models.diagnosis.where.breakdown import WORSE, Array, Breakdown, Sums, tabulate
-from servo_models.identification.problem import Run
+from servo_models.identification.run import Run
 from servo_models.simulate import Model, flat_of
 
 MOMENTS = (0.0, 0.5, 1.0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.diagnosis.belief import COVERED, probabilities
-from servo_models.diagnosis.causes import Explanation
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.gap import DRAWS
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.report.diagnosis.stages import together

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Explanation
 from servo_models.diagnosis.experiment import Experiment
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.experiment import display
 from servo_models.identification.problem import Problem

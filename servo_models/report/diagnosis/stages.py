@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from servo_models.diagnosis.causes import Explanation
+from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.report.identification.readings import Reading, reading, words
 

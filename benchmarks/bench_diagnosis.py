@@ -1,0 +1,155 @@
+"""Speed of a diagnosis: two long logs, the full catalogue, pairs included.
+
+    python benchmarks/bench_diagnosis.py
+
+A 60 s log of the SG90 at 200 Hz and 1 s of the torque motor at 10 kHz, each with one effect that
+the model lacks, are written as files.  The command runs on them as a process of its own, first
+with an empty cache, then again.  After that, in this process, how the cost grows with the
+length of a log and with the number of effects, and what a second processor brings.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from servo_models.diagnose import diagnose
+from servo_models.diagnosis.candidates import candidates
+from servo_models.simulate import Array, model, simulate
+
+COMMAND = "import sys; from servo_models.cli import main; sys.exit(main())"
+PEAK = (
+    "import resource, subprocess, sys; code = subprocess.run(sys.argv[1:],"
+    " stdout=subprocess.DEVNULL).returncode;"
+    "print(code, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)"
+)
+
+
+def excitation(count: int) -> Array:
+    """Steps of several sizes, a slow triangle and a chirp, in shares of the largest."""
+    third = count // 3
+    levels = np.array([0.0, 0.1, 0.0, -0.3, 0.0, 0.6, -0.6, 1.0, -1.0, 0.0])
+    steps = np.repeat(levels, third // len(levels) + 1)[:third]
+    ramp = np.arange(third) / third
+    triangle = 0.25 * np.interp(ramp, [0.0, 0.25, 0.75, 1.0], [0.0, 1.0, -1.0, 0.0])
+    rest = np.arange(count - 2 * third) / (count - 2 * third)
+    chirp = 0.3 * np.sin(2.0 * np.pi * count / 240.0 * (0.02 * rest + 0.48 * rest**2))
+    return np.concatenate([steps, triangle, chirp])
+
+
+def sg90(folder: Path, seconds: float = 60.0) -> Path:
+    times = 5e-3 * np.arange(int(200 * seconds))
+    pulse = 1.5e-3 + 500e-6 * excitation(len(times))
+    rig = {"drive_saturation.limit": 3.0, "motor_gain": 47.0}
+    uncertain = "motor_time_constant = '20 %'\nmotor_gain = '10 %'\namplifier_gain = '20 %'\n"
+    uncertain += "transport_delay.time = '35 %'\npotentiometer_gain = '5 %'\n"
+    return write(folder, "sg90", times, "pulse_width", pulse, "angle_reading", rig, uncertain)
+
+
+def torque_motor(folder: Path, seconds: float = 1.0) -> Path:
+    times = 1e-4 * np.arange(int(10_000 * seconds))
+    volts = np.round(30.0 * excitation(len(times)), 3)
+    rig = {"coulomb_friction.level": 2e-3, "torque_constant": 5.2}
+    uncertain = "torque_constant = '25 %'\ninductance = '25 %'\nback_emf_constant = '50 %'\n"
+    uncertain += "friction_coefficient = '50 %'\nresistance = '1 %'\nstiffness = '1 %'\n"
+    return write(folder, "torque_motor", times, "voltage", volts, "angle", rig, uncertain)
+
+
+def write(
+    folder: Path,
+    actuator: str,
+    times: Array,
+    command: str,
+    values: Array,
+    output: str,
+    rig: Mapping[str, float],
+    uncertain: str,
+) -> Path:
+    """A log of a simulated rig with noise of 0.2 % of its range, and its description."""
+    measured = simulate(model(actuator, "measured", dict(rig)), times, {command: values})[output]
+    noise = 2e-3 * np.ptp(measured) * np.random.default_rng(1).standard_normal(len(times))
+    rows = np.column_stack([times, values, measured + noise])
+    np.savetxt(folder / f"{actuator}.csv", rows, delimiter=",", header="t,u,y", comments="")
+    unit = "s" if command == "pulse_width" else "V"
+    path = folder / f"{actuator}.toml"
+    path.write_text(
+        f"actuator = '{actuator}'\nvariant = 'measured'\n\n[uncertainty]\n{uncertain}\n"
+        f"[[logs]]\nfile = '{actuator}.csv'\ntime = {{ column = 't', unit = 's' }}\n"
+        f"inputs.{command} = {{ column = 'u', unit = '{unit}' }}\n"
+        f"outputs.{output} = {{ column = 'y', unit = 'rad' }}\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+def whole_process(path: Path, cache: Path) -> tuple[float, float]:
+    """Seconds and MiB of ``servo-models diagnose`` as a user runs it."""
+    environment = {**os.environ, "SERVO_MODELS_CACHE": str(cache)}
+    order = [sys.executable, "-c", COMMAND, "diagnose", str(path), "--format", "json"]
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, *order],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    code, peak = done.stdout.split()
+    if code not in ("0", "1"):
+        raise SystemExit(f"diagnose ended with {code}: {done.stderr}")
+    return time.perf_counter() - begin, float(peak)
+
+
+def seconds(path: Path, jobs: int = 2, left_out: tuple[str, ...] = ()) -> float:
+    begin = time.perf_counter()
+    diagnose(path, jobs=jobs, left_out=left_out)
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        logs = {
+            "SG90, 60 s at 200 Hz": sg90(folder),
+            "torque motor, 1 s at 10 kHz": torque_motor(folder),
+        }
+        print(f"{'whole process':30} {'cold':>8} {'warm':>8} {'memory':>10}")
+        for title, path in logs.items():
+            cache = folder / f"cache_{path.stem}"
+            cold, _ = whole_process(path, cache)
+            warm, peak = whole_process(path, cache)
+            print(f"{title:30} {cold:6.1f} s {warm:6.1f} s {peak:6.0f} MiB")
+        made = {"sg90": sg90, "torque_motor": torque_motor}
+        print("\nlog length, over that above      1/4     1/2       1       2")
+        for title, path in logs.items():
+            whole = 60.0 if path.stem == "sg90" else 1.0
+            spent = [seconds(made[path.stem](folder, share * whole)) for share in (0.25, 0.5, 1, 2)]
+            print(f"{title:30}" + "".join(f"{it:6.1f} s" for it in spent))
+        print("\neffects in the catalogue         1/4     1/2     3/4     all")
+        for title, path in logs.items():
+            made[path.stem](folder)
+            names = [it.name for it in candidates(model(path.stem, "measured"), ())]
+            cause = "drive_saturation" if path.stem == "sg90" else "coulomb_friction"
+            names.remove(cause)
+            spent = [
+                seconds(path, left_out=tuple(names[int(share * len(names)) :]))
+                for share in (0.25, 0.5, 0.75, 1.0)
+            ]
+            print(f"{title:30}" + "".join(f"{it:6.1f} s" for it in spent))
+        print("\njobs                               1       2   ratio")
+        for title, path in logs.items():
+            one, two = seconds(path, jobs=1), seconds(path, jobs=2)
+            print(f"{title:30}{one:6.1f} s{two:6.1f} s  {one / two:.2f}")
+
+
+if __name__ == "__main__":
+    main()

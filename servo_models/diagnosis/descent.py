@@ -1,0 +1,139 @@
+"""A short least-squares search: hundreds of fits a diagnosis, each of a few dozen simulations.
+
+Levenberg and Marquardt on the normal equations, inside bounds.  Slopes are not taken anew at
+every step: Broyden's rule corrects them by what the step has shown, and only where they
+mispredict, or a step fails, are they simulated.  A final fit that is to be exact to many
+digits is ``identification.search``'s.
+Sources: Marquardt, J. SIAM 11 (1963); Nocedal, Wright, Numerical Optimization, 2nd ed., secs.
+10.3 and 16.7 (projection on a box); Broyden, Mathematics of Computation 19 (1965).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.identification.problem import Problem
+
+Array = NDArray[np.float64]
+
+STRAY = 0.4
+"""Part of a change that slopes may miss and still be corrected."""
+DAMPING, LARGEST = 1e-3, 1e8
+"""Of the first step over the diagonal of the normal equations, and the one that gives up."""
+POOR, GOOD = 0.01, 0.5
+"""Decrease over the predicted one, below which a step fails and above which damping falls."""
+BUDGET = 9
+"""Evaluations per parameter that a search may cost."""
+EASED, HARDENED = 0.2, 5.0
+"""Factors on the damping after a good step, and after a failed one."""
+
+
+@dataclass
+class _Point:
+    """A vector, its errors, and slopes that were simulated there (``fresh``) or carried on."""
+
+    vector: Array
+    errors: Array
+    slopes: Array
+    fresh: bool
+
+    @property
+    def cost(self) -> float:
+        return 0.5 * float(self.errors @ self.errors)
+
+
+def descend(
+    problem: Problem,
+    start: Array,
+    tolerance: float,
+    limit: int,
+    widths: Array | None = None,
+    known: Array | None = None,
+) -> tuple[Array, bool]:
+    """Return the best vector [scales] near ``start``, and whether the search met its tolerance.
+
+    Args:
+        problem: its ``residuals`` are made small.
+        start: shape (p,); a value outside its bounds is moved onto them.
+        tolerance: relative decrease of the cost that ends the search.
+        limit: of steps.
+        widths: over which slopes are taken [scales], shape (p,); None for small ones.
+        known: slopes near the start, shape (m, k), of the first k parameters.
+    """
+    low, high = problem.bounds
+    vector = np.clip(start, low, high)
+    errors = problem.residuals(vector)
+    at = _Point(vector, errors, _slopes(problem, vector, widths, known), fresh=known is None)
+    damping, spent = DAMPING, problem.evaluations + BUDGET * (len(vector) + 1)
+    for _ in range(limit):
+        if problem.evaluations > spent:
+            break
+        step, promised = _step(at, low, high, damping)
+        if promised <= 0.1 * tolerance * at.cost:
+            if at.fresh:
+                return at.vector, True
+            at = _Point(at.vector, at.errors, problem.jacobian(at.vector, widths), fresh=True)
+            continue
+        errors = problem.residuals(at.vector + step)
+        saved = at.cost - 0.5 * float(errors @ errors)
+        if not saved > POOR * promised:
+            if not at.fresh:
+                slopes = problem.jacobian(at.vector, widths)
+                at = _Point(at.vector, at.errors, slopes, fresh=True)
+            else:
+                damping *= HARDENED
+            if damping > LARGEST:
+                return at.vector, True
+            continue
+        settled = saved < tolerance * at.cost and saved < 2.0 * promised
+        at = _moved(problem, at, step, errors, widths)
+        if settled:
+            return at.vector, True
+        if saved > GOOD * promised:
+            damping = max(damping * EASED, 1e-9)
+    return at.vector, False
+
+
+def _slopes(problem: Problem, vector: Array, widths: Array | None, known: Array | None) -> Array:
+    if known is None:
+        return problem.jacobian(vector, widths)
+    others = range(known.shape[1], len(vector))
+    return np.column_stack([known, problem.jacobian(vector, widths, others)])
+
+
+def _step(at: _Point, low: Array, high: Array, damping: float) -> tuple[Array, float]:
+    """The damped step inside the box, and by how much it promises to lower the cost."""
+    gradient, curvature = at.slopes.T @ at.errors, at.slopes.T @ at.slopes
+    weights = np.diag(curvature) + 1e-12 * max(float(np.trace(curvature)), 1e-30)
+    step = np.zeros(len(gradient))
+    inside = ~(((at.vector <= low) & (gradient > 0.0)) | ((at.vector >= high) & (gradient < 0.0)))
+    while inside.any():
+        own = np.ix_(inside, inside)
+        damped = curvature[own] + np.diag(damping * weights[inside])
+        step[inside] = -np.linalg.lstsq(damped, gradient[inside], rcond=None)[0]
+        ahead = at.vector + step
+        outside = inside & ((ahead < low) | (ahead > high))
+        if not outside.any():
+            break
+        step[outside] = np.clip(ahead, low, high)[outside] - at.vector[outside]
+        # those on their bound stay there; what they do moves the gradient of the others
+        gradient = gradient + curvature[:, outside] @ step[outside]
+        inside &= ~outside
+    origin = at.slopes.T @ at.errors
+    return step, -float(step @ origin + 0.5 * step @ curvature @ step)
+
+
+def _moved(
+    problem: Problem, at: _Point, step: Array, errors: Array, widths: Array | None
+) -> _Point:
+    """The point after a step, its slopes corrected by Broyden's rule where that is enough."""
+    change = errors - at.errors
+    missed = change - at.slopes @ step
+    vector = at.vector + step
+    if np.linalg.norm(missed) > STRAY * np.linalg.norm(change):
+        return _Point(vector, errors, problem.jacobian(vector, widths), fresh=True)
+    slopes = at.slopes + np.outer(missed, step / float(step @ step))
+    return _Point(vector, errors, slopes, fresh=False)

@@ -1,0 +1,250 @@
+"""A fit with some effects switched on, and the bench on which such fits are made.
+
+Nominal parameters stay free inside their priors in every fit, since frozen ones invent effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.description import Description
+from servo_models.diagnosis.descent import descend
+from servo_models.diagnosis.evidence import Evidence, blocks, judge
+from servo_models.diagnosis.screening import View, view
+from servo_models.diagnosis.sizes import STEPWISE
+from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
+from servo_models.identification.slopes import steps
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+Array = NDArray[np.float64]
+
+ENOUGH, STEPS = 1e-4, 25
+"""Relative tolerance and steps of a fit: differences between effects are larger."""
+EXACT, PATIENT = 1e-7, 60
+"""Those of the fit that is reported."""
+DISGUISE = 1.25
+"""Factor on the squared errors that an effect on its bound leaves."""
+BELIEVED = 4.0
+"""Prior deviations that a nominal parameter may move."""
+COARSE, GRAIN = 0.02, 0.01
+"""Widths of slopes where an effect makes a staircase of the response: of other parameters in
+scales, and of the stepwise size relative to it."""
+WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
+"""Relative changes of a stepwise size that are tried in turn, before a search and after it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A fit with some effects switched on.
+
+    Attributes:
+        effects: their names, none for nominal parameters alone.
+        problem: with all free parameters.
+        view: errors and slopes at the fit.
+        evidence: how it predicts.
+        converged: whether the search met its tolerance.
+        widths: over which slopes of it mean something, see ``slopes.steps``.
+    """
+
+    effects: tuple[str, ...]
+    problem: Problem
+    view: View
+    evidence: Evidence
+    converged: bool
+    widths: Array | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Free parameters [SI] by name."""
+        return self.problem.values(self.evidence.vector)
+
+    @cached_property
+    def disguised(self) -> bool:
+        """Whether a parameter of an effect sits on a bound: another effect may look so."""
+        sides = self.problem.sides(self.evidence.vector)
+        free = self.problem.free
+        return any(side and one.prior is None for side, one in zip(sides, free))
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared errors, priors included, that the fit leaves."""
+        return 2.0 * self.problem.best[0]
+
+    @cached_property
+    def loss(self) -> float:
+        """Sum of squared unseen errors; larger for a disguise, which yields to a plain effect."""
+        return float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
+
+
+def nominal_parameters(told: Description) -> tuple[Free, ...]:
+    """Return what is free in every fit: parameters with an uncertainty, within its reach.
+
+    Without the limit a large gap takes them anywhere, and an effect that is missing is
+    imitated by constants that nobody would believe.
+    """
+    parameters, found = told.model.plant.parameters, []
+    for name, prior in told.uncertainty.items():
+        free = free_parameter(parameters[name], told.model.values[name], prior)
+        low, high = free.nominal - BELIEVED * prior, free.nominal + BELIEVED * prior
+        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What every fit of a diagnosis shares.
+
+    Attributes:
+        model, logs: of the diagnosis.
+        nominal: parameters with a prior, free in every fit.
+        floors: noise floor [SI] of each output, its weight.
+        jobs: simulations at once.
+        rough: over which slopes of the nominal parameters mean something, in scales, by name;
+            none where small differences will do.
+    """
+
+    model: Model
+    logs: Sequence[Log]
+    nominal: tuple[Free, ...]
+    floors: dict[str, float]
+    jobs: int
+    rough: dict[str, float] = field(default_factory=dict)
+
+    def problem(self, extra: Iterable[Free] = ()) -> Problem:
+        """Return the question with further free parameters."""
+        free = [*self.nominal, *extra]
+        return Problem(self.model, self.logs, free, sigma=dict(self.floors), jobs=self.jobs)
+
+    def surveyed(self) -> Bench:
+        """Return a bench that knows where the response of the nominal model is rough."""
+        problem = self.problem()
+        found = steps(problem, problem.start) if problem.free else None
+        names = [free.name for free in self.nominal]
+        return self if found is None else replace(self, rough=dict(zip(names, found.tolist())))
+
+    def widths(self, problem: Problem) -> Array | None:
+        """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
+        stepwise = _stepwise(problem)
+        if not self.rough and not stepwise:
+            return None
+        other = COARSE if stepwise else max(self.rough.values())
+        widths = [max(other, self.rough.get(free.name, DIFFERENCE)) for free in problem.free]
+        for i in stepwise:
+            widths[i] = GRAIN * problem.free[i].start / problem.free[i].scale
+        return np.array(widths)
+
+    def fit(
+        self,
+        effects: tuple[str, ...],
+        extra: Sequence[Free],
+        start: Mapping[str, float] | None = None,
+        known: Array | None = None,
+    ) -> Explanation:
+        """Fit from a start [SI by name]; what it does not name begins with its own.
+
+        ``known`` are slopes near there, shape (m, k), of the first k parameters.
+        """
+        problem = self.problem(extra)
+        if not problem.free:
+            return self._judged(effects, problem, problem.start, converged=True)
+        begin = [(start or {}).get(free.name, free.start) for free in problem.free]
+        vector = np.array(begin) / problem.scales
+        vector, met = self._descend(problem, vector, ENOUGH, STEPS, known)
+        return self._judged(effects, problem, vector, met)
+
+    def view(self) -> View:
+        """Return what can be seen from the nominal parameters."""
+        problem = self.problem()
+        return view(problem, problem.nominal, self.widths(problem))
+
+    def unfitted(self) -> Explanation:
+        """Return the nominal model as it is: no fit, so that everything is unseen."""
+        problem = self.problem()
+        errors = problem.residuals(problem.nominal)
+        seen = View(problem, problem.nominal, errors, np.empty((len(errors), 0)))
+        own = errors[: problem.samples]
+        evidence = Evidence(problem.nominal, own, own, blocks(problem))
+        return Explanation((), problem, seen, evidence, converged=True)
+
+    def again(
+        self, found: Explanation, tolerance: float = ENOUGH, limit: int = STEPS
+    ) -> Explanation:
+        """Fit once more from where a fit has ended."""
+        problem = found.problem
+        vector, met = self._descend(problem, found.evidence.vector, tolerance, limit)
+        return self._judged(found.effects, problem, vector, met)
+
+    def finish(self, found: Explanation) -> Explanation:
+        """Fit to the end: what the logs leave open goes back to its prior."""
+        return self.again(found, EXACT, PATIENT) if found.problem.free else found
+
+    def _judged(
+        self, effects: tuple[str, ...], problem: Problem, vector: Array, converged: bool
+    ) -> Explanation:
+        widths = self.widths(problem)
+        seen = view(problem, vector, widths)
+        evidence = judge(problem, seen, blocks(problem), _stepwise(problem))
+        return Explanation(effects, problem, seen, evidence, converged, widths)
+
+    def _descend(
+        self,
+        problem: Problem,
+        start: Array,
+        tolerance: float,
+        limit: int,
+        known: Array | None = None,
+    ) -> tuple[Array, bool]:
+        """Least squares; sizes on which the response is a staircase are tried out beside it."""
+        widths, stepwise = self.widths(problem), _stepwise(problem)
+        vector = np.clip(start, *problem.bounds)
+        if stepwise:
+            vector, known = _sharpened(problem, vector, stepwise, widths, WIDE), None
+        vector, met = descend(problem, vector, tolerance, limit, widths, known)
+        if stepwise:
+            vector = _sharpened(problem, vector, stepwise, widths, NARROW)
+        return vector, met
+
+
+def _stepwise(problem: Problem) -> list[int]:
+    """Which free parameters are sizes on which the response is a staircase."""
+    plant, found = problem.model.plant, []
+    for i, free in enumerate(problem.free):
+        owner = plant.parameters[free.name].owner
+        placed = owner and plant.placements[owner][0].effect.name in STEPWISE
+        if placed and free.prior is None and plant.parameters[free.name].param.switch:
+            found.append(i)
+    return found
+
+
+def _sharpened(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array | None,
+    spans: Iterable[float],
+) -> Array:
+    """Try nearby sizes, ever nearer; other parameters follow each by their slopes."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    low, high = problem.bounds
+    slopes = problem.jacobian(vector, widths)[:, others]
+    inverse = np.linalg.pinv(slopes, rcond=1e-6)
+    best, least = vector, problem.costs([vector])[0]
+    for span in spans:
+        trials = []
+        for i in stepwise:
+            for factor in (1.0 - span, 1.0 + span):
+                trial = best.copy()
+                trial[i] *= factor
+                followed = trial.copy()
+                followed[others] -= inverse @ problem.residuals(trial)
+                trials += [trial, np.clip(followed, low, high)]
+        costs = problem.costs(trials)
+        if min(costs) < least:
+            best, least = trials[int(np.argmin(costs))], min(costs)
+    return best

@@ -1,0 +1,157 @@
+"""At which sizes and shapes an effect is looked at before anything is fitted.
+
+Sizes are shares of the typical one, of both signs where the bounds allow.  Where a response
+is a staircase of the size, or a comb, no slope leads to the best one: there they lie close to
+each other, and what the logs themselves show of a quantum is among them.
+Source: Widrow, Kollar, Quantization Noise (2008), ch. 4: the characteristic function of
+quantised values has peaks at multiples of 1 / step, whatever little noise comes after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuator import Parameter, Plant
+from servo_models.recording import Log
+
+Array = NDArray[np.float64]
+
+SHARES = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
+"""Sizes that are tried, over the typical size."""
+SIGNED = (0.3, 3.0)
+"""Those of effects that have either sign, whose response is nearly straight."""
+SHAPED = (0.1, 0.5, 2.0, 8.0)
+"""Those of effects with a shape, with each of which they are tried."""
+LIMITS = (0.3, 0.45, 0.6, 0.75, 0.9, 1.1, 1.4, 2.0, 3.0)
+RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
+"""Those of limits, which act below the largest value that occurs, or not at all."""
+FINE = {
+    "quantisation": tuple(0.2 * 1.02**k for k in range(256)),
+    "sample_hold": tuple(0.05 * 1.02**k for k in range(256)),
+    "dead_band": tuple(0.05 * 1.04**k for k in range(136)),
+}
+"""Those of effects to whose size no slope leads, as near each other as the best is narrow."""
+STEPWISE = tuple(FINE)
+"""Effects of which a response is no smooth function."""
+SHAPES = (0.1, 1.0, 10.0)
+"""Values of a shape parameter that are tried, over its default."""
+SLOW = {"gear_compliance": (0.03, 0.1, 0.3, 1.0, 3.0)}
+"""Shapes of effects whose simulation is slow where they are far from the default."""
+CHOICES = ("rounding", "full_scale", "jitter")
+"""Shape parameters that say how an effect is counted, not how it looks."""
+PHASE, COUNT = "phase", "count"
+"""Shape parameters of a ripple: it is looked at as a sine and a cosine, over a grid of counts."""
+COUNTS, APART = 48, 1.5
+"""Counts of such a grid, and how far apart [rad over the travel]."""
+RIPPLE = 0.3
+"""Size of a ripple that is looked at, over the typical one."""
+BINS, CODES = 4096, (4, 600)
+"""Bins of a code histogram, and codes over the range of a reading that it can show."""
+PEAKS = 3
+"""Quanta taken from a code histogram."""
+
+Settings = dict[str, float]
+
+
+def ripple_of(name: str, shape: Iterable[Parameter]) -> str | None:
+    """Return the name of an effect's phase, None where it has none."""
+    wanted = f"{name}.{PHASE}"
+    return next((p.name for p in shape if p.name == wanted), None)
+
+
+def ripples(
+    switch: Parameter, shape: Iterable[Parameter], plant: Plant, logs: Iterable[Log]
+) -> list[Settings]:
+    """Return counts of a ripple so near each other that the best is not missed between two."""
+    size = {switch.name: RIPPLE * switch.param.typical}
+    counts = [p for p in shape if p.name.endswith(f".{COUNT}")]
+    if not counts:
+        return [size]
+    apart = APART / travel(plant, logs)
+    grid = [2.0 * np.pi / APART * apart + k * apart for k in range(COUNTS)]
+    return [{**size, counts[0].name: it} for it in grid if it <= counts[0].param.high]
+
+
+def shares(
+    effect: str, switches: Iterable[Parameter], shape: Sequence[Parameter]
+) -> list[Settings]:
+    """Return sizes of each switch of an effect, with each of its shapes."""
+    forms = _forms(shape, SLOW.get(effect, SHAPES))
+    return [
+        {switch.name: size, **form}
+        for switch in switches
+        for size in _sizes(switch, OWN.get(effect) or _wanted(switch, shape))
+        for form in forms
+    ]
+
+
+def _wanted(switch: Parameter, shape: Sequence[Parameter]) -> tuple[float, ...]:
+    if switch.param.low < 0.0:
+        return SIGNED
+    return SHAPED if shape else SHARES
+
+
+def fine(effect: str, switch: Parameter) -> list[Settings]:
+    """Return the many sizes of a switch on which a response is a staircase, else none."""
+    return [{switch.name: size} for size in _sizes(switch, FINE.get(effect, ()))]
+
+
+def quanta(switch: Parameter, unit: str, plant: Plant, logs: Iterable[Log]) -> list[Settings]:
+    """Return the steps [SI] that code histograms of readings in the unit of a wire suggest."""
+    found = [
+        step
+        for log in logs
+        for name, values in log.outputs.items()
+        if plant.wire[name].unit == unit
+        for step in hidden_steps(values)
+    ]
+    return [{switch.name: step} for step in found if step <= switch.param.high]
+
+
+def hidden_steps(values: Array) -> list[float]:
+    """Return the likeliest steps of a quantiser whose codes carry a little noise, best first."""
+    reach = float(np.ptp(values))
+    if reach == 0.0:
+        return []
+    counts, _ = np.histogram(values, BINS)
+    fine = 8
+    spectrum = np.abs(np.fft.rfft(counts, fine * BINS)) / len(values)
+    low, high = (fine * codes for codes in CODES)
+    inner = spectrum[low : min(high, len(spectrum) - 1)]
+    peaks = 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] >= inner[2:]))
+    best = peaks[np.argsort(-inner[peaks])][:PEAKS]
+    bin_width = reach / BINS
+    return [float(bin_width * fine * BINS / (low + k)) for k in best]
+
+
+def travel(plant: Plant, logs: Iterable[Log]) -> float:
+    """Return the largest range of an angle [rad] in some logs, 1 where none is logged."""
+    ranges = [
+        float(np.ptp(values))
+        for log in logs
+        for name, values in log.outputs.items()
+        if plant.wire[name].unit == "rad"
+    ]
+    return max(ranges, default=1.0) or 1.0
+
+
+def _sizes(switch: Parameter, wanted: Iterable[float]) -> list[float]:
+    """Sizes of a switch inside its bounds, of both signs where there are two."""
+    param = switch.param
+    both = [sign * share * param.typical for share in wanted for sign in (1.0, -1.0)]
+    return [size for size in both if param.low <= size <= param.high]
+
+
+def _forms(shape: Iterable[Parameter], wanted: Iterable[float]) -> list[Settings]:
+    """Shapes to look at: the default, and each parameter apart from it."""
+    forms: dict[tuple[tuple[str, float], ...], None] = {}
+    for parameter in shape:
+        param = parameter.param
+        for share in wanted:
+            value = min(max(share * param.default, param.low), param.high)
+            forms[((parameter.name, value),)] = None
+    return [dict(form) for form in forms] or [{}]

@@ -1,0 +1,55 @@
+"""A log as a simulation takes it: from its own inputs, after its settling time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.recording import Log
+from servo_models.simulate import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A log as the simulation takes it: the settling time in front, inputs as a matrix."""
+
+    log: Log
+    model: Model
+    times: Array
+    inputs: Array
+    columns: tuple[int, ...]
+
+    def outputs(self, values: Mapping[str, float]) -> Array:
+        """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
+        return np.asarray(self.simulate(values)[:, self.columns])
+
+    def simulate(self, values: Mapping[str, float]) -> Array:
+        """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
+        chosen = replace(self.model, values={**self.model.values, **values})
+        return chosen.run(self.times, self.inputs)[-len(self.log.times) :]
+
+
+def prepared(model: Model, log: Log) -> Run:
+    """Return a log as a simulation takes it; what its constants name is set for it alone."""
+    plant = model.plant
+    inputs = {wire.name: np.full(len(log.times), float(wire.rest)) for wire in plant.inputs}
+    parameters: dict[str, float] = {}
+    for name, value in log.constants.items():
+        if name in inputs:
+            inputs[name] = np.full(len(log.times), value)
+        else:
+            parameters[name] = value
+    inputs |= log.inputs
+    matrix = np.column_stack([inputs[wire.name] for wire in plant.inputs])
+    times = log.times
+    if log.settle > 0.0:
+        times = np.concatenate([[0.0], times + log.settle])
+        matrix = np.vstack([matrix[:1], matrix])
+    chosen = replace(model, values={**model.values, **parameters})
+    columns = tuple(plant.outputs.index(name) for name in log.outputs)
+    return Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
