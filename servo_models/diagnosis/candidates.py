@@ -13,10 +13,12 @@ from servo_models.actuator import Parameter
 from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,
-    SLOW,
+    NEAR,
+    RESONANT,
     Settings,
     fine,
     quanta,
+    resonances,
     ripple_of,
     ripples,
     shares,
@@ -30,8 +32,6 @@ LEAST = 0.01
 """Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
 PERIODS = 0.7
 """Periods of a ripple that the logs have to show at least."""
-AROUND = 3.0
-"""How far a fit may go beyond the shapes that are looked at, where far ones are slow."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,9 @@ class Candidate:
 
     def at(self, settings: Settings) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give."""
-        return tuple(replace(one, start=settings.get(one.name, one.start)) for one in self.free)
+        started = [replace(it, start=settings.get(it.name, it.start)) for it in self.free]
+        kinds = {it.name.rpartition(".")[2] for it in started}
+        return tuple(map(_near, started) if kinds.issuperset(RESONANT) else started)
 
 
 def candidates(
@@ -95,15 +97,14 @@ def _candidate(
         p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
     ]
     free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
-    if effect in SLOW:
-        least, most = min(SLOW[effect]) / AROUND, max(SLOW[effect]) * AROUND
-        free += [_narrowed(model, p, least, most) for p in shape]
-    else:
-        free += [free_parameter(p, model.values[p.name], None) for p in shape]
+    free += [free_parameter(p, model.values[p.name], None) for p in shape]
     free = [_periodic(it, PERIODS * 2.0 * math.pi / travel(plant, logs)) for it in free]
     phase = ripple_of(name, shape)
+    inertia = [p for p in shape if p.name == f"{name}.{RESONANT[1]}"]
     if phase:
         sizes = ripples(switches[0], shape, plant, logs)
+    elif inertia:
+        sizes = resonances(switches[0], inertia[0])
     else:
         sizes = shares(effect, switches, shape)
         if effect == "quantisation":
@@ -111,6 +112,14 @@ def _candidate(
     ripple = (switches[0].name, phase) if phase else None
     narrow = fine(effect, switches[0])
     return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple)
+
+
+def _near(free: Free) -> Free:
+    """The same, a parameter of a resonance within reach of its start."""
+    if free.name.rpartition(".")[2] not in RESONANT:
+        return free
+    low, high = max(free.low, free.start / NEAR), min(free.high, free.start * NEAR)
+    return replace(free, low=low, high=high)
 
 
 def _periodic(free: Free, least: float) -> Free:

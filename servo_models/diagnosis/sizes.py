@@ -39,8 +39,12 @@ STEPWISE = tuple(FINE)
 """Effects of which a response is no smooth function."""
 SHAPES = (0.1, 1.0, 10.0)
 """Values of a shape parameter that are tried, over its default."""
-SLOW = {"gear_compliance": (0.03, 0.1, 0.3, 1.0, 3.0)}
-"""Shapes of effects whose simulation is slow where they are far from the default."""
+RESONANT = ("compliance", "inertia")
+"""Parameters of a resonance, whose frequency is the root of 1 / their product."""
+WEIGHTS, PITCHES = (0.03, 0.1, 0.3, 1.0, 3.0), (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Inertias over the default, and frequencies over the default one, that are tried."""
+NEAR = 4.0
+"""Factor by which a fit may move either: a high frequency is slow to simulate."""
 CHOICES = ("rounding", "full_scale", "jitter")
 """Shape parameters that say how an effect is counted, not how it looks."""
 PHASE, COUNT = "phase", "count"
@@ -55,6 +59,18 @@ PEAKS = 3
 """Quanta taken from a code histogram."""
 
 Settings = dict[str, float]
+
+
+def resonances(switch: Parameter, inertia: Parameter) -> list[Settings]:
+    """Return loads on a spring, of several inertias and frequencies."""
+    return [
+        {
+            inertia.name: weight * inertia.param.default,
+            switch.name: switch.param.typical / (weight * pitch**2),
+        }
+        for weight in WEIGHTS
+        for pitch in PITCHES
+    ]
 
 
 def ripple_of(name: str, shape: Iterable[Parameter]) -> str | None:
@@ -80,7 +96,7 @@ def shares(
     effect: str, switches: Iterable[Parameter], shape: Sequence[Parameter]
 ) -> list[Settings]:
     """Return sizes of each switch of an effect, with each of its shapes."""
-    forms = _forms(shape, SLOW.get(effect, SHAPES))
+    forms = _forms(shape, SHAPES)
     return [
         {switch.name: size, **form}
         for switch in switches

@@ -135,7 +135,7 @@ class Problem:
         """Begin again from ``vector``; costs so far do not count, weights may have changed."""
         self.start = vector
         self.best = (np.inf, vector)
-        self._latest = (np.full(len(vector), np.nan), np.empty(0))
+        self._latest = (np.full(len(vector) + 1, np.nan), np.empty(0))  # equal to none
 
     @property
     def scales(self) -> Array:
