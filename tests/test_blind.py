@@ -259,7 +259,8 @@ MADE = [
 ]
 EXPECTED = {
     "separated": (12, 15),
-    "first_place": (2, 7),
+    "first_place": (3, 7),
+    "only_true_ones": (2, 7),
     "set_coverage": (5, 8),
     "mean_set_size": (1 + 2 + 2 + 2 + 4, 5),
     "both_named": (1, 2),

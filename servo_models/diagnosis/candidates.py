@@ -55,6 +55,11 @@ class Candidate:
     fine: tuple[Settings, ...] = ()
     ripple: tuple[str, str] | None = None
 
+    @property
+    def trials(self) -> int:
+        """How many sizes and shapes there were to choose from."""
+        return len(self.sizes) + len(self.fine)
+
     def at(self, settings: Settings) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give."""
         started = [replace(it, start=settings.get(it.name, it.start)) for it in self.free]

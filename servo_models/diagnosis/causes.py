@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import log
 
 import numpy as np
 
@@ -16,15 +17,18 @@ from servo_models.diagnosis.evidence import Evidence, advantage, consistency
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight, look, pairs
 from servo_models.diagnosis.structure import left_over
+from servo_models.identification.problem import Free
 
 Tell = Callable[[str], None]
 
-SINGLES, FEW = 10, 6
-"""Effects fitted in full, and where there is nothing left to explain."""
+SINGLES, FEW = 10, 5
+"""Effects fitted in full, and second ones where nothing is left to explain."""
 STAIRCASES = 4
 """Those fitted of which the response is a staircase of the size, after a closer look."""
 FIRSTS, SECONDS, PAIRS = 3, 4, 4
 """Effects that get a second one beside them, how many of those, and pairs seen together."""
+SWAPS = 3
+"""Effects that are tried in the place of one of a pair."""
 HALVED = 2
 """Pairs of which each half is tried alone again."""
 STARTS = 2
@@ -89,10 +93,11 @@ def find_causes(
     bench = bench.surveyed()
     retuned = bench.finish(bench.fit((), ()))
     every = candidates(bench.model, bench.logs, left_out)
+    bench = replace(bench, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
     sights, reach = look((bench.view(), retuned.view), every)
     open_question = not _settled(retuned)
-    singles = _singles(bench, retuned, sights, SINGLES if open_question else FEW, say)
+    singles = _singles(bench, retuned, sights, SINGLES, say)
     if open_question and not _settled(singles[0]):
         say("looking closer at staircases")
         closer, _ = look((retuned.view,), [_finer(one) for one in every if one.fine])
@@ -222,7 +227,35 @@ def _couples(
                 say(f"fitting {' and '.join(names)}")
                 own = [it for it in seconds if it.candidate.name == name]
                 found.append(beside(bench, first, own[:1]))
-    return _best_of_each(found)
+    found = _best_of_each(found)
+    if found and not _settled(found[0]):
+        found = _best_of_each([*found, *_swapped(bench, found[0], nearer, say)])
+    return found
+
+
+def _swapped(
+    bench: Bench, couple: Explanation, every: Sequence[Candidate], say: Tell
+) -> list[Explanation]:
+    """Pairs in which one effect of a pair is kept as it is, and the other is sought again.
+
+    From there the other may look different: another size, or another effect.
+    """
+    found: list[Explanation] = []
+    for kept in couple.effects:
+        stays = bench.unfit((kept,), _own(couple, kept), couple.values)
+        others = [one for one in every if one.name != kept]
+        seen, _ = look((stays.view,), others)
+        for name in _names(seen)[:SWAPS]:
+            say(f"fitting {kept} and {name} again")
+            own = [it for it in seen if it.candidate.name == name]
+            found.append(beside(bench, stays, own[:STARTS]))
+    return found
+
+
+def _own(couple: Explanation, name: str) -> list[Free]:
+    """Free parameters of one effect of a pair."""
+    free = couple.problem.free
+    return [it for it in free if it.prior is None and it.name.startswith(f"{name}.")]
 
 
 def _halves(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]:
@@ -230,12 +263,7 @@ def _halves(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]:
     found = []
     for couple in couples:
         for name in couple.effects:
-            extra = [
-                free
-                for free in couple.problem.free
-                if free.prior is None and free.name.startswith(f"{name}.")
-            ]
-            found.append(bench.fit((name,), extra, couple.values))
+            found.append(bench.fit((name,), _own(couple, name), couple.values))
     return found
 
 

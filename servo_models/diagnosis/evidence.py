@@ -49,6 +49,11 @@ class Evidence:
         """Sum of squared unseen errors of each block, shape (blocks,)."""
         return np.bincount(self.parts, self.unseen**2).astype(float)
 
+    @cached_property
+    def dispersion(self) -> float:
+        """Mean square of the errors, times the samples of which one is independent."""
+        return dispersion(self.errors)
+
     @property
     def rms(self) -> float:
         """Held-out error in noise floors."""
@@ -111,7 +116,7 @@ def advantage(better: Evidence, worse: Evidence) -> float:
 
     Errors of the better model say how many samples are independent.
     """
-    return float((worse.losses - better.losses).sum()) / dispersion(better.errors)
+    return float((worse.losses - better.losses).sum()) / better.dispersion
 
 
 def consistency(better: Evidence, worse: Evidence) -> float:

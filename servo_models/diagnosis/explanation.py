@@ -49,6 +49,7 @@ class Explanation:
         view: errors and slopes at the fit.
         evidence: how it predicts.
         converged: whether the search met its tolerance.
+        trials: of how many, in natural logarithms, its effects are the best.
         widths: over which slopes of it mean something, see ``slopes.steps``.
     """
 
@@ -57,6 +58,7 @@ class Explanation:
     view: View
     evidence: Evidence
     converged: bool
+    trials: float
     widths: Array | None = None
 
     @property
@@ -78,8 +80,13 @@ class Explanation:
 
     @cached_property
     def loss(self) -> float:
-        """Sum of squared unseen errors; larger for a disguise, which yields to a plain effect."""
-        return float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
+        """Sum of squared unseen errors, larger for a disguise, which yields to a plain effect.
+
+        The best of many trials explains a little by chance: twice their logarithm, as the
+        largest of so many squares of normal numbers is.
+        """
+        seen = float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
+        return seen + 2.0 * self.trials * self.evidence.dispersion
 
 
 def nominal_parameters(told: Description) -> tuple[Free, ...]:
@@ -107,6 +114,7 @@ class Bench:
         jobs: simulations at once.
         rough: over which slopes of the nominal parameters mean something, in scales, by name;
             none where small differences will do.
+        trials: natural logarithm of the sizes and shapes that each effect may have.
     """
 
     model: Model
@@ -115,6 +123,7 @@ class Bench:
     floors: dict[str, float]
     jobs: int
     rough: dict[str, float] = field(default_factory=dict)
+    trials: dict[str, float] = field(default_factory=dict)
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
@@ -158,6 +167,14 @@ class Bench:
         vector, met = self._descend(problem, vector, ENOUGH, STEPS, known)
         return self._judged(effects, problem, vector, met)
 
+    def unfit(
+        self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
+    ) -> Explanation:
+        """Return an explanation with these values [SI], as it is."""
+        problem = self.problem(extra)
+        vector = np.array([values[free.name] for free in problem.free]) / problem.scales
+        return self._judged(effects, problem, vector, converged=False)
+
     def view(self) -> View:
         """Return what can be seen from the nominal parameters."""
         problem = self.problem()
@@ -170,7 +187,7 @@ class Bench:
         seen = View(problem, problem.nominal, errors, np.empty((len(errors), 0)))
         own = errors[: problem.samples]
         evidence = Evidence(problem.nominal, own, own, blocks(problem))
-        return Explanation((), problem, seen, evidence, converged=True)
+        return Explanation((), problem, seen, evidence, converged=True, trials=0.0)
 
     def again(
         self, found: Explanation, tolerance: float = ENOUGH, limit: int = STEPS
@@ -190,7 +207,8 @@ class Bench:
         widths = self.widths(problem)
         seen = view(problem, vector, widths)
         evidence = judge(problem, seen, blocks(problem), _stepwise(problem))
-        return Explanation(effects, problem, seen, evidence, converged, widths)
+        trials = sum(self.trials.get(name, 0.0) for name in effects)
+        return Explanation(effects, problem, seen, evidence, converged, trials, widths)
 
     def _descend(
         self,

@@ -60,7 +60,8 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     for explanation, chance in zip(rivals, chances):
         for name in explanation.effects:
             by_effect[name] = by_effect.get(name, 0.0) + float(chance)
-    ranked = dict(sorted(by_effect.items(), key=lambda item: -item[1]))
+    alone = {one.effects: one.loss for one in causes.singles}
+    ranked = dict(sorted(by_effect.items(), key=lambda it: (-it[1], alone.get((it[0],), np.inf))))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS
     if lacking:

@@ -22,6 +22,8 @@ from servo_models.identification.estimate import doubt
 
 SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
+HARDLY = 0.7
+"""Error left over the standard deviation of a reading, from which it is not explained."""
 SURPRISING = 3.0
 """Prior standard deviations from which a nominal parameter has moved further than it should."""
 
@@ -141,9 +143,9 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
         )
     for gap in found.gaps:
         readings = [log.outputs[gap.output] for log in found.logs if gap.output in log.outputs]
-        if gap.rms["after"] > np.std(np.concatenate(readings)):
+        if gap.rms["after"] > HARDLY * np.std(np.concatenate(readings)):
             said.append(
-                f"the model explains nothing of '{gap.output}': check scale and sign of its"
+                f"the model explains hardly anything of '{gap.output}': check scale and sign of its"
                 f" column, and that the log is of '{found.model.actuator.name}'"
             )
     if taken.effects and not taken.converged:
