@@ -22,7 +22,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import permutations
 from pathlib import Path
@@ -114,17 +114,22 @@ def _known(question: Question, names: Sequence[str]) -> Known:
     noisy, clean = _logs(question)
     bench, measured = _bench(clean, said), _bench(noisy, said)
     retuned = bench.fit((), ())
-    truth = 0.0 if foreign else _error(_true_fit(bench, question.answer))
+    true = {**question.answer["parameters"], **_parameters(question.answer["effects"])}
+    truth = 0.0 if foreign else _error(_begun(bench, names, true))
     hidden = [it["name"] for it in question.answer["hidden"]]
+    found = dict(zip(map(tuple, said.tried), said.values))
     nearest = rivals(said, () if foreign else names, hidden)
-    best = min([retuned, *(told(bench, it, retuned) for it in nearest)], key=_error)
+    others = [_begun(bench, it, found[tuple(it)]) for it in nearest]
+    best = min([retuned, *others], key=_error)
     samples, vector = retuned.problem.samples, retuned.evidence.vector
     apart = Problem(bench.model, noisy.logs, bench.nominal, dict(bench.floors)).residuals(vector)
     noise = dispersion((apart - retuned.problem.residuals(vector))[:samples])
     separated = seen(truth, _error(best), samples, noise) and truth < HALF * _error(best)
     after, without = None, ""
     if not foreign:
-        after = told(measured, names, measured.fit((), ())).evidence.rms
+        named = set(said.named) == set(names)  # to be told what one knows changes nothing
+        fit = None if named else told(measured, names, measured.fit((), ()))
+        after = fit.evidence.rms if fit else said.after
     asked = int(said.case) % EVERY == 0
     if len(names) == 1 and separated and not foreign and asked:
         without = diagnose(noisy, jobs=1, left_out=names).verdict.kind
@@ -152,15 +157,12 @@ def rivals(said: Said, names: Iterable[str], hidden: Iterable[str]) -> list[list
     return [it for it in others if not truth or set(it) != truth][:RIVALS]
 
 
-def _true_fit(bench: Bench, answer: dict[str, Any]) -> Explanation:
-    """The fit of the true effects that begins at the true values."""
-    true = {**answer["parameters"], **_parameters(answer["effects"])}
-    names = tuple(it["name"] for it in answer["effects"])
-    nominal = tuple(replace(free, start=true[free.name]) for free in bench.nominal)
-    extra = [
-        f for one in candidates(bench.model, bench.logs) if one.name in names for f in one.at(true)
-    ]
-    return replace(bench, nominal=nominal).fit(names, extra)
+def _begun(bench: Bench, names: Sequence[str], values: Mapping[str, float]) -> Explanation:
+    """The fit of some effects that begins at these values [SI]."""
+    nominal = tuple(replace(free, start=values[free.name]) for free in bench.nominal)
+    every = candidates(bench.model, bench.logs)
+    extra = [free for one in every if one.name in names for free in one.at(dict(values))]
+    return replace(bench, nominal=nominal).fit(tuple(names), extra)
 
 
 def _parameters(effects: Iterable[dict[str, Any]]) -> dict[str, float]:

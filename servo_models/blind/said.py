@@ -28,6 +28,7 @@ class Said:
         chances: probability of each effect, by name.
         tried: effects of every explanation that was fitted, best first.
         left: held-out error [noise floors] that each of them leaves.
+        values: free parameters [SI] of each of them, by name.
         floors: noise floor [SI] by output.
         before, after: held-out error [noise floors] of the nominal model and of the one named.
     """
@@ -41,6 +42,7 @@ class Said:
     chances: dict[str, float] = field(default_factory=dict)
     tried: list[list[str]] = field(default_factory=list)
     left: list[float] = field(default_factory=list)
+    values: list[dict[str, float]] = field(default_factory=list)
     floors: dict[str, float] = field(default_factory=dict)
     before: float = 0.0
     after: float = 0.0
@@ -74,6 +76,7 @@ def _said(case: str, found: Diagnosis, seconds: float) -> Said:
         chances=verdict.chances,
         tried=[list(one.effects) for one in tried],
         left=[one.evidence.rms for one in tried],
+        values=[one.values for one in tried],
         floors=found.floors,
         before=causes.before.rms,
         after=causes.taken.evidence.rms,

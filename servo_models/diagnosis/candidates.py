@@ -115,7 +115,7 @@ def _candidate(
         if effect == "quantisation":
             sizes += quanta(switches[0], plant.wire[wire].unit, plant, logs)
     ripple = (switches[0].name, phase) if phase else None
-    narrow = fine(effect, switches[0])
+    narrow = fine(effect, switches[0], logs)
     return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple)
 
 

@@ -226,7 +226,7 @@ def _couples(
                 tried.add(frozenset(names))
                 say(f"fitting {' and '.join(names)}")
                 own = [it for it in seconds if it.candidate.name == name]
-                found.append(beside(bench, first, own[:1]))
+                found.append(beside(bench, first, own[:STARTS]))
     found = _best_of_each(found)
     if found and not _settled(found[0]):
         found = _best_of_each([*found, *_swapped(bench, found[0], nearer, say)])

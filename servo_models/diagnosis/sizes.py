@@ -31,10 +31,12 @@ OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
 FINE = {
     "quantisation": tuple(0.2 * 1.02**k for k in range(256)),
-    "sample_hold": tuple(0.05 * 1.02**k for k in range(256)),
+    "sample_hold": tuple(0.05 * 1.02**k for k in range(270)),
     "dead_band": tuple(0.05 * 1.04**k for k in range(136)),
 }
 """Those of effects to whose size no slope leads, as near each other as the best is narrow."""
+COMB = 400
+"""Halves of a period by which a log's length in periods of a hold grows."""
 STEPWISE = tuple(FINE)
 """Effects of which a response is no smooth function."""
 SHAPES = (0.1, 1.0, 10.0)
@@ -111,9 +113,17 @@ def _wanted(switch: Parameter, shape: Sequence[Parameter]) -> tuple[float, ...]:
     return SHAPED if shape else SHARES
 
 
-def fine(effect: str, switch: Parameter) -> list[Settings]:
-    """Return the many sizes of a switch on which a response is a staircase, else none."""
-    return [{switch.name: size} for size in _sizes(switch, FINE.get(effect, ()))]
+def fine(effect: str, switch: Parameter, logs: Sequence[Log]) -> list[Settings]:
+    """Return the many sizes of a switch on which a response is a staircase, else none.
+
+    A hold is a comb in time: its last instants fit if the number of periods in a log does.
+    """
+    sizes = _sizes(switch, FINE.get(effect, ()))
+    if effect == "sample_hold" and logs:
+        whole = max(log.duration + log.settle for log in logs)
+        periods = whole / max(sizes) + 0.5 * np.arange(COMB)
+        sizes = [*(whole / periods), *(it for it in sizes if it < whole / periods[-1])]
+    return [{switch.name: float(size)} for size in sizes]
 
 
 def quanta(switch: Parameter, unit: str, plant: Plant, logs: Iterable[Log]) -> list[Settings]:
