@@ -224,7 +224,7 @@ def case(
     }
     words = named.split()
     chances = {words[0]: chance} if words else {}
-    said = Said("0", verdict, 2.0, "", words, members.split() or words, chances, [], [], {}, 11.0)
+    said = Said("0", verdict, 2.0, "", words, members.split() or words, chances, before=11.0)
     return Case(
         "easy",
         "sg90",
