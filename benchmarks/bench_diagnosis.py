@@ -46,7 +46,7 @@ def excitation(count: int) -> Array:
 
 
 def sg90(folder: Path, seconds: float = 60.0) -> Path:
-    times: Array = 5e-3 * np.arange(int(200 * seconds))
+    times: Array = 5e-3 * np.arange(200.0 * seconds)
     pulse: Array = 1.5e-3 + 500e-6 * excitation(len(times))
     rig = {"drive_saturation.limit": 3.0, "motor_gain": 47.0}
     uncertain = "motor_time_constant = '20 %'\nmotor_gain = '10 %'\namplifier_gain = '20 %'\n"
@@ -55,7 +55,7 @@ def sg90(folder: Path, seconds: float = 60.0) -> Path:
 
 
 def torque_motor(folder: Path, seconds: float = 1.0) -> Path:
-    times: Array = 1e-4 * np.arange(int(10_000 * seconds))
+    times: Array = 1e-4 * np.arange(10_000.0 * seconds)
     volts: Array = np.round(30.0 * excitation(len(times)), 3)
     rig = {"coulomb_friction.level": 2e-3, "torque_constant": 5.2}
     uncertain = "torque_constant = '25 %'\ninductance = '25 %'\nback_emf_constant = '50 %'\n"

@@ -1,0 +1,173 @@
+"""Search for causes: short fits, sizes to look at, and what a look promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from servo_models.description import read_description
+from servo_models.diagnosis.candidates import Candidate, candidates
+from servo_models.diagnosis.causes import beside
+from servo_models.diagnosis.descent import descend
+from servo_models.diagnosis.evidence import blocks, judge
+from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_parameters
+from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.sizes import hidden_steps
+from servo_models.identification.problem import Free, free_parameter
+from servo_models.recording import Channel, Log
+from servo_models.simulate import Array, model, simulate
+
+FLOOR = 1e-5
+PRIORS = {"torque_constant": 1.0, "friction_coefficient": 1e-4}
+
+
+def made(effects: dict[str, float], noise: float = FLOOR) -> tuple[Bench, dict[str, Candidate]]:
+    """A torque motor with some effects, without stops, under steps and a chirp."""
+    nominal = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+    times: Array = 2.5e-4 * np.arange(1200.0)
+    steps = np.repeat([0.0, 12.0, 0.0, -20.0, 26.0, -26.0], 100)
+    t = times[:600]
+    volts = np.concatenate([steps, 15.0 * np.sin(2.0 * np.pi * (5.0 * t + 500.0 * t**2))])
+    rig = replace(nominal, values={**nominal.values, "torque_constant": 5.5, **effects})
+    angle = simulate(rig, times, {"voltage": volts})["angle"]
+    angle = angle + noise * np.random.default_rng(3).standard_normal(len(times))
+    rows = np.arange(len(times))
+    channel = {"angle": Channel("angle", "angle", "")}
+    log = Log(
+        "log", Path("log"), "", times, {"voltage": volts}, {"angle": angle}, channel, rows, rows < 0
+    )
+    parameters = nominal.plant.parameters
+    free = tuple(
+        free_parameter(parameters[name], nominal.values[name], prior)
+        for name, prior in PRIORS.items()
+    )
+    bench = Bench(nominal, [log], free, {"angle": FLOOR}, jobs=1)
+    return bench, {one.name: one for one in candidates(nominal, [log])}
+
+
+def test_a_short_search_ends_where_a_library_does() -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    problem = bench.problem(every["coulomb_friction"].at({"coulomb_friction.level": 1e-3}))
+    vector, met = descend(problem, problem.start, 1e-9, 100)
+    library = least_squares(problem.residuals, problem.start, bounds=problem.bounds, xtol=1e-12)
+    assert met
+    assert problem.best[0] == pytest.approx(library.cost, rel=1e-3)
+    spread = np.linalg.inv(library.jac.T @ library.jac)
+    assert np.all(np.abs(vector - library.x) < 0.3 * np.sqrt(np.diag(spread)))
+
+
+def test_a_short_search_stays_inside_its_bounds() -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    (level,) = every["coulomb_friction"].at({"coulomb_friction.level": 5e-4})
+    problem = bench.problem([replace(level, high=1e-3)])
+    vector, _ = descend(problem, problem.start, 1e-6, 50)
+    assert problem.sides(vector)[-1] == "high"
+    assert np.all(vector <= problem.bounds[1])
+    assert np.all(vector >= problem.bounds[0])
+
+
+def test_without_free_parameters_an_explanation_is_the_model() -> None:
+    bench, _ = made({})
+    fixed = replace(bench, nominal=())
+    found = fixed.fit((), ())
+    assert found.evidence.rms == pytest.approx(fixed.unfitted().evidence.rms)
+
+
+def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> None:
+    """An offset of the reading is linear: the look's start is the answer."""
+    bench, every = made({"sensor_offset.value": 2e-3})
+    retuned = bench.finish(bench.fit((), ()))
+    sights, reach = look((retuned.view,), [every["sensor_offset"], every["coulomb_friction"]])
+    assert sights[0].candidate.name == "sensor_offset"
+    found = beside(bench, retuned, sights[:1])
+    assert found.cost == pytest.approx(sights[0].left, rel=0.02)
+    assert found.values["sensor_offset.value"] == pytest.approx(2e-3, rel=0.01)
+    whole = np.sqrt(np.mean(sights[0].difference ** 2))
+    assert reach["sensor_offset"] >= whole * (1.0 - 1e-6)  # of any size looked at
+
+
+def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
+    truth = {"cogging.torque": 4e-4, "cogging.count": 230.0, "cogging.phase": -1.2}
+    bench, every = made(truth)
+    retuned = bench.finish(bench.fit((), ()))
+    sights, _ = look((retuned.view,), [every["cogging"]])
+    found = beside(bench, retuned, sights[:2])
+    assert found.values["cogging.count"] == pytest.approx(230.0, rel=0.01)
+    assert found.values["cogging.torque"] == pytest.approx(4e-4, rel=0.05)
+    assert found.evidence.rms == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
+    bench, every = made({"command_quantisation.step": 3.137})
+    retuned = bench.finish(bench.fit((), ()))
+    one = every["command_quantisation"]
+    sights, _ = look((retuned.view,), [replace(one, sizes=one.fine)])
+    found = beside(bench, retuned, sights[:2])
+    assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
+    assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
+
+
+@given(
+    st.floats(1e-3, 1.0),
+    st.floats(6.0, 60.0),
+    st.floats(0.0, 0.12),
+    st.integers(0, 2**32 - 1),
+)
+def test_codes_under_a_little_noise_show_their_step(
+    step: float, codes: float, noise: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    smooth = step * codes * (0.5 - 0.5 * np.cos(np.linspace(0.0, 17.0, 3000)))
+    read = step * np.round(smooth / step) + noise * step * random.standard_normal(3000)
+    assert min(abs(found / step - 1.0) for found in hidden_steps(read)) < 0.02
+
+
+def test_values_that_do_not_move_have_no_step() -> None:
+    assert hidden_steps(np.full(100, 2.0)) == []
+
+
+def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
+    _, every = made({})
+    one = every["gear_compliance"]
+    names = {free.name.rpartition(".")[2]: free.name for free in one.free}
+    for settings in one.sizes:
+        free = {it.name: it for it in one.at(dict(settings))}
+        fastest = free[names["compliance"]].low * free[names["inertia"]].low
+        seen = settings[names["compliance"]] * settings[names["inertia"]]
+        assert seen / fastest < 16.0 * (1.0 + 1e-9)
+
+
+def test_nominal_parameters_stay_within_what_is_believed(tmp_path: Path) -> None:
+    rows = [f"{0.01 * k},{k % 5},{0.01 * (k % 7)}" for k in range(40)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,u,y", *rows, ""]))
+    (tmp_path / "rig.toml").write_text(
+        "actuator = 'torque_motor'\nvariant = 'measured'\n"
+        "[uncertainty]\ntorque_constant = '10 %'\nback_emf_constant = '50 %'\n"
+        "[[logs]]\nfile = 'log.csv'\ntime = { column = 't', unit = 's' }\n"
+        "inputs.voltage = { column = 'u', unit = 'V' }\n"
+        "outputs.angle = { column = 'y', unit = 'deg' }\n"
+    )
+    told = read_description(tmp_path / "rig.toml")
+    free: dict[str, Free] = {one.name: one for one in nominal_parameters(told)}
+    constant = free["torque_constant"]
+    assert constant.high == pytest.approx((1.0 + 0.1 * BELIEVED) * constant.nominal)
+    assert constant.low == pytest.approx((1.0 - 0.1 * BELIEVED) * constant.nominal)
+
+
+def test_a_block_left_out_never_more_than_doubles_its_errors() -> None:
+    """Also where one block alone says what a parameter is, and a step without it goes far."""
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    found = bench.fit(("coulomb_friction",), every["coulomb_friction"].at({}))
+    seen = found.view
+    wild = replace(
+        seen, slopes=seen.slopes * np.where(np.arange(len(seen.errors)) < 60, 1e4, 1.0)[:, None]
+    )
+    evidence = judge(found.problem, wild, blocks(found.problem))
+    inside = np.bincount(evidence.parts, evidence.errors**2)
+    assert np.all(evidence.losses <= 4.0 * inside * (1.0 + 1e-9))
