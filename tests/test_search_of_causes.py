@@ -13,10 +13,10 @@ from scipy.optimize import least_squares
 
 from servo_models.description import read_description
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.causes import beside
 from servo_models.diagnosis.descent import descend
 from servo_models.diagnosis.evidence import blocks, judge
 from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_parameters
+from servo_models.diagnosis.fits import beside
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import hidden_steps
 from servo_models.identification.problem import Free, free_parameter

@@ -34,9 +34,9 @@ from servo_models.blind.said import Said
 from servo_models.description import Description, read_description
 from servo_models.diagnose import diagnose
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.causes import STARTS, beside, together
 from servo_models.diagnosis.evidence import dispersion
 from servo_models.diagnosis.explanation import Bench, Explanation, nominal_parameters
+from servo_models.diagnosis.fits import STARTS, beside, together
 from servo_models.diagnosis.screening import Sight, look, pairs
 from servo_models.identification.problem import Problem
 from servo_models.threads import one_blas_thread

@@ -21,12 +21,15 @@ Array = NDArray[np.float64]
 
 STRAY = 0.4
 """Part of a change that slopes may miss and still be corrected."""
-DAMPING, LARGEST = 1e-3, 1e8
-"""Of the first step over the diagonal of the normal equations, and the one that gives up."""
+DAMPING, SMALLEST, LARGEST = 1e-3, 1e-9, 1e8
+"""Of the first step over the diagonal of the normal equations, the least, and the one that
+gives up."""
+ROUNDS, PACE = 4, 0.8
+"""A search goes on for so many rounds, while one takes away a fifth of the squared errors."""
 POOR, GOOD = 0.01, 0.5
 """Decrease over the predicted one, below which a step fails and above which damping falls."""
-BUDGET = 9
-"""Evaluations per parameter that a search may cost."""
+SLOPES_EVERY = 3
+"""Steps for which a search may afford slopes once."""
 EASED, HARDENED = 0.2, 5.0
 """Factors on the damping after a good step, and after a failed one."""
 
@@ -59,42 +62,59 @@ def descend(
         problem: its ``residuals`` are made small.
         start: shape (p,); a value outside its bounds is moved onto them.
         tolerance: relative decrease of the cost that ends the search.
-        limit: of steps.
+        limit: of steps in a round.
         widths: over which slopes are taken [scales], shape (p,); None for small ones.
         known: slopes near the start, shape (m, k), of the first k parameters.
     """
-    low, high = problem.bounds
-    vector = np.clip(start, low, high)
+    vector = np.clip(start, *problem.bounds)
     errors = problem.residuals(vector)
     at = _Point(vector, errors, _slopes(problem, vector, widths, known), fresh=known is None)
-    damping, spent = DAMPING, problem.evaluations + BUDGET * (len(vector) + 1)
+    met = False
+    for _ in range(ROUNDS):
+        before = at.cost
+        at, met = _round(problem, at, tolerance, limit, widths)
+        if met or at.cost > PACE * before:
+            break
+    return at.vector, met
+
+
+def _round(
+    problem: Problem, at: _Point, tolerance: float, limit: int, widths: Array | None
+) -> tuple[_Point, bool]:
+    """Steps until the tolerance is met or what a round may cost is spent."""
+    low, high = problem.bounds
+    damping = DAMPING
+    spent = problem.evaluations + limit * (len(at.vector) + 1) // SLOPES_EVERY
     for _ in range(limit):
         if problem.evaluations > spent:
             break
         step, promised = _step(at, low, high, damping)
         if promised <= 0.1 * tolerance * at.cost:
             if at.fresh:
-                return at.vector, True
-            at = _Point(at.vector, at.errors, problem.jacobian(at.vector, widths), fresh=True)
+                return at, True
+            at = _refreshed(problem, at, widths)
             continue
         errors = problem.residuals(at.vector + step)
         saved = at.cost - 0.5 * float(errors @ errors)
-        if not saved > POOR * promised:
-            if not at.fresh:
-                slopes = problem.jacobian(at.vector, widths)
-                at = _Point(at.vector, at.errors, slopes, fresh=True)
-            else:
-                damping *= HARDENED
-            if damping > LARGEST:
-                return at.vector, True
-            continue
-        settled = saved < tolerance * at.cost and saved < 2.0 * promised
-        at = _moved(problem, at, step, errors, widths)
-        if settled:
-            return at.vector, True
-        if saved > GOOD * promised:
-            damping = max(damping * EASED, 1e-9)
-    return at.vector, False
+        if saved > POOR * promised:
+            settled = saved < tolerance * at.cost and saved < 2.0 * promised
+            at = _moved(problem, at, step, errors, widths)
+            if settled:
+                return at, True
+            if saved > GOOD * promised:
+                damping = max(damping * EASED, SMALLEST)
+        elif not at.fresh:
+            at = _refreshed(problem, at, widths)
+        elif damping > LARGEST:
+            return at, True
+        else:
+            damping *= HARDENED
+    return at, False
+
+
+def _refreshed(problem: Problem, at: _Point, widths: Array | None) -> _Point:
+    slopes = problem.jacobian(at.vector, widths)
+    return _Point(at.vector, at.errors, slopes, fresh=True)
 
 
 def _slopes(problem: Problem, vector: Array, widths: Array | None, known: Array | None) -> Array:

@@ -88,22 +88,21 @@ def judge(
         parts: from ``blocks``.
         held: parameters that stay, since the response is a staircase of them.
     """
-    n, vector = problem.samples, seen.vector
+    n = problem.samples
     slopes = seen.slopes.copy()
     slopes[:, list(held)] = 0.0
     errors = seen.errors[:n]
     gram = slopes.T @ slopes
-    gram += 1e-12 * np.trace(gram) * np.eye(len(vector))
-    low, high = (bound - vector for bound in problem.bounds)
+    gram += 1e-12 * np.trace(gram) * np.eye(len(seen.vector))
     unseen = errors.copy()
     for k in range(int(parts.max()) + 1):
         rows = np.flatnonzero(parts == k)
         own, error = slopes[rows], errors[rows]
         step = np.linalg.lstsq(gram - own.T @ own, own.T @ error, rcond=None)[0]
-        change = own @ np.clip(step, low, high)
+        change = own @ step
         size, most = np.linalg.norm(change), TRUSTED * np.linalg.norm(error)
         unseen[rows] += change * (most / size if size > most else 1.0)
-    return Evidence(vector, unseen, errors, parts)
+    return Evidence(seen.vector, unseen, errors, parts)
 
 
 def dispersion(errors: Array) -> float:

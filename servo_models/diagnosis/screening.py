@@ -123,10 +123,11 @@ def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight]
     return sorted(sights, key=lambda sight: sight.left), reach
 
 
-def pairs(sights: Sequence[Sight]) -> list[tuple[Sight, Sight]]:
+def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, Sight]]:
     """Return pairs of different effects by what both would leave together, best first.
 
-    Each effect takes part with the sizes that leave least alone.
+    Each effect takes part with the sizes that leave least alone; pairs that leave more than
+    ``enough`` squared errors are none.
     """
     scored: list[tuple[float, int, int]] = []
     for seen in dict.fromkeys(sight.seen for sight in sights):
@@ -137,7 +138,9 @@ def pairs(sights: Sequence[Sight]) -> list[tuple[Sight, Sight]]:
         own = [i for group in taken.values() for i in group[:EACH]]
         scored += _pairs(sights, own)
     best: dict[frozenset[str], tuple[Sight, Sight]] = {}
-    for _, i, j in sorted(scored):
+    for left, i, j in sorted(scored):
+        if left > enough:
+            break
         names = frozenset((sights[i].candidate.name, sights[j].candidate.name))
         best.setdefault(names, (sights[i], sights[j]))
     return list(best.values())

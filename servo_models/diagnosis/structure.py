@@ -100,12 +100,11 @@ def missing(left: LeftOver, gap: float) -> bool:
         gap: RMS error [noise floors] after re-tuning alone, of a fit to everything.
     """
     before = math.sqrt(max(gap**2 - left.noise**2, left.structured**2))
-    return left.least > LARGE * left.noise and left.structured > SHARE * before
+    return sure(left) and left.structured > SHARE * before
 
 
-def structured(problem: Problem, evidence: Evidence) -> bool:
+def sure(left: LeftOver) -> bool:
     """Return whether a part of the errors is surely no noise."""
-    left = left_over(problem, evidence)
     return left.least > LARGE * left.noise
 
 

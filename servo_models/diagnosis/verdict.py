@@ -9,7 +9,7 @@ import numpy as np
 from servo_models.diagnosis.belief import covering, probabilities
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.explanation import Explanation
-from servo_models.diagnosis.structure import left_over, missing
+from servo_models.diagnosis.structure import left_over, missing, sure
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -33,12 +33,14 @@ class Verdict:
         chances: probability of each effect, most likely first, by name.
         members: effects of the set that holds the cause with ``belief.COVERED``.
         rivals: explanations of that set, most likely first.
+        rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
     """
 
     kind: str
     chances: dict[str, float]
     members: tuple[str, ...]
     rivals: tuple[Explanation, ...]
+    rest: float = 0.0
 
 
 def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
@@ -50,9 +52,10 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     if causes.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
-    lacking = missing(left_over(taken.problem, taken.evidence), gap)
+    left = left_over(taken.problem, taken.evidence)
+    lacking, rest = missing(left, gap), left.structured if sure(left) else 0.0
     if not taken.effects:
-        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), ())
+        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest)
     rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
     chances = probabilities(rivals)
     held = covering(chances)
@@ -68,4 +71,4 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
         kind = OUTSIDE
     elif len(held) > FEW:
         kind = NOT_IDENTIFIABLE
-    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held))
+    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held), rest)

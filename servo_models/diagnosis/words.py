@@ -38,23 +38,30 @@ def sentence(found: Diagnosis) -> str:
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
         return f"{said}; {change(found)}."
     alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    return f"{said}: {change(found)}{alone}{rivals(found)}."
+    return f"{said}: {change(found)}{alone}{rivals(found)}{_rest(found)}."
+
+
+def _rest(found: Diagnosis) -> str:
+    """A clause on errors that are left and are no noise."""
+    rest = found.verdict.rest
+    return f"; {rest:.3g} noise floors of what is left are no noise" if rest else ""
 
 
 def headline(found: Diagnosis) -> str:
     """Return the verdict in a clause, without figures and rivals."""
     taken, kind = found.causes.taken.effects, found.verdict.kind
+    whole = "most of the gap" if found.verdict.rest else "the gap"
     if kind == NO_GAP:
         return "No gap"
     if kind == PARAMETERS:
-        return "Re-tuned parameters explain the gap, no effect is needed"
+        return f"Re-tuned parameters explain {whole}, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
         members = ", ".join(found.verdict.members)
         return f"These logs cannot tell which effect it is: {members} leave much the same"
     if kind == OUTSIDE:
         best = f"with the nearest, {placed(found, taken)}" if taken else "with parameters re-tuned"
         return f"Outside the catalogue: {best}, something is left"
-    return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} the gap"
+    return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
 
 
 def rivals(found: Diagnosis) -> str:

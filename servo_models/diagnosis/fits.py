@@ -1,0 +1,79 @@
+"""Fits of effects that a look has found promising: one beside others, or two together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from servo_models.diagnosis.explanation import Bench, Explanation
+from servo_models.diagnosis.screening import Sight
+from servo_models.diagnosis.structure import left_over
+
+STARTS = 2
+"""Sizes from which the fit of an effect begins, while it leaves more than was promised."""
+PROMISED = 1.1
+"""Squared errors over those that a look has promised, above which another start is made."""
+AGAIN, HALF, SLOWLY = 4, 0.5, 0.98
+"""Fits of a staircase at most, the share of the squared errors from which they are worth it,
+and that from which another one is not."""
+SETTLED = 0.3
+"""Structured part of the errors over the noise, below which nothing is left to explain."""
+
+
+def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
+    """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
+
+    It begins again from the next of them while it leaves more than a look has promised.
+    """
+    kept = [free for free in first.problem.free if free.prior is None]
+    effects = (*first.effects, own[0].candidate.name)
+    best: Explanation | None = None
+    for sight in own:
+        extra = [*kept, *sight.candidate.at(sight.settings)]
+        found = bench.fit(effects, extra, sight.start, sight.seen.slopes)
+        found = _polished(bench, found, first) if sight.candidate.fine else found
+        if best is None or found.cost < best.cost:
+            best = found
+        if best.cost < PROMISED * sight.left:
+            break
+    assert best
+    return best
+
+
+def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanation:
+    """Fit a promising staircase again while that helps: each fit moves its size a little."""
+    for _ in range(AGAIN):
+        if found.cost > HALF * first.cost:
+            break
+        before, found = found, bench.again(found)
+        if found.cost > SLOWLY * before.cost:
+            break
+    return found
+
+
+def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:
+    """Fit effects that were seen together."""
+    names = tuple(sight.candidate.name for sight in pair)
+    extra = [free for sight in pair for free in sight.candidate.at(sight.settings)]
+    seen = pair[0].seen
+    start = seen.start(sum((sight.whole for sight in pair), np.zeros(1)))
+    return bench.fit(names, extra, start, seen.slopes)
+
+
+def settled(explanation: Explanation) -> bool:
+    """Whether what is left is noise."""
+    left = left_over(explanation.problem, explanation.evidence)
+    return left.structured < SETTLED * left.noise
+
+
+def best_of_each(found: Iterable[Explanation]) -> list[Explanation]:
+    """Explanations by different effects, best first."""
+    best: dict[frozenset[str], Explanation] = {}
+    for one in sorted(found, key=lambda one: one.loss):
+        best.setdefault(frozenset(one.effects), one)
+    return list(best.values())
+
+
+def names_of(sights: Iterable[Sight]) -> list[str]:
+    return list(dict.fromkeys(sight.candidate.name for sight in sights))
