@@ -49,7 +49,8 @@ class Explanation:
         view: errors and slopes at the fit.
         evidence: how it predicts.
         converged: whether the search met its tolerance.
-        trials: of how many, in natural logarithms, its effects are the best.
+        chance: logarithm of how many trials its effects are the best of, and of how strange
+            their sizes are.
         widths: over which slopes of it mean something, see ``slopes.steps``.
     """
 
@@ -58,7 +59,7 @@ class Explanation:
     view: View
     evidence: Evidence
     converged: bool
-    trials: float
+    chance: float
     widths: Array | None = None
 
     @property
@@ -83,10 +84,11 @@ class Explanation:
         """Sum of squared unseen errors, larger for a disguise, which yields to a plain effect.
 
         The best of many trials explains a little by chance: twice their logarithm, as the
-        largest of so many squares of normal numbers is.
+        largest of so many squares of normal numbers is.  Look-alikes are told apart by how
+        usual their sizes are.
         """
         seen = float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
-        return seen + 2.0 * self.trials * self.evidence.dispersion
+        return seen + 2.0 * self.chance * self.evidence.dispersion
 
 
 def nominal_parameters(told: Description) -> tuple[Free, ...]:
@@ -187,7 +189,7 @@ class Bench:
         seen = View(problem, problem.nominal, errors, np.empty((len(errors), 0)))
         own = errors[: problem.samples]
         evidence = Evidence(problem.nominal, own, own, blocks(problem))
-        return Explanation((), problem, seen, evidence, converged=True, trials=0.0)
+        return Explanation((), problem, seen, evidence, converged=True, chance=0.0)
 
     def again(
         self, found: Explanation, tolerance: float = ENOUGH, limit: int = STEPS
@@ -207,8 +209,9 @@ class Bench:
         widths = self.widths(problem)
         seen = view(problem, vector, widths)
         evidence = judge(problem, seen, blocks(problem), _stepwise(problem))
-        trials = sum(self.trials.get(name, 0.0) for name in effects)
-        return Explanation(effects, problem, seen, evidence, converged, trials, widths)
+        chance = sum(self.trials.get(name, 0.0) for name in effects)
+        chance += _strangeness(problem, vector)
+        return Explanation(effects, problem, seen, evidence, converged, chance, widths)
 
     def _descend(
         self,
@@ -227,6 +230,20 @@ class Bench:
         if stepwise:
             vector = _sharpened(problem, vector, stepwise, widths, NARROW)
         return vector, met
+
+
+def _strangeness(problem: Problem, vector: Array) -> float:
+    """How far sizes of effects are from the typical ones: minus the logarithm of a probability.
+
+    A factor of ten is one standard deviation, so this only decides between look-alikes.
+    """
+    found, plant = 0.0, problem.model.plant
+    for name, value in problem.values(vector).items():
+        param = plant.parameters[name].param
+        own = plant.parameters[name].owner and param.switch and param.typical > 0.0
+        if own and problem.model.values[name] == 0.0 and value != 0.0:
+            found += 0.5 * (np.log(abs(value) / param.typical) / np.log(10.0)) ** 2
+    return float(found)
 
 
 def _stepwise(problem: Problem) -> list[int]:
