@@ -143,6 +143,20 @@ def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
         assert seen / fastest < 16.0 * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize("share", [1e-6, 1e-2, 1.0, 100.0])
+def test_every_effect_is_looked_at_whatever_the_travel(share: float) -> None:
+    """A travel too small for one period of any ripple left none to look at."""
+    bench, _ = made({})
+    (log,) = bench.logs
+    small = replace(log, outputs={"angle": share * log.outputs["angle"]})
+    for one in candidates(bench.model, [small]):
+        assert one.sizes
+        assert one.trials >= len(one.sizes)
+        for settings in one.sizes:
+            for free in one.at(dict(settings)):
+                assert free.low <= free.start <= free.high
+
+
 def test_nominal_parameters_stay_within_what_is_believed(tmp_path: Path) -> None:
     rows = [f"{0.01 * k},{k % 5},{0.01 * (k % 7)}" for k in range(40)]
     (tmp_path / "log.csv").write_text("\n".join(["t,u,y", *rows, ""]))

@@ -72,6 +72,7 @@ def resonances(switch: Parameter, inertia: Parameter) -> list[Settings]:
         }
         for weight in WEIGHTS
         for pitch in PITCHES
+        if switch.param.typical / (weight * pitch**2) <= switch.param.high
     ]
 
 
@@ -91,7 +92,8 @@ def ripples(
         return [size]
     apart = APART / travel(plant, logs)
     grid = [2.0 * np.pi / APART * apart + k * apart for k in range(COUNTS)]
-    return [{**size, counts[0].name: it} for it in grid if it <= counts[0].param.high]
+    inside = [it for it in grid if it <= counts[0].param.high] or [counts[0].param.high]
+    return [{**size, counts[0].name: it} for it in inside]
 
 
 def shares(
