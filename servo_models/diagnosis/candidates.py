@@ -123,8 +123,8 @@ def _near(free: Free) -> Free:
     """The same, a parameter of a resonance within reach of its start."""
     if free.name.rpartition(".")[2] not in RESONANT:
         return free
-    low, high = max(free.low, free.start / NEAR), min(free.high, free.start * NEAR)
-    return replace(free, low=low, high=high)
+    # what is slow is kept out by being near, not by being small against the typical size
+    return replace(free, low=free.start / NEAR, high=min(free.high, free.start * NEAR))
 
 
 def _periodic(free: Free, least: float) -> Free:
