@@ -13,6 +13,7 @@ from servo_models.actuator import Parameter
 from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,
+    LEAST,
     NEAR,
     RESONANT,
     Settings,
@@ -28,8 +29,6 @@ from servo_models.identification.problem import Free, free_parameter
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
-LEAST = 0.01
-"""Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
 PERIODS = 0.7
 """Periods of a ripple that the logs have to show at least."""
 

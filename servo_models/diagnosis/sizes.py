@@ -55,6 +55,8 @@ COUNTS, APART = 48, 1.5
 """Counts of such a grid, and how far apart [rad over the travel]."""
 RIPPLE = 0.3
 """Size of a ripple that is looked at, over the typical one."""
+LEAST = 0.01
+"""Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
 BINS, CODES = 4096, (4, 600)
 """Bins of a code histogram, and codes over the range of a reading that it can show."""
 PEAKS = 3
@@ -137,7 +139,8 @@ def quanta(switch: Parameter, unit: str, plant: Plant, logs: Iterable[Log]) -> l
         if plant.wire[name].unit == unit
         for step in hidden_steps(values)
     ]
-    return [{switch.name: step} for step in found if step <= switch.param.high]
+    least = LEAST * switch.param.typical
+    return [{switch.name: step} for step in found if least <= step <= switch.param.high]
 
 
 def hidden_steps(values: Array) -> list[float]:
