@@ -1,9 +1,9 @@
 """Withheld checks as a page: docs/studies/blind.md.
 
     servo-models blind --cases 1800 --seed 7 --folder runs/7 --json runs/7.json   # hours
-    python benchmarks/study_blind.py runs/7.json runs/8.json
+    python benchmarks/study_blind.py runs/7.json runs/8.json "A note on these runs."
 
-Cases of all files count together; every seed, seal and machine is told.
+Cases of all files count together; every seed and seal is told, and each note is a paragraph.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def curve(cases: Sequence[Case]) -> Iterator[str]:
     yield ""
 
 
-def main(paths: Sequence[Path]) -> None:
+def main(paths: Sequence[Path], notes: Sequence[str]) -> None:
     runs = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
     cases = [case_of(row) for run in runs for row in run["cases"]]
     lines = [HEAD.format(most=MOST_WANTED)]
@@ -108,8 +108,11 @@ def main(paths: Sequence[Path]) -> None:
     lines += [f"| {run['seed']} | {run['n']} | `{run['seal']}` |" for run in runs]
     versions = ", ".join(f"{name} {number}" for name, number in runs[0]["versions"].items())
     lines += ["", f"{date.today()}, {platform.machine()}, two processors; {versions}.", ""]
+    lines += [f"{note}\n" for note in notes]
     write_whole(PAGE, "\n".join(lines).encode())
 
 
 if __name__ == "__main__":
-    main([Path(word) for word in sys.argv[1:]] or sys.exit(__doc__))
+    words = sys.argv[1:]
+    files = [Path(word) for word in words if word.endswith(".json")]
+    main(files or sys.exit(__doc__), [word for word in words if not word.endswith(".json")])
