@@ -11,8 +11,8 @@ from servo_models.description import Description, read_description
 from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.claims import claims, estimates
 from servo_models.diagnosis.explanation import Bench, nominal_parameters
+from servo_models.diagnosis.fits import Tell
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.pairing import Tell
 from servo_models.diagnosis.preconditions import check_logs
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import TOLERANCE, decide

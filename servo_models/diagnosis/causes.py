@@ -8,13 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import log
 
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.evidence import Evidence, advantage, consistency
 from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.fits import STARTS, beside, best_of_each, names_of, settled
-from servo_models.diagnosis.pairing import Tell, couples_of, halves_of
+from servo_models.diagnosis.fits import (
+    STARTS,
+    Tell,
+    beside,
+    best_of_each,
+    names_of,
+    settled,
+    side_by_side,
+)
+from servo_models.diagnosis.pairing import couples_of, halves_of
 from servo_models.diagnosis.screening import Sight, look
 
 SINGLES = 10
@@ -109,14 +118,11 @@ def _singles(
     bench: Bench, retuned: Explanation, sights: Sequence[Sight], count: int, say: Tell
 ) -> list[Explanation]:
     """Fits of the most promising effects, best first."""
-    found: list[Explanation] = []
+    tasks = []
     for name in names_of(sights)[:count]:
-        best = f", best so far {found[0].effects[0]}" if found else ""
-        say(f"fitting {name}{best}")
-        own = [sight for sight in sights if sight.candidate.name == name]
-        found.append(beside(bench, retuned, own[:STARTS]))
-        found.sort(key=lambda one: one.loss)
-    return found
+        own = [sight for sight in sights if sight.candidate.name == name][:STARTS]
+        tasks.append((name, partial(beside, first=retuned, own=own)))
+    return sorted(side_by_side(bench, tasks, say), key=lambda one: one.loss)
 
 
 def _finals(bench: Bench, found: Sequence[Explanation]) -> list[Explanation]:

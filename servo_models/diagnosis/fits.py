@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight
 from servo_models.diagnosis.structure import left_over
+from servo_models.identification.problem import map_on
+
+Tell = Callable[[str], None]
+Task = tuple[str, Callable[[Bench], Explanation]]
+"""What is fitted, in words, and how."""
 
 STARTS = 2
 """Sizes from which the fit of an effect begins, while it leaves more than was promised."""
@@ -50,6 +56,20 @@ def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanati
         if found.cost > SLOWLY * before.cost:
             break
     return found
+
+
+def side_by_side(bench: Bench, tasks: Sequence[Task], say: Tell) -> Iterator[Explanation]:
+    """Yield fits in the order of their names, as many at once as the bench has jobs."""
+    alone = replace(bench, jobs=1)
+    found = map_on(bench.jobs, lambda task: task[1](alone), tasks)
+    best: Explanation | None = None
+    for name, _ in tasks:
+        say(f"fitting {name}" + (f", best so far {' and '.join(best.effects)}" if best else ""))
+        one = next(found)
+        one.problem.jobs = bench.jobs
+        if best is None or one.loss < best.loss:
+            best = one
+        yield one
 
 
 def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:

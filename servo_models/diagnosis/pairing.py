@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
     STARTS,
+    Task,
+    Tell,
     beside,
     best_of_each,
     names_of,
     settled,
+    side_by_side,
     together,
 )
 from servo_models.diagnosis.screening import Sight, look, pairs
 from servo_models.identification.problem import Free
-
-Tell = Callable[[str], None]
 
 FIRSTS, SECONDS, PAIRS = 3, 4, 4
 """Effects that get a second one beside them, how many of those, and pairs seen together."""
@@ -44,30 +48,32 @@ def couples_of(
     One that explains everything already needs no long search for a second.
     """
     explained = settled(singles[0])
-    found: list[Explanation] = []
-    tried: set[frozenset[str]] = set()
-    enough = PROMISING * singles[0].cost
-    for pair in [] if explained else pairs(sights, enough)[:PAIRS]:
-        tried.add(frozenset(sight.candidate.name for sight in pair))
-        say(f"fitting {' and '.join(sight.candidate.name for sight in pair)}")
-        found.append(together(bench, pair))
+    seen = [] if explained else pairs(sights, PROMISING * singles[0].cost)[:PAIRS]
+    tasks: dict[frozenset[str], Task] = {}
+    for pair in seen:
+        names = names_of(pair)
+        tasks[frozenset(names)] = " and ".join(names), partial(together, pair=pair)
     nearer = [_nearer(one, sights) for one in every]
     for first in singles[: 1 if explained else FIRSTS]:
-        others = [one for one in nearer if one.name not in first.effects]
-        seconds, _ = look((first.view,), others)
-        if not explained:
-            seconds = [it for it in seconds if it.left < PROMISING * first.cost]
-        for name in names_of(seconds)[: FEW if explained else SECONDS]:
-            names = (*first.effects, name)
-            if frozenset(names) not in tried:
-                tried.add(frozenset(names))
-                say(f"fitting {' and '.join(names)}")
-                own = [it for it in seconds if it.candidate.name == name]
-                found.append(beside(bench, first, own[:STARTS]))
-    found = best_of_each(found)
+        enough = np.inf if explained else PROMISING * first.cost
+        for name, own in _seconds(first, nearer, enough, FEW if explained else SECONDS):
+            names = [*first.effects, name]
+            task = " and ".join(names), partial(beside, first=first, own=own)
+            tasks.setdefault(frozenset(names), task)
+    found = best_of_each(side_by_side(bench, list(tasks.values()), say))
     if found and not settled(found[0]):
         found = best_of_each([*found, *_swapped(bench, found[0], nearer, say)])
     return found
+
+
+def _seconds(
+    first: Explanation, every: Sequence[Candidate], enough: float, count: int
+) -> Iterator[tuple[str, list[Sight]]]:
+    """Effects that look promising beside some others, with the sizes to begin from."""
+    others = [one for one in every if one.name not in first.effects]
+    seen = [sight for sight in look((first.view,), others)[0] if sight.left < enough]
+    for name in names_of(seen)[:count]:
+        yield name, [sight for sight in seen if sight.candidate.name == name][:STARTS]
 
 
 def _swapped(
@@ -77,17 +83,12 @@ def _swapped(
 
     From there the other may look different: another size, or another effect.
     """
-    found: list[Explanation] = []
+    tasks: list[Task] = []
     for kept in couple.effects:
         stays = bench.unfit((kept,), _own(couple, kept), couple.values)
-        others = [one for one in every if one.name != kept]
-        seen, _ = look((stays.view,), others)
-        seen = [it for it in seen if it.left < PROMISING * couple.cost]
-        for name in names_of(seen)[:SWAPS]:
-            say(f"fitting {kept} and {name} again")
-            own = [it for it in seen if it.candidate.name == name]
-            found.append(beside(bench, stays, own[:STARTS]))
-    return found
+        for name, own in _seconds(stays, every, PROMISING * couple.cost, SWAPS):
+            tasks.append((f"{kept} and {name} again", partial(beside, first=stays, own=own)))
+    return list(side_by_side(bench, tasks, say))
 
 
 def _own(couple: Explanation, name: str) -> list[Free]:

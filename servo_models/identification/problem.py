@@ -8,7 +8,7 @@ Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -37,7 +37,7 @@ REFUSED, LARGEST = 1e3, 1e100
 _workers = functools.cache(ThreadPoolExecutor)
 
 
-def map_on(jobs: int, simulate: Callable[[T], S], tasks: Iterable[T]) -> Iterable[S]:
+def map_on(jobs: int, simulate: Callable[[T], S], tasks: Iterable[T]) -> Iterator[S]:
     """Return ``map`` of a function over tasks, on so many threads: compiled runs go on together."""
     return map(simulate, tasks) if jobs == 1 else _workers(jobs).map(simulate, tasks)
 
