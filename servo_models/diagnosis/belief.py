@@ -30,24 +30,20 @@ DRAWS = 400
 def probabilities(explanations: Sequence[Explanation]) -> Array:
     """Return the probability of each explanation among these, shape (n,).
 
-    The mean of two opinions: the likelihood of the errors on unseen blocks, and how often an
-    explanation wins when blocks are drawn again; the first knows the noise, the second how
-    much one stretch of the log decides.
+    The likelihood of the errors on unseen blocks knows the noise; its mean over blocks drawn
+    again knows how much one stretch of the log decides.
     """
+    blocks = np.array([one.evidence.losses for one in explanations])
     losses = np.array([one.loss for one in explanations])
     best = explanations[int(np.argmin(losses))]
-    weights = np.exp(-(losses - losses.min()) / (2.0 * TEMPER * best.evidence.dispersion))
-    return np.asarray(0.5 * (weights / weights.sum() + _wins(explanations)))
-
-
-def _wins(explanations: Sequence[Explanation]) -> Array:
-    """Share of draws of the blocks in which each explanation leaves the least, shape (n,)."""
-    by_block = np.array([one.evidence.losses for one in explanations])
-    by_block *= np.array([[one.loss / one.evidence.losses.sum()] for one in explanations])
+    penalties = losses - blocks.sum(axis=1)
     random = np.random.default_rng(0)
-    drawn = random.integers(0, by_block.shape[1], (DRAWS, by_block.shape[1]))
-    winners = np.argmin(by_block[:, drawn].sum(axis=2), axis=0)
-    return np.bincount(winners, minlength=len(explanations)) / DRAWS
+    drawn = random.integers(0, blocks.shape[1], (DRAWS, blocks.shape[1]))
+    every = blocks[:, drawn].sum(axis=2) + penalties[:, None]
+    every = np.column_stack([losses, every])
+    weights = np.exp((every.min(axis=0) - every) / (2.0 * TEMPER * best.evidence.dispersion))
+    weights /= weights.sum(axis=0)
+    return np.asarray(0.5 * (weights[:, 0] + weights[:, 1:].mean(axis=1)))
 
 
 def covering(chances: Array, covered: float = COVERED) -> list[int]:

@@ -25,7 +25,7 @@ SIGNED = (0.3, 3.0)
 """Those of effects that have either sign, whose response is nearly straight."""
 SHAPED = (0.1, 0.5, 2.0, 8.0)
 """Those of effects with a shape, with each of which they are tried."""
-LIMITS = (0.3, 0.45, 0.6, 0.75, 0.9, 1.1, 1.4, 2.0, 3.0)
+LIMITS = (0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 3.0)
 RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
