@@ -72,6 +72,21 @@ def test_a_short_search_stays_inside_its_bounds() -> None:
     assert np.all(vector >= problem.bounds[0])
 
 
+def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:
+    """Both share a problem, which remembers only the best of all."""
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    level = every["coulomb_friction"].at({"coulomb_friction.level": 1e-4})
+    rough = bench.unfit(
+        ("coulomb_friction",), level, {f.name: f.start for f in (*bench.nominal, *level)}
+    )
+    left = rough.cost
+    further = bench.again(rough)
+    assert further.cost < 0.5 * left
+    assert rough.cost == left
+    whole = further.problem.residuals(further.evidence.vector)
+    assert further.cost == pytest.approx(float(whole @ whole))
+
+
 def test_without_free_parameters_an_explanation_is_the_model() -> None:
     bench, _ = made({})
     fixed = replace(bench, nominal=())

@@ -77,7 +77,7 @@ class Explanation:
     @property
     def cost(self) -> float:
         """Sum of squared errors, priors included, that the fit leaves."""
-        return 2.0 * self.problem.best[0]
+        return float(self.view.errors @ self.view.errors)
 
     @cached_property
     def loss(self) -> float:
