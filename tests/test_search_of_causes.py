@@ -19,6 +19,7 @@ from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_paramete
 from servo_models.diagnosis.fits import beside
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import hidden_steps
+from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free, free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Array, model, simulate
@@ -27,13 +28,18 @@ FLOOR = 1e-5
 PRIORS = {"torque_constant": 1.0, "friction_coefficient": 1e-4}
 
 
-def made(effects: dict[str, float], noise: float = FLOOR) -> tuple[Bench, dict[str, Candidate]]:
-    """A torque motor with some effects, without stops, under steps and a chirp."""
+def made(
+    effects: dict[str, float], noise: float = FLOOR, sweep: float = 500.0
+) -> tuple[Bench, dict[str, Candidate]]:
+    """A torque motor with some effects, without stops, under steps and a chirp.
+
+    ``sweep`` is half the rate [Hz/s] of the chirp.
+    """
     nominal = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
     times: Array = 2.5e-4 * np.arange(1200.0)
     steps = np.repeat([0.0, 12.0, 0.0, -20.0, 26.0, -26.0], 100)
     t = times[:600]
-    volts = np.concatenate([steps, 15.0 * np.sin(2.0 * np.pi * (5.0 * t + 500.0 * t**2))])
+    volts = np.concatenate([steps, 15.0 * np.sin(2.0 * np.pi * (5.0 * t + sweep * t**2))])
     rig = replace(nominal, values={**nominal.values, "torque_constant": 5.5, **effects})
     angle = simulate(rig, times, {"voltage": volts})["angle"]
     angle = angle + noise * np.random.default_rng(3).standard_normal(len(times))
@@ -47,7 +53,7 @@ def made(effects: dict[str, float], noise: float = FLOOR) -> tuple[Bench, dict[s
         free_parameter(parameters[name], nominal.values[name], prior)
         for name, prior in PRIORS.items()
     )
-    bench = Bench(nominal, [log], free, {"angle": FLOOR}, jobs=1)
+    bench = Bench(nominal, [log], free, {"angle": noise}, jobs=1)
     return bench, {one.name: one for one in candidates(nominal, [log])}
 
 
@@ -118,11 +124,46 @@ def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
     assert found.evidence.rms == pytest.approx(1.0, abs=0.1)
 
 
+def test_a_hold_is_found_though_no_size_near_it_looks_like_it() -> None:
+    """The peak is narrower than one part in a hundred, and constants have made up for it."""
+    period = 2.43e-3
+    bench, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
+    retuned = bench.finish(bench.fit((), ()))
+    sights, _ = look((retuned.view,), shortlist(bench, retuned, [every["sample_hold"]]))
+    found = beside(bench, retuned, sights[:2])
+    assert found.values["sample_hold.period"] == pytest.approx(period, rel=2e-3)
+
+
+def test_a_stiff_resonance_is_followed_beyond_its_reach() -> None:
+    """Behind a stiff spring an inertia is nearly rigid; what is left of it tells them apart."""
+    truth = {"gear_compliance.inertia": 9.5e-7, "gear_compliance.compliance": 0.03}
+    bench, every = made({**truth, "gear_compliance.damping": 0.05}, noise=1e-6)
+    retuned = bench.finish(bench.fit((), ()))
+    found = {}
+    for name in ("gear_compliance", "load_inertia"):
+        sights, _ = look((retuned.view,), [every[name]])
+        found[name] = beside(bench, retuned, sights[:2])
+    stiff, rigid = found["gear_compliance"], found["load_inertia"]
+    assert stiff.values["gear_compliance.compliance"] == pytest.approx(0.03, rel=0.1)
+    assert stiff.loss < rigid.loss
+
+
+def test_only_a_bound_that_holds_a_fit_back_makes_a_disguise() -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    (level,) = every["coulomb_friction"].at({"coulomb_friction.level": 1e-3})
+    held = bench.fit(("coulomb_friction",), [replace(level, high=1e-3)])
+    at_the_best = bench.fit(("coulomb_friction",), [level]).values[level.name]
+    idle = bench.fit(("coulomb_friction",), [replace(level, high=0.9999 * at_the_best)])
+    assert held.disguised
+    assert not idle.disguised
+    assert idle.problem.sides(idle.evidence.vector)[-1] == "high"
+
+
 def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     bench, every = made({"command_quantisation.step": 3.137})
     retuned = bench.finish(bench.fit((), ()))
     one = every["command_quantisation"]
-    sights, _ = look((retuned.view,), [replace(one, sizes=one.fine)])
+    sights, _ = look((retuned.view,), shortlist(bench, retuned, [one]))
     found = beside(bench, retuned, sights[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
@@ -130,7 +171,7 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
 
 @given(
     st.floats(1e-3, 1.0),
-    st.floats(6.0, 60.0),
+    st.floats(4.0, 60.0),
     st.floats(0.0, 0.12),
     st.integers(0, 2**32 - 1),
 )
@@ -140,11 +181,22 @@ def test_codes_under_a_little_noise_show_their_step(
     random = np.random.default_rng(seed)
     smooth = step * codes * (0.5 - 0.5 * np.cos(np.linspace(0.0, 17.0, 3000)))
     read = step * np.round(smooth / step) + noise * step * random.standard_normal(3000)
-    assert min(abs(found / step - 1.0) for found in hidden_steps(read)) < 0.02
+    assert min(abs(found / step - 1.0) for found in hidden_steps([read])) < 0.015
+
+
+def test_a_step_is_shown_once_and_not_by_its_fractions() -> None:
+    random = np.random.default_rng(1)
+    motion = np.cumsum(random.standard_normal(4000))
+    found = np.array(
+        hidden_steps([np.round(motion / 5.0) * 5.0, np.round(motion[:500] / 5.0) * 5.0])
+    )
+    assert found[0] == pytest.approx(5.0, rel=1e-3)
+    parts = 5.0 / found[1:]
+    assert np.all(np.abs(parts - np.round(parts)) > 0.03 * np.round(parts))
 
 
 def test_values_that_do_not_move_have_no_step() -> None:
-    assert hidden_steps(np.full(100, 2.0)) == []
+    assert hidden_steps([np.full(100, 2.0)]) == []
 
 
 def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:

@@ -18,6 +18,7 @@ from servo_models.diagnosis.sizes import (
     RESONANT,
     Settings,
     fine,
+    near_to,
     quanta,
     resonances,
     ripple_of,
@@ -103,7 +104,7 @@ def _candidate(
     free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
     free += [free_parameter(p, model.values[p.name], None) for p in shape]
     free = [_periodic(it, PERIODS * 2.0 * math.pi / travel(plant, logs)) for it in free]
-    phase = ripple_of(name, shape)
+    phase, shown = ripple_of(name, shape), 0
     inertia = [p for p in shape if p.name == f"{name}.{RESONANT[1]}"]
     if phase:
         sizes = ripples(switches[0], shape, plant, logs)
@@ -112,9 +113,11 @@ def _candidate(
     else:
         sizes = shares(effect, switches, shape)
         if effect == "quantisation":
-            sizes += quanta(switches[0], plant.wire[wire].unit, plant, logs)
+            seen = quanta(switches[0], plant.wire[wire].unit, plant, logs)
+            sizes, shown = [*sizes, *seen], len(seen)
     ripple = (switches[0].name, phase) if phase else None
-    narrow = fine(effect, switches[0], logs)
+    logged = any(wire in log.outputs for log in logs)
+    narrow = near_to(sizes[-shown:]) if shown and logged else fine(effect, switches[0], logs)
     return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import log
 
-from servo_models.diagnosis.candidates import Candidate, candidates
+from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.evidence import Evidence, advantage, consistency
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
@@ -25,6 +25,7 @@ from servo_models.diagnosis.fits import (
 )
 from servo_models.diagnosis.pairing import couples_of, halves_of
 from servo_models.diagnosis.screening import Sight, look
+from servo_models.diagnosis.staircases import shortlist
 
 SINGLES = 10
 """Effects fitted in full."""
@@ -94,7 +95,7 @@ def find_causes(
     singles = _singles(bench, retuned, sights, SINGLES, say)
     if open_question and not settled(singles[0]):
         say("looking closer at staircases")
-        closer, _ = look((retuned.view,), [_finer(one) for one in every if one.fine])
+        closer, _ = look((retuned.view,), shortlist(bench, retuned, every))
         singles += _singles(bench, retuned, closer, STAIRCASES, say)
         singles = best_of_each(singles)
         sights = sorted([*sights, *closer], key=lambda sight: sight.left)
@@ -108,10 +109,6 @@ def find_causes(
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
     return Causes(before, retuned, singles, couples, taken, reach)
-
-
-def _finer(one: Candidate) -> Candidate:
-    return replace(one, sizes=one.fine)
 
 
 def _singles(

@@ -30,6 +30,8 @@ EXACT, PATIENT = 1e-7, 60
 """Those of the fit that is reported."""
 DISGUISE = 1.25
 """Factor on the squared errors that an effect on its bound leaves."""
+PRESSED = 9.0
+"""Twice the log likelihood ratio that a step over a bound promises, from which it holds a fit."""
 BELIEVED = 4.0
 """Prior deviations that a nominal parameter may move."""
 COARSE, GRAIN = 0.02, 0.01
@@ -69,10 +71,18 @@ class Explanation:
 
     @cached_property
     def disguised(self) -> bool:
-        """Whether a parameter of an effect sits on a bound: another effect may look so."""
-        sides = self.problem.sides(self.evidence.vector)
-        free = self.problem.free
-        return any(side and one.prior is None for side, one in zip(sides, free))
+        """Whether a bound holds a parameter of an effect from a better fit: what it imitates may
+        be another effect.  One that merely lies there, since the logs do not show it, is none."""
+        sides, slopes = self.problem.sides(self.evidence.vector), self.view.slopes
+        for i, free in enumerate(self.problem.free):
+            if sides[i] and free.prior is None:
+                others = np.delete(slopes, i, axis=1)
+                own = slopes[:, i] - others @ np.linalg.lstsq(others, slopes[:, i], rcond=1e-9)[0]
+                outward = float(own @ self.view.errors) * (1.0 if sides[i] == "low" else -1.0)
+                least = PRESSED * self.evidence.dispersion * float(own @ own)
+                if outward > 0.0 and outward**2 > least:
+                    return True
+        return False
 
     @property
     def cost(self) -> float:

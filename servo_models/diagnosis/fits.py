@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight
 from servo_models.diagnosis.structure import left_over
-from servo_models.identification.problem import map_on
+from servo_models.identification.problem import Free, map_on
 
 Tell = Callable[[str], None]
 Task = tuple[str, Callable[[Bench], Explanation]]
@@ -21,8 +22,8 @@ STARTS = 2
 PROMISED = 1.1
 """Squared errors over those that a look has promised, above which another start is made."""
 AGAIN, HALF, SLOWLY = 4, 0.5, 0.98
-"""Fits of a staircase at most, the share of the squared errors from which they are worth it,
-and that from which another one is not."""
+"""Fits of a staircase or a resonance at most, the share of the squared errors from which those of
+a staircase are worth it, and that from which another one is not."""
 SETTLED = 0.3
 """Structured part of the errors over the noise, below which nothing is left to explain."""
 
@@ -38,6 +39,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
     for sight in own:
         extra = [*kept, *sight.candidate.at(sight.settings)]
         found = bench.fit(effects, extra, sight.start, sight.seen.slopes)
+        found = _followed(bench, found, kept, sight.candidate)
         found = _polished(bench, found, first) if sight.candidate.fine else found
         if best is None or found.cost < best.cost:
             best = found
@@ -45,6 +47,29 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
             break
     assert best
     return best
+
+
+def _followed(
+    bench: Bench, found: Explanation, kept: Sequence[Free], one: Candidate
+) -> Explanation:
+    """Fit on where an effect stopped at the end of its reach, and can be reached from there."""
+    for _ in range(AGAIN):
+        further = [*kept, *one.at(found.values)]
+        own = slice(-len(further), None)
+        sides = found.problem.sides(found.evidence.vector)[own]
+        if not any(map(_opened, sides, found.problem.free[own], further)):
+            break
+        before, found = found, bench.fit(found.effects, further, found.values)
+        if found.cost > SLOWLY * before.cost:
+            break
+    return found
+
+
+def _opened(side: str, before: Free, after: Free) -> bool:
+    """Whether the bound on which a parameter lies has moved."""
+    if side == "low":
+        return after.low < before.low
+    return side == "high" and after.high > before.high
 
 
 def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanation:

@@ -30,6 +30,8 @@ PROMISING = 0.95
 """Squared errors of a pair, as a look predicts them, over those of one effect."""
 KEPT = 6
 """Sizes of a staircase or a ripple at which it is seen again beside another effect."""
+SHOWN = 40
+"""Sizes of a staircase that are all looked at."""
 SWAPS = 3
 """Effects that are tried in the place of one of a pair."""
 FEW = 5
@@ -107,9 +109,13 @@ def halves_of(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]
 
 
 def _nearer(one: Candidate, sights: Sequence[Sight]) -> Candidate:
-    """Of the many sizes of a staircase or a ripple, those that were promising once."""
+    """Of the many sizes of a staircase or a ripple, those that were promising once.
+
+    The few that a code histogram shows are good beside any other effect.
+    """
     if not (one.fine or one.ripple):
         return one
     keys = one.sizes[0].keys()
     own = [sight.settings for sight in sights if sight.candidate.name == one.name][:KEPT]
-    return replace(one, sizes=tuple({key: it[key] for key in keys} for it in own))
+    shown = one.fine if len(one.fine) <= SHOWN else ()
+    return replace(one, sizes=(*({key: it[key] for key in keys} for it in own), *shown))

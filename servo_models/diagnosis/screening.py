@@ -26,6 +26,8 @@ STRETCH = 1.6
 """A difference counts up to this much larger than simulated, since sizes are a grid."""
 EACH = 3
 """Sizes of each effect that take part in pairs."""
+CORRECTIONS = 2
+"""Times that other parameters are corrected before a staircase is judged."""
 LARGEST = 10.0
 """The same for a ripple, of which one size is looked at."""
 
@@ -49,6 +51,10 @@ class View:
         """Orthonormal, of what parameters can do."""
         return _orthonormal(self.slopes)
 
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.pinv(self.slopes, rcond=1e-9))
+
     @property
     def left(self) -> Array:
         """Errors that nominal parameters cannot take away."""
@@ -62,7 +68,7 @@ class View:
         """Return the estimates [SI] of the fit's parameters beside an effect's difference."""
         if self.slopes.shape[1] == 0:
             return {}
-        step = np.linalg.lstsq(self.slopes, -(self.errors + whole), rcond=1e-9)[0]
+        step = -self._inverse @ (self.errors + whole)
         return self.problem.values(np.clip(self.vector + step, *self.problem.bounds))
 
 
@@ -102,7 +108,8 @@ def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight]
     """Return each effect at each size from each view, best first, and the reach of each effect.
 
     That is how far it moves the outputs at most: RMS in noise floors of what nominal
-    parameters cannot imitate.
+    parameters cannot imitate.  Other parameters are corrected before a staircase is judged:
+    one of the wrong step looks as good while they are still at values that made up for it.
     """
     sights: list[Sight] = []
     reach = {one.name: 0.0 for one in every}
@@ -190,8 +197,24 @@ def _differences(
     phases = (0.0, pi / 2.0) if one.ripple else ()
     probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
     found = [_difference(seen, {**base, **probe}) for probe in probes]
+    for _ in range(CORRECTIONS if one.fine else 0):
+        found = [_corrected(seen, size, it) for it in found]
     known = [it for it in found if it is not None]
     return np.column_stack(known) if len(known) == len(found) else None
+
+
+def _corrected(seen: View, size: dict[str, float], whole: Array | None) -> Array | None:
+    """A change by an effect once more, from where it would take the other parameters."""
+    if whole is None:
+        return None
+    start = seen.start(whole)
+    again = _difference(seen, {**start, **size})
+    if again is None:
+        return None
+    vector = np.array(list(start.values())) / seen.problem.scales
+    again -= seen.slopes @ (vector - seen.vector)
+    again[seen.problem.samples :] = 0.0
+    return again
 
 
 def _difference(seen: View, values: dict[str, float]) -> Array | None:
@@ -199,9 +222,9 @@ def _difference(seen: View, values: dict[str, float]) -> Array | None:
     problem = seen.problem
     try:
         parts = [
-            problem.errors(run, values)[run.log.fitted].T.ravel()
+            problem.errors(run, values)[run.fitted].T.ravel()
             for run in problem.runs
-            if run.log.fitted.any()
+            if run.fitted.any()
         ]
     except UserError:
         return None

@@ -23,7 +23,7 @@ SHARES = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
 """Sizes that are tried, over the typical size."""
 SIGNED = (0.3, 3.0)
 """Those of effects that have either sign, whose response is nearly straight."""
-SHAPED = (0.1, 0.5, 2.0, 8.0)
+SHAPED = (0.02, 0.1, 0.5, 2.0, 8.0)
 """Those of effects with a shape, with each of which they are tried."""
 LIMITS = (0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 3.0)
 RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -31,15 +31,15 @@ OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
 FINE = {
     "quantisation": tuple(0.2 * 1.02**k for k in range(256)),
-    "sample_hold": tuple(0.05 * 1.02**k for k in range(270)),
-    "dead_band": tuple(0.05 * 1.04**k for k in range(136)),
+    "sample_hold": tuple(0.15 * 1.02**k for k in range(214)),
+    "dead_band": tuple(0.05 * 1.06**k for k in range(91)),
 }
 """Those of effects to whose size no slope leads, as near each other as the best is narrow."""
-COMB = 400
+COMB = 10000
 """Halves of a period by which a log's length in periods of a hold grows."""
 STEPWISE = tuple(FINE)
 """Effects of which a response is no smooth function."""
-SHAPES = (0.1, 1.0, 10.0)
+SHAPES = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of a shape parameter that are tried, over its default."""
 RESONANT = ("compliance", "inertia")
 """Parameters of a resonance, whose frequency is the root of 1 / their product."""
@@ -57,10 +57,16 @@ RIPPLE = 0.3
 """Size of a ripple that is looked at, over the typical one."""
 LEAST = 0.01
 """Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
-BINS, CODES = 4096, (4, 600)
+BINS, CODES = 4096, (1.5, 600)
 """Bins of a code histogram, and codes over the range of a reading that it can show."""
+TUNED, MULTIPLES, ENOUGH = 41, 5, 1000
+"""Frequencies about a peak that are tried, at so many multiples each, and samples that do."""
+WHOLE, HIGH = 0.03, 0.9
+"""Deviation of a multiple of a peak, relative to its number, and height that is as high."""
 PEAKS = 3
 """Quanta taken from a code histogram."""
+PRECISE, AROUND = 0.001, 4
+"""How precise they are, and steps of that to either side at which an effect is looked at."""
 
 Settings = dict[str, float]
 
@@ -126,37 +132,76 @@ def fine(effect: str, switch: Parameter, logs: Sequence[Log]) -> list[Settings]:
     if effect == "sample_hold" and logs:
         whole = max(log.duration + log.settle for log in logs)
         periods = whole / max(sizes) + 0.5 * np.arange(COMB)
-        sizes = [*(whole / periods), *(it for it in sizes if it < whole / periods[-1])]
+        dense = [it for it in whole / periods if it >= min(sizes)]
+        sizes = [*dense, *(it for it in sizes if it < dense[-1])]
     return [{switch.name: float(size)} for size in sizes]
 
 
 def quanta(switch: Parameter, unit: str, plant: Plant, logs: Iterable[Log]) -> list[Settings]:
     """Return the steps [SI] that code histograms of readings in the unit of a wire suggest."""
-    found = [
-        step
-        for log in logs
-        for name, values in log.outputs.items()
-        if plant.wire[name].unit == unit
-        for step in hidden_steps(values)
-    ]
+    readings: dict[str, list[Array]] = {}
+    for log in logs:
+        for name, values in log.outputs.items():
+            if plant.wire[name].unit == unit:
+                readings.setdefault(name, []).append(values)
+    found = [step for values in readings.values() for step in hidden_steps(values)]
     least = LEAST * switch.param.typical
     return [{switch.name: step} for step in found if least <= step <= switch.param.high]
 
 
-def hidden_steps(values: Array) -> list[float]:
-    """Return the likeliest steps of a quantiser whose codes carry a little noise, best first."""
-    reach = float(np.ptp(values))
-    if reach == 0.0:
+def near_to(shown: Iterable[Settings]) -> list[Settings]:
+    """Return the sizes about those that a code histogram of the quantised signal itself shows."""
+    return [
+        {switch: size * (1.0 + k * PRECISE)}
+        for settings in shown
+        for switch, size in settings.items()
+        for k in range(-AROUND, AROUND + 1)
+    ]
+
+
+def hidden_steps(records: Sequence[Array]) -> list[float]:
+    """Return the likeliest steps of a quantiser whose codes carry a little noise, best first.
+
+    ``records`` are of one signal; no step is a whole fraction of a better one.
+    """
+    longest = max(records, key=np.ptp)
+    if float(np.ptp(longest)) == 0.0:
         return []
+    rates, heights = _peaks(longest)
+    found: list[float] = []
+    while len(rates) and len(found) < PEAKS:
+        # a noise-free quantiser has all multiples as high: the slowest is the step's own
+        rate = float(np.min(rates[heights > HIGH * heights.max()]))
+        found.append(1.0 / _tuned(records, rate))
+        numbers = np.maximum(np.round(rates * found[-1]), 1.0)
+        apart = np.abs(rates * found[-1] - numbers) > WHOLE * numbers
+        rates, heights = rates[apart], heights[apart]
+    return found
+
+
+def _peaks(values: Array) -> tuple[Array, Array]:
+    """Frequencies [1/SI] and heights of the peaks of the characteristic function of values."""
+    reach = float(np.ptp(values))
     counts, _ = np.histogram(values, BINS)
-    fine = 8
-    spectrum = np.abs(np.fft.rfft(counts, fine * BINS)) / len(values)
-    low, high = (fine * codes for codes in CODES)
+    padded = 8
+    spectrum = np.abs(np.fft.rfft(counts, padded * BINS))
+    low, high = (int(padded * codes) for codes in CODES)
     inner = spectrum[low : min(high, len(spectrum) - 1)]
     peaks = 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] >= inner[2:]))
-    best = peaks[np.argsort(-inner[peaks])][:PEAKS]
-    bin_width = reach / BINS
-    return [float(bin_width * fine * BINS / (low + k)) for k in best]
+    return (low + peaks) / (padded * reach), inner[peaks]
+
+
+def _tuned(records: Sequence[Array], rate: float) -> float:
+    """The frequency near a peak at which the first multiples are highest as well."""
+    reach = max(float(np.ptp(values)) for values in records)
+    near = rate + np.linspace(-0.25, 0.25, TUNED) / reach
+    multiples = near * np.arange(1, MULTIPLES + 1)[:, None]
+    power = np.zeros_like(multiples)
+    for values in records:
+        few = values[:: max(1, len(values) // ENOUGH)]
+        turns = np.exp(2j * np.pi * multiples[..., None] * few)
+        power += len(values) * np.abs(turns.mean(axis=-1)) ** 2
+    return float(near[np.argmax(power.sum(axis=0))])
 
 
 def travel(plant: Plant, logs: Iterable[Log]) -> float:

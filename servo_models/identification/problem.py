@@ -181,11 +181,11 @@ class Problem:
 
     def errors(self, run: Run, values: Mapping[str, float]) -> Array:
         """Weighted errors of one log at every sample, shape (n, outputs of the log)."""
-        measured = np.column_stack(list(run.log.outputs.values()))
+        sigma = [self.sigma[name] for name in run.log.outputs]
         try:
-            errors = (run.outputs(values) - measured) / [self.sigma[n] for n in run.log.outputs]
+            errors = (run.outputs(values) - run.measured) / sigma
         except UserError:
-            return np.full(measured.shape, REFUSED)
+            return np.full(run.measured.shape, REFUSED)
         return np.where(np.abs(errors) < LARGEST, errors, REFUSED)
 
     def residuals(self, vector: Array) -> Array:
@@ -220,9 +220,7 @@ class Problem:
     def _residuals(self, vector: Array) -> Array:
         values = self.values(vector)
         data = [
-            self.errors(run, values)[run.log.fitted].T.ravel()
-            for run in self.runs
-            if run.log.fitted.any()
+            self.errors(run, values)[run.fitted].T.ravel() for run in self.runs if run.fitted.any()
         ]
         return np.concatenate([*data, self._prior(vector)])
 

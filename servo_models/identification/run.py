@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.recording import Log
-from servo_models.simulate import Model
+from servo_models.recording import Log, Mask
+from servo_models.simulate import Model, check_grid
 
 Array = NDArray[np.float64]
 
@@ -31,11 +32,25 @@ class Run:
     def simulate(self, values: Mapping[str, float]) -> Array:
         """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
         chosen = replace(self.model, values={**self.model.values, **values})
-        return chosen.run(self.times, self.inputs)[-len(self.log.times) :]
+        return chosen.run_checked(self.times, self.inputs)[-len(self.log.times) :]
+
+    @cached_property
+    def measured(self) -> Array:
+        """Measured outputs in SI, shape (n, outputs of the log)."""
+        return np.column_stack(list(self.log.outputs.values()))
+
+    @cached_property
+    def fitted(self) -> Mask:
+        """Samples that a fit sees, shape (n,)."""
+        return self.log.fitted
 
 
 def prepared(model: Model, log: Log) -> Run:
-    """Return a log as a simulation takes it; what its constants name is set for it alone."""
+    """Return a log as a simulation takes it; what its constants name is set for it alone.
+
+    Raises:
+        UserError: inputs outside their bounds or not finite.
+    """
     plant = model.plant
     inputs = {wire.name: np.full(len(log.times), float(wire.rest)) for wire in plant.inputs}
     parameters: dict[str, float] = {}
@@ -51,5 +66,6 @@ def prepared(model: Model, log: Log) -> Run:
         times = np.concatenate([[0.0], times + log.settle])
         matrix = np.vstack([matrix[:1], matrix])
     chosen = replace(model, values={**model.values, **parameters})
+    check_grid(times, matrix, plant.inputs)
     columns = tuple(plant.outputs.index(name) for name in log.outputs)
     return Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
