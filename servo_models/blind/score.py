@@ -14,7 +14,7 @@ from typing import Any
 
 from servo_models.blind.interval import Figure, mean, share
 from servo_models.blind.oracle import Known
-from servo_models.blind.said import Said
+from servo_models.blind.said import FAILED, Said
 from servo_models.diagnosis.verdict import FEW, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 
 NOTHING = "nothing"
@@ -58,9 +58,10 @@ class Case:
 
     @property
     def covered(self) -> bool:
-        """The set holds the truth; where parameters imitate it, to say so is right as well."""
-        if self.known and self.known.absorbed and self.said.verdict in (NO_GAP, PARAMETERS):
-            return True
+        """The set holds the truth; where parameters imitate it, to name nothing but what is
+        there beside it is right as well."""
+        if self.known and self.known.absorbed and frozenset(self.said.members) <= self.hidden:
+            return self.said.verdict not in (OUTSIDE, FAILED)
         return self.truth <= frozenset(self.said.members)
 
 
@@ -105,13 +106,14 @@ def only_true_ones(cases: Cases) -> Figure:
 
 def set_coverage(cases: Cases) -> Figure:
     """One effect, separated or not: the set that cannot be told apart holds it, or it is
-    absorbed by nominal parameters and the verdict is ``parameters`` or ``no-gap``."""
+    absorbed by nominal parameters and nothing is named, or only the hidden effect."""
     return share(case.covered for case in cases if case.kind == "one")
 
 
 def mean_set_size(cases: Cases) -> Figure:
-    """One effect: number of effects in the set, mean over the cases in which there is a set."""
-    sizes = [len(case.said.members) for case in cases if case.kind == "one"]
+    """One effect: number of effects in the set, the hidden one not counted, since it is there;
+    mean over the cases in which there is a set."""
+    sizes = [len(frozenset(it.said.members) - it.hidden) for it in cases if it.kind == "one"]
     return mean(size for size in sizes if size)
 
 

@@ -32,8 +32,11 @@ KEPT = 6
 """Sizes of a staircase or a ripple at which it is seen again beside another effect."""
 SHOWN = 40
 """Sizes of a staircase that are all looked at."""
-SWAPS = 3
-"""Effects that are tried in the place of one of a pair."""
+SWAPS, LOOKALIKES = 3, 5
+"""Effects that are tried in the place of one of a pair, while something is left to explain and
+after."""
+ALIKE = 1.1
+"""Squared errors, as a look predicts them, over those of a pair that another one may leave."""
 FEW = 5
 """Second effects fitted where nothing is left to explain."""
 
@@ -63,7 +66,7 @@ def couples_of(
             task = " and ".join(names), partial(beside, first=first, own=own)
             tasks.setdefault(frozenset(names), task)
     found = best_of_each(side_by_side(bench, list(tasks.values()), say))
-    if found and not settled(found[0]):
+    if found and not explained:
         found = best_of_each([*found, *_swapped(bench, found[0], nearer, say)])
     return found
 
@@ -83,12 +86,16 @@ def _swapped(
 ) -> list[Explanation]:
     """Pairs in which one effect of a pair is kept as it is, and the other is sought again.
 
-    From there the other may look different: another size, or another effect.
+    From there the other may look different: another size, or another effect.  Where nothing is
+    left to explain, those that do as well belong to the set that cannot be told apart.
     """
+    done = settled(couple)
+    enough, count = (ALIKE, LOOKALIKES) if done else (PROMISING, SWAPS)
+    others = [one for one in every if not done or one.name not in couple.effects]
     tasks: list[Task] = []
     for kept in couple.effects:
         stays = bench.unfit((kept,), _own(couple, kept), couple.values)
-        for name, own in _seconds(stays, every, PROMISING * couple.cost, SWAPS):
+        for name, own in _seconds(stays, others, enough * couple.cost, count):
             tasks.append((f"{kept} and {name} again", partial(beside, first=stays, own=own)))
     return list(side_by_side(bench, tasks, say))
 
