@@ -32,6 +32,8 @@ KEPT = 6
 """Sizes of a staircase or a ripple at which it is seen again beside another effect."""
 SHOWN = 40
 """Sizes of a staircase that are all looked at."""
+LESS = 0.98
+"""Loss of a pair over that of one effect, from which the pair is worth more fits."""
 SWAPS, LOOKALIKES = 3, 5
 """Effects that are tried in the place of one of a pair, while something is left to explain and
 after."""
@@ -66,7 +68,7 @@ def couples_of(
             task = " and ".join(names), partial(beside, first=first, own=own)
             tasks.setdefault(frozenset(names), task)
     found = best_of_each(side_by_side(bench, list(tasks.values()), say))
-    if found and not explained:
+    if found and found[0].loss < LESS * singles[0].loss:
         found = best_of_each([*found, *_swapped(bench, found[0], nearer, say)])
     return found
 
