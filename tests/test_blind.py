@@ -302,8 +302,8 @@ def test_confusions_count_every_case_once() -> None:
 
 
 def test_calibration_sets_what_happened_against_what_was_said() -> None:
-    """Cases with an effect in the catalogue and probabilities: 0.3 wrong, 0.3 right; 0.6 right, 0.65 wrong;
-    0.95 twice right; 1 twice right."""
+    """Cases with an effect in the catalogue and probabilities: 0.3 wrong and right; 0.6 right,
+    0.65 wrong; 0.95 twice right; 1 twice right."""
     found = calibration(MADE)
     assert [it.low for it in found] == [0.0, 0.5, 0.9, 0.99]
     assert [it.probability for it in found] == pytest.approx([0.3, 0.625, 0.95, 1.0])

@@ -1,7 +1,7 @@
 """Which effects explain a gap: fits of the promising ones, singly and in pairs, judged held out.
 
 An effect is taken only if it predicts blocks that its fit has not seen, and beside a pair
-each half has to earn its place.
+each half has to earn its place, also under conditions that were left out.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import partial
 from math import log
 
 from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.evidence import Evidence, advantage, consistency
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
@@ -104,7 +105,7 @@ def find_causes(
     if open_question:
         say("fitting the best to the end")
         singles, couples = _finals(bench, singles), _finals(bench, couples)
-    taken = _taken(retuned, singles, couples)
+    taken = _taken(bench, retuned, singles, couples)
     if taken is not retuned:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
@@ -130,13 +131,19 @@ def _finals(bench: Bench, found: Sequence[Explanation]) -> list[Explanation]:
 
 
 def _taken(
-    retuned: Explanation, singles: Sequence[Explanation], couples: Sequence[Explanation]
+    bench: Bench,
+    retuned: Explanation,
+    singles: Sequence[Explanation],
+    couples: Sequence[Explanation],
 ) -> Explanation:
     best = singles[0] if singles and _better(singles[0], retuned) else retuned
+    lost: float | None = None
     for couple in couples:
         halves = [one for one in singles if set(one.effects) <= set(couple.effects)]
         if _better(couple, best) and all(_better(couple, half) for half in halves):
-            return couple
+            lost = carried_over(bench, best) if lost is None else lost
+            if carried_over(bench, couple) <= lost:
+                return couple
     return best
 
 
