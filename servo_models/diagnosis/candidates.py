@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from servo_models.actuator import Parameter
 from servo_models.diagnosis.sizes import (
     CHOICES,
@@ -30,6 +32,8 @@ from servo_models.identification.problem import Free, free_parameter
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
+SHOWN = 10.0
+"""Samples in a period of the fastest resonance that logs can show."""
 PERIODS = 0.7
 """Periods of a ripple that the logs have to show at least."""
 
@@ -46,6 +50,8 @@ class Candidate:
         fine: many more, where the response is a staircase of the size; for a second look.
         ripple: its switch and its phase, if it has one: each size is then to be looked at
             with a phase of 0 and of a quarter turn.
+        fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
+            have too few samples in a period, and it is slow to simulate.
     """
 
     name: str
@@ -54,6 +60,7 @@ class Candidate:
     sizes: tuple[Settings, ...]
     fine: tuple[Settings, ...] = ()
     ripple: tuple[str, str] | None = None
+    fastest: float = 0.0
 
     @property
     def trials(self) -> int:
@@ -63,8 +70,11 @@ class Candidate:
     def at(self, settings: Settings) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give."""
         started = [replace(it, start=settings.get(it.name, it.start)) for it in self.free]
-        kinds = {it.name.rpartition(".")[2] for it in started}
-        return tuple(map(_near, started) if kinds.issuperset(RESONANT) else started)
+        kinds = {it.name.rpartition(".")[2]: it for it in started}
+        if not kinds.keys() >= set(RESONANT):
+            return tuple(started)
+        softest = self.fastest / kinds[RESONANT[1]].start
+        return tuple(_near(it, softest if it is kinds[RESONANT[0]] else 0.0) for it in started)
 
 
 def candidates(
@@ -118,15 +128,23 @@ def _candidate(
     ripple = (switches[0].name, phase) if phase else None
     logged = any(wire in log.outputs for log in logs)
     narrow = near_to(sizes[-shown:]) if shown and logged else fine(effect, switches[0], logs)
-    return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple)
+    fastest = _fastest(logs) if inertia else 0.0
+    return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple, fastest)
 
 
-def _near(free: Free) -> Free:
-    """The same, a parameter of a resonance within reach of its start."""
+def _near(free: Free, least: float) -> Free:
+    """The same, a parameter of a resonance within reach of its start and not below ``least``."""
     if free.name.rpartition(".")[2] not in RESONANT:
         return free
     # what is slow is kept out by being near, not by being small against the typical size
-    return replace(free, low=free.start / NEAR, high=min(free.high, free.start * NEAR))
+    low = min(max(free.start / NEAR, least), free.start)
+    return replace(free, low=low, high=min(free.high, free.start * NEAR))
+
+
+def _fastest(logs: Iterable[Log]) -> float:
+    """Square of the shortest 1 / angular frequency [s] of which logs have enough samples."""
+    steps = [float(np.median(np.diff(log.times))) for log in logs if len(log.times) > 1]
+    return (SHOWN * min(steps, default=0.0) / (2.0 * math.pi)) ** 2
 
 
 def _periodic(free: Free, least: float) -> Free:
