@@ -1,0 +1,40 @@
+"""Staircases: the first parts of logs, and the sizes on which they and all logs agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.diagnosis.staircases import shortened, shortlist
+from tests.test_search_of_causes import made
+
+
+@given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))
+def test_first_parts_are_the_same_share_of_each_log(lengths: list[int], samples: int) -> None:
+    (log,) = made({})[0].logs
+    logs = [shortened([log], it)[0] if it < len(log.times) else log for it in lengths]
+    parts = shortened(logs, samples)
+    share = min(samples / sum(len(it.times) for it in logs), 1.0)
+    for whole, part in zip(logs, parts):
+        n = len(part.times)
+        assert abs(n - share * len(whole.times)) <= 2.0
+        assert np.array_equal(part.times, whole.times[:n])
+        assert np.array_equal(part.inputs["voltage"], whole.inputs["voltage"][:n])
+        assert np.array_equal(part.outputs["angle"], whole.outputs["angle"][:n])
+        assert len(part.rows) == len(part.held_out) == n
+
+
+def test_logs_whose_first_part_is_held_out_are_taken_whole() -> None:
+    (log,) = made({})[0].logs
+    late = replace(log, held_out=np.arange(len(log.times)) < 600)
+    assert shortened([late], 400)[0] is late
+
+
+def test_an_effect_that_is_on_is_not_on_the_list() -> None:
+    bench, every = made({"command_quantisation.step": 3.0})
+    one = every["command_quantisation"]
+    on = bench.fit((one.name,), one.at({"command_quantisation.step": 3.0}))
+    assert [it.name for it in shortlist(bench, on, [one, every["cogging"]])] == []
