@@ -58,11 +58,12 @@ class Case:
 
     @property
     def covered(self) -> bool:
-        """The set holds the truth; where parameters imitate it, to name nothing but what is
-        there beside it is right as well."""
-        if self.known and self.known.absorbed and frozenset(self.said.members) <= self.hidden:
+        """The set holds the truth; where parameters imitate it, a set that holds the hidden
+        effect, or none, is right as well."""
+        members = frozenset(self.said.members)
+        if self.known and self.known.absorbed and (not members or members & self.hidden):
             return self.said.verdict not in (OUTSIDE, FAILED)
-        return self.truth <= frozenset(self.said.members)
+        return self.truth <= members
 
 
 Cases = Sequence[Case]
@@ -106,7 +107,7 @@ def only_true_ones(cases: Cases) -> Figure:
 
 def set_coverage(cases: Cases) -> Figure:
     """One effect, separated or not: the set that cannot be told apart holds it, or it is
-    absorbed by nominal parameters and nothing is named, or only the hidden effect."""
+    absorbed by nominal parameters and the set holds the hidden effect, or there is none."""
     return share(case.covered for case in cases if case.kind == "one")
 
 

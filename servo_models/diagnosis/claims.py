@@ -58,7 +58,9 @@ def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
         for name in explanation.effects:
             if name not in found:
                 found[name] = _claim(name, explanation, causes, verdict)
-    return tuple(sorted(found.values(), key=lambda it: (-it.probability, it.gap_after)))
+    place = {name: i for i, name in enumerate(verdict.chances)}
+    others = len(place)
+    return tuple(sorted(found.values(), key=lambda it: (place.get(it.name, others), it.gap_after)))
 
 
 def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict) -> Claim:

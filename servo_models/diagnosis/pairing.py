@@ -34,7 +34,7 @@ SHOWN = 40
 """Sizes of a staircase that are all looked at."""
 LESS = 0.98
 """Loss of a pair over that of one effect, from which the pair is worth more fits."""
-SWAPS, LOOKALIKES = 3, 5
+SWAPS, LOOKALIKES = 3, 8
 """Effects that are tried in the place of one of a pair, while something is left to explain and
 after."""
 ALIKE = 1.1

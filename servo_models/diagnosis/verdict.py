@@ -43,6 +43,12 @@ class Verdict:
     rest: float = 0.0
 
 
+def _rank(chance: float, alone: float | None) -> tuple[float, float]:
+    """Likeliest first; of those alike to a hundredth, such as two that are both sure, the one
+    that explains most alone."""
+    return -round(chance, 2), np.inf if alone is None else alone
+
+
 def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     """Return the verdict on what was tried.
 
@@ -64,7 +70,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
         for name in explanation.effects:
             by_effect[name] = by_effect.get(name, 0.0) + float(chance)
     alone = {one.effects: one.loss for one in causes.singles}
-    ranked = dict(sorted(by_effect.items(), key=lambda it: (-it[1], alone.get((it[0],), np.inf))))
+    ranked = dict(sorted(by_effect.items(), key=lambda it: _rank(it[1], alone.get((it[0],)))))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS
     if lacking:
