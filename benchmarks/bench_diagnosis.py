@@ -157,17 +157,17 @@ if __name__ == "__main__":
 # Result: two cores, CPython 3.11, numba 0.68.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             28.1 s   22.0 s    446 MiB
-# torque motor, 1 s at 10 kHz      10.1 s    5.4 s    412 MiB
+# SG90, 60 s at 200 Hz             28.6 s   25.1 s    464 MiB
+# torque motor, 1 s at 10 kHz      10.5 s    5.9 s    436 MiB
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             4.0 s   8.3 s  19.9 s  51.6 s
-# torque motor, 1 s at 10 kHz      1.2 s   2.3 s   3.3 s   6.7 s
+# SG90, 60 s at 200 Hz             5.2 s   8.2 s  20.4 s  41.9 s
+# torque motor, 1 s at 10 kHz      0.9 s   1.9 s   2.7 s   5.3 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz            18.3 s  24.0 s  17.3 s  17.6 s
-# torque motor, 1 s at 10 kHz      2.4 s   2.2 s   2.6 s   2.9 s
+# SG90, 60 s at 200 Hz            23.7 s  26.4 s  17.9 s  20.4 s
+# torque motor, 1 s at 10 kHz      2.3 s   2.7 s   2.9 s   2.6 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz            29.9 s  18.1 s  1.65
-# torque motor, 1 s at 10 kHz      4.5 s   3.5 s  1.30
+# SG90, 60 s at 200 Hz            33.9 s  19.8 s  1.71
+# torque motor, 1 s at 10 kHz      4.1 s   2.5 s  1.63
