@@ -63,7 +63,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest)
     rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
-    chances = probabilities(rivals)
+    chances = probabilities(rivals, taken.problem.samples * rest**2)
     held = covering(chances)
     by_effect: dict[str, float] = {}
     for explanation, chance in zip(rivals, chances):
