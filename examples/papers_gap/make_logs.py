@@ -60,6 +60,7 @@ def sg90(rng: np.random.Generator) -> list[str]:
 
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    folder.mkdir(parents=True, exist_ok=True)
     for made in (torque_motor, sg90):
         rows = made(np.random.default_rng(SEED))
         (folder / f"{made.__name__}.csv").write_text("\n".join([*rows, ""]), encoding="utf-8")
