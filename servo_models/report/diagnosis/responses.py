@@ -21,6 +21,9 @@ from servo_models.report.style import Picture, colour, drawing, picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+NUMBERS = 5
+"""Numbers on the axis of a short stretch, which are long ones."""
+
 
 def response(reading: Reading, name: str) -> Picture:
     """Return a response and its errors, as a whole and where the nominal model is worst.
@@ -45,6 +48,7 @@ def response(reading: Reading, name: str) -> Picture:
         _errors(close, reading, window)
         for axes in (zoom, close):
             axes.axvline(times[worst], color=colour("muted"), lw=0.8, ls=DASHED)
+            axes.locator_params(axis="x", nbins=NUMBERS)
         for axes in (whole, zoom):
             axes.tick_params(labelbottom=False)
         close.set_xlabel("time [s]")
