@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 from servo_models.build import build
+from servo_models.cli import main
 from servo_models.simulate import model
 
 settings.register_profile("untimed", deadline=None)
@@ -63,3 +64,19 @@ def logs_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no measured logs in '{folder}': set SERVO_MODELS_DATA to their folder")
     return folder
+
+
+Run = Callable[..., tuple[int, str, str]]
+"""A command with its words: exit code, stdout, stderr."""
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: exit code, stdout, stderr."""
+
+    def command(*words: str | Path) -> tuple[int, str, str]:
+        code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return command

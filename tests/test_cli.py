@@ -5,39 +5,26 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import fmpy
 import numpy as np
 import pytest
+from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from servo_models.actuators.torque_motor import TABLE_1
 from servo_models.catalogue import actuator, actuators, effects
-from servo_models.cli import app, main
+from servo_models.cli import app
 from servo_models.cli.options import assignments
 from servo_models.errors import UserError
 from servo_models.tables import read_signals
 
-Run = Callable[..., tuple[int, str, str]]
 MOTOR = list(actuator("torque_motor").plant.wire.values())
 HEAVY = ("numpy", "scipy", "numba", "pint", "polars", "matplotlib", "fmpy", "control")
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: exit code, stdout, stderr."""
-
-    def command(*words: str | Path) -> tuple[int, str, str]:
-        code = main([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return command
 
 
 def python(*words: str, **options: object) -> subprocess.CompletedProcess[str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import fmpy
 import numpy as np
 import pytest
+from conftest import Run
 from fmu_host import Host
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,7 +26,6 @@ from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
 from servo_models.simulate import model, simulate
 from servo_models.tables import read_signals
 
-Run = Callable[..., tuple[int, str, str]]
 RATE = 4000.0
 NOISE = 5e-5
 DESCRIPTION = """
@@ -63,18 +62,6 @@ def describe(folder: Path, text: str = DESCRIPTION.format(""), seconds: float = 
     path = folder / "rig.toml"
     path.write_text(text)
     return path
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: exit code, stdout, stderr."""
-
-    def execute(*words: str | Path) -> tuple[int, str, str]:
-        code = main([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return execute
 
 
 class Session(NamedTuple):

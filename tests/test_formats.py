@@ -9,25 +9,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from conftest import Run
 
 import servo_models.validate  # noqa: F401  (its function is replaced below)
-from servo_models.cli import main
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Row, Validation
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: exit code, stdout, stderr."""
-
-    def command(*words: str | Path) -> tuple[int, str, str]:
-        code = main([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return command
-
 
 GOOD = Row(IMPLEMENTATION, "sg90", "linear", "1 ms", "angle", 0.0, 1e-12, "1", True)
 BAD = Row(MODEL, "sg90", "printed", "step, 50 %", "angle", 2e-3, 1e-4, "1", False, "why: so")

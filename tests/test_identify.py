@@ -18,18 +18,17 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+from conftest import Run
 from html_page import Page
 from numpy.typing import NDArray
 from test_description import OWN
 from test_identification import STEP, TRUE, prbs, rig
 
-from servo_models.cli import main
 from servo_models.identify import identify
 from servo_models.parameter_set import ParameterSet, read_parameters
 from servo_models.simulate import simulate
 
 Array = NDArray[np.float64]
-Run = Callable[..., tuple[int, str, str]]
 
 NOISE = np.radians(0.01)
 ESTIMATED = {name: TRUE[name] for name in ("torque_constant", "inductance", "friction_coefficient")}
@@ -72,18 +71,6 @@ def bench(tmp_path: Path) -> Path:
     write_log(tmp_path, rows_of())
     (tmp_path / "mine.toml").write_text(HEAD + LOG)
     return tmp_path
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: exit code, stdout, stderr."""
-
-    def command(*words: str | Path) -> tuple[int, str, str]:
-        code = main([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return command
 
 
 def settings_of(found: ParameterSet | None) -> dict[str, float]:
