@@ -16,13 +16,12 @@ from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.evidence import Evidence, advantage, consistency
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
-    STARTS,
     Tell,
     beside,
     best_of_each,
-    names_of,
     settled,
     side_by_side,
+    starts_of,
 )
 from servo_models.diagnosis.pairing import couples_of, halves_of
 from servo_models.diagnosis.screening import Sight, look
@@ -117,8 +116,7 @@ def _singles(
 ) -> list[Explanation]:
     """Fits of the most promising effects, best first."""
     tasks = []
-    for name in names_of(sights)[:count]:
-        own = [sight for sight in sights if sight.candidate.name == name][:STARTS]
+    for name, own in starts_of(sights, count):
         tasks.append((name, partial(beside, first=retuned, own=own)))
     return sorted(side_by_side(bench, tasks, say), key=lambda one: one.loss)
 

@@ -11,7 +11,6 @@ import numpy as np
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
-    STARTS,
     Task,
     Tell,
     beside,
@@ -19,6 +18,7 @@ from servo_models.diagnosis.fits import (
     names_of,
     settled,
     side_by_side,
+    starts_of,
     together,
 )
 from servo_models.diagnosis.screening import Sight, look, pairs
@@ -79,8 +79,7 @@ def _seconds(
     """Effects that look promising beside some others, with the sizes to begin from."""
     others = [one for one in every if one.name not in first.effects]
     seen = [sight for sight in look((first.view,), others)[0] if sight.left < enough]
-    for name in names_of(seen)[:count]:
-        yield name, [sight for sight in seen if sight.candidate.name == name][:STARTS]
+    yield from starts_of(seen, count)
 
 
 def _swapped(
