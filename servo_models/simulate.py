@@ -10,6 +10,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,7 @@ class Model:
     flat: Flat = field(repr=False)
     provenance: str = ""
 
-    @property
+    @cached_property
     def plant(self) -> Plant:
         return self.actuator.plant_of(self.variant)
 
@@ -114,7 +115,10 @@ class Model:
 
     def start(self) -> Array:
         """State at rest, shape (flat.size,)."""
-        begin = _starter(self.plant, self.actuator.name)(list(self.values.values()))
+        return self._at_rest(self.vector)
+
+    def _at_rest(self, vector: Array) -> Array:
+        begin = _starter(self.plant, self.actuator.name)(vector.tolist())
         state = np.zeros(self.flat.size)
         state[: len(begin)] = begin
         return state
@@ -129,14 +133,28 @@ class Model:
                 leaves the finite numbers.
         """
         check_grid(times, inputs, self.plant.inputs)
-        return self.run_checked(times, inputs, state)
-
-    def run_checked(self, times: Array, inputs: Array, state: Array | None = None) -> Array:
-        """``run`` for times and inputs that have passed its checks: hundreds of runs share them."""
-        out = np.empty((len(times), len(self.plant.outputs)))
         x = self.start() if state is None else state
+        return self._ran(self.vector, x, times, inputs)
+
+    def runs(self, times: Array, inputs: Array) -> Callable[[Mapping[str, float]], Array]:
+        """Return ``run`` from rest as a function of changed values [SI].
+
+        Hundreds of simulations share an experiment, which has to have passed ``check_grid``.
+        """
+        base, places = self.vector, {name: i for i, name in enumerate(self.values)}
+
+        def simulate(values: Mapping[str, float]) -> Array:
+            vector = base.copy()
+            for name, value in values.items():
+                vector[places[name]] = value
+            return self._ran(vector, self._at_rest(vector), times, inputs)
+
+        return simulate
+
+    def _ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
+        out = np.empty((len(times), len(self.plant.outputs)))
         run = _compiled(self.plant, self.actuator.name)
-        code, row = run(self.vector, x, times, inputs, out)
+        code, row = run(vector, state, times, inputs, out)
         if code:
             raise UserError(f"{self.trouble(code)}, at t = {times[row]:g} s")
         return out

@@ -179,15 +179,6 @@ class Problem:
         values = self.values(vector)
         return [dict(zip(run.log.outputs, run.outputs(values).T)) for run in self.runs]
 
-    def errors(self, run: Run, values: Mapping[str, float]) -> Array:
-        """Weighted errors of one log at every sample, shape (n, outputs of the log)."""
-        sigma = [self.sigma[name] for name in run.log.outputs]
-        try:
-            errors = (run.outputs(values) - run.measured) / sigma
-        except UserError:
-            return np.full(run.measured.shape, REFUSED)
-        return np.where(np.abs(errors) < LARGEST, errors, REFUSED)
-
     def residuals(self, vector: Array) -> Array:
         """Return weighted errors of all samples that a fit may see, then of the priors."""
         residuals = self._residuals(vector)
@@ -217,21 +208,27 @@ class Problem:
         self.evaluations += len(vectors)
         return list(map_on(self.jobs, self._residuals, vectors))
 
-    def _residuals(self, vector: Array) -> Array:
-        values = self.values(vector)
-        data = [
-            self.errors(run, values)[run.fitted].T.ravel() for run in self.runs if run.fitted.any()
+    def errors_with(self, values: Mapping[str, float]) -> Array:
+        """Return ``residuals`` with these values [SI], of other parameters as well."""
+        data = [self._errors(run, values) for run in self.runs if run.measured.size]
+        priors = [
+            (values[free.name] - free.nominal) / free.prior
+            for free in self.free
+            if free.prior is not None
         ]
-        return np.concatenate([*data, self._prior(vector)])
+        return np.concatenate([*data, priors])
 
-    def _prior(self, vector: Array) -> Array:
-        return np.array(
-            [
-                (value * free.scale - free.nominal) / free.prior
-                for free, value in zip(self.free, vector)
-                if free.prior is not None
-            ]
-        )
+    def _errors(self, run: Run, values: Mapping[str, float]) -> Array:
+        """Weighted errors of one log, output by output."""
+        sigma = np.array([self.sigma[name] for name in run.log.outputs])
+        try:
+            errors = (run.errors(values) / sigma[:, None]).ravel()
+        except UserError:
+            return np.full(run.measured.size, REFUSED)
+        return np.where(np.abs(errors) < LARGEST, errors, REFUSED)
+
+    def _residuals(self, vector: Array) -> Array:
+        return self.errors_with(self.values(vector))
 
     @property
     def samples(self) -> int:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.recording import Log, Mask
+from servo_models.recording import Log
 from servo_models.simulate import Model, check_grid
 
 Array = NDArray[np.float64]
@@ -31,18 +31,34 @@ class Run:
 
     def simulate(self, values: Mapping[str, float]) -> Array:
         """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
-        chosen = replace(self.model, values={**self.model.values, **values})
-        return chosen.run_checked(self.times, self.inputs)[-len(self.log.times) :]
+        return self._simulated(values)[-len(self.log.times) :]
+
+    def errors(self, values: Mapping[str, float]) -> Array:
+        """Simulated less measured [SI] at samples that a fit sees, shape (outputs of the log, n).
+
+        Raises:
+            UserError: a run that leaves the finite numbers.
+        """
+        return np.asarray(self.simulate(values).take(self._seen)) - self.measured
 
     @cached_property
     def measured(self) -> Array:
-        """Measured outputs in SI, shape (n, outputs of the log)."""
-        return np.column_stack(list(self.log.outputs.values()))
+        """Measured outputs [SI] at samples that a fit sees, shape (outputs of the log, n)."""
+        return np.array([values[self._rows] for values in self.log.outputs.values()])
 
     @cached_property
-    def fitted(self) -> Mask:
-        """Samples that a fit sees, shape (n,)."""
-        return self.log.fitted
+    def _simulated(self) -> Callable[[Mapping[str, float]], Array]:
+        return self.model.runs(self.times, self.inputs)
+
+    @cached_property
+    def _rows(self) -> NDArray[np.int64]:
+        return np.flatnonzero(self.log.fitted)
+
+    @cached_property
+    def _seen(self) -> NDArray[np.int64]:
+        """Places of these samples in what a simulation returns, row by row."""
+        width = len(self.model.plant.outputs)
+        return np.asarray(self._rows * width + np.array(self.columns)[:, None])
 
 
 def prepared(model: Model, log: Log) -> Run:
