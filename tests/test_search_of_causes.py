@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from servo_models.description import read_description
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.descent import descend
+from servo_models.diagnosis.descent import _Point, _step, descend
 from servo_models.diagnosis.evidence import blocks, judge
 from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_parameters
 from servo_models.diagnosis.fits import beside
@@ -60,7 +60,7 @@ def made(
 def test_a_short_search_ends_where_a_library_does() -> None:
     bench, every = made({"coulomb_friction.level": 2e-3})
     problem = bench.problem(every["coulomb_friction"].at({"coulomb_friction.level": 1e-3}))
-    vector, met = descend(problem, problem.start, 1e-9, 100)
+    vector, met, _ = descend(problem, problem.start, 1e-9, 100)
     library = least_squares(problem.residuals, problem.start, bounds=problem.bounds, xtol=1e-12)
     assert met
     assert problem.best[0] == pytest.approx(library.cost, rel=1e-3)
@@ -72,10 +72,27 @@ def test_a_short_search_stays_inside_its_bounds() -> None:
     bench, every = made({"coulomb_friction.level": 2e-3})
     (level,) = every["coulomb_friction"].at({"coulomb_friction.level": 5e-4})
     problem = bench.problem([replace(level, high=1e-3)])
-    vector, _ = descend(problem, problem.start, 1e-6, 50)
+    vector, _, _ = descend(problem, problem.start, 1e-6, 50)
     assert problem.sides(vector)[-1] == "high"
     assert np.all(vector <= problem.bounds[1])
     assert np.all(vector >= problem.bounds[0])
+
+
+@given(seed=st.integers(0, 10_000), damping=st.sampled_from([1e-9, 1e-3, 1.0]))
+def test_a_step_leads_down_inside_the_box_however_degenerate(seed: int, damping: float) -> None:
+    """Slopes of which one is all but another: the free step is huge, and the box stops it."""
+    random = np.random.default_rng(seed)
+    slopes = random.standard_normal((30, 4))
+    slopes[:, 3] = slopes[:, 2] * (1.0 + 1e-4) + 1e-4 * random.standard_normal(30)
+    vector, errors = random.uniform(-1.0, 1.0, 4), random.standard_normal(30)
+    low, high = -np.ones(4), np.ones(4)
+    step, promised = _step(_Point(vector, errors, slopes, fresh=True), low, high, damping)
+    assert np.all(vector + step >= low)
+    assert np.all(vector + step <= high)
+    predicted = errors + slopes @ step
+    assert promised == pytest.approx(0.5 * (errors @ errors - predicted @ predicted), rel=1e-6)
+    best = lsq_linear(slopes, -errors, (low - vector, high - vector)).cost
+    assert 0.0 < promised <= 0.5 * errors @ errors - best + 1e-9
 
 
 def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:

@@ -55,8 +55,10 @@ def descend(
     limit: int,
     widths: Array | None = None,
     known: Array | None = None,
-) -> tuple[Array, bool]:
+) -> tuple[Array, bool, Array | None]:
     """Return the best vector [scales] near ``start``, and whether the search met its tolerance.
+
+    The slopes there come third, where they were simulated there, shape (m, p).
 
     Args:
         problem: its ``residuals`` are made small.
@@ -75,7 +77,7 @@ def descend(
         at, met = _round(problem, at, tolerance, limit, widths)
         if met or at.cost > PACE * before:
             break
-    return at.vector, met
+    return at.vector, met, at.slopes if at.fresh else None
 
 
 def _round(
@@ -125,25 +127,33 @@ def _slopes(problem: Problem, vector: Array, widths: Array | None, known: Array 
 
 
 def _step(at: _Point, low: Array, high: Array, damping: float) -> tuple[Array, float]:
-    """The damped step inside the box, and by how much it promises to lower the cost."""
+    """The damped step inside the box, and by how much it promises to lower the cost.
+
+    It goes towards the least of the quadratic up to the first bound, and on along that: every
+    part of the way leads down.
+    """
     gradient, curvature = at.slopes.T @ at.errors, at.slopes.T @ at.slopes
     weights = np.diag(curvature) + 1e-12 * max(float(np.trace(curvature)), 1e-30)
+    damped = curvature + np.diag(damping * weights)
+    below, above = low - at.vector, high - at.vector
     step = np.zeros(len(gradient))
-    inside = ~(((at.vector <= low) & (gradient > 0.0)) | ((at.vector >= high) & (gradient < 0.0)))
+    inside = ~(((below >= 0.0) & (gradient > 0.0)) | ((above <= 0.0) & (gradient < 0.0)))
     while inside.any():
-        own = np.ix_(inside, inside)
-        damped = curvature[own] + np.diag(damping * weights[inside])
-        step[inside] = -np.linalg.lstsq(damped, gradient[inside], rcond=None)[0]
-        ahead = at.vector + step
-        outside = inside & ((ahead < low) | (ahead > high))
+        towards = (gradient + damped @ step)[inside]
+        move = np.zeros(len(step))
+        move[inside] = -np.linalg.lstsq(damped[np.ix_(inside, inside)], towards, rcond=None)[0]
+        ahead = step + move
+        outside = inside & ((ahead < below) | (ahead > above))
         if not outside.any():
+            step = ahead
             break
-        step[outside] = np.clip(ahead, low, high)[outside] - at.vector[outside]
-        # those on their bound stay there; what they do moves the gradient of the others
-        gradient = gradient + curvature[:, outside] @ step[outside]
-        inside &= ~outside
-    origin = at.slopes.T @ at.errors
-    return step, -float(step @ origin + 0.5 * step @ curvature @ step)
+        ends = np.where(move < 0.0, below, above)
+        parts = np.divide(ends - step, move, out=np.full(len(step), np.inf), where=outside)
+        step = step + float(parts.min()) * move
+        hit = outside & (parts == parts.min())
+        step[hit] = ends[hit]
+        inside &= ~hit
+    return step, -float(step @ gradient + 0.5 * step @ curvature @ step)
 
 
 def _moved(
