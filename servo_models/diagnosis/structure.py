@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,13 @@ class LeftOver:
     least: float
     noise: float
     total: float
+
+    def without(self, known: float) -> LeftOver:
+        """Return the same, less a structured part [noise floors] of which the reason is known."""
+        structured, least = (
+            math.sqrt(max(part**2 - known**2, 0.0)) for part in (self.structured, self.least)
+        )
+        return replace(self, structured=structured, least=least)
 
 
 def left_over(problem: Problem, evidence: Evidence) -> LeftOver:

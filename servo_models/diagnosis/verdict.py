@@ -9,6 +9,7 @@ import numpy as np
 from servo_models.diagnosis.belief import covering, probabilities
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.structure import left_over, missing, sure
 
 NO_GAP = "no-gap"
@@ -34,6 +35,8 @@ class Verdict:
         members: effects of the set that holds the cause with ``belief.COVERED``.
         rivals: explanations of that set, most likely first.
         rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
+        hunting: by how much the explanation differs from itself [RMS, noise floors], which says
+            nothing against it and is in no ``rest``.
     """
 
     kind: str
@@ -41,6 +44,7 @@ class Verdict:
     members: tuple[str, ...]
     rivals: tuple[Explanation, ...]
     rest: float = 0.0
+    hunting: float = 0.0
 
 
 def _rank(chance: float, alone: float | None) -> tuple[float, float]:
@@ -58,11 +62,12 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     if causes.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
-    left = left_over(taken.problem, taken.evidence)
+    hunting = unrepeatable(taken)
+    left = left_over(taken.problem, taken.evidence).without(hunting)
     lacking, rest = missing(left, gap), left.structured if sure(left) else 0.0
     if not taken.effects:
-        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest)
-    rivals = causes.singles if len(taken.effects) == 1 else causes.pairs
+        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)
+    rivals = causes.alike
     chances = probabilities(rivals, taken.problem.samples * rest**2)
     held = covering(chances)
     by_effect: dict[str, float] = {}
@@ -77,4 +82,4 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
         kind = OUTSIDE
     elif len(held) > FEW:
         kind = NOT_IDENTIFIABLE
-    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held), rest)
+    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held), rest, hunting)

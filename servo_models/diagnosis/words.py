@@ -157,6 +157,11 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             )
     if taken.effects and not taken.converged:
         said.append(f"the fit with {' and '.join(taken.effects)} did not converge")
+    if found.verdict.hunting:
+        said.append(
+            f"the response hunts: it differs by {found.verdict.hunting:.3g} noise floors from"
+            " itself with parameters that nobody could tell apart, so what is left says little"
+        )
     far = {name: by for name, by in moves(found).items() if abs(by) > SURPRISING}
     if far:
         each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in far.items())
