@@ -11,14 +11,14 @@ from tests.test_search_of_causes import made
 
 
 def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None:
-    bench, _ = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
+    bench, _ = made({"transport_delay.time": 1.1e-3, "drive_saturation.limit": 15.0})
     causes = find_causes(bench)
     verdict = decide(causes)
     assert verdict.kind == EFFECTS
-    assert set(causes.taken.effects) == {"coulomb_friction", "drive_saturation"}
-    assert verdict.chances["coulomb_friction"] > 0.995
+    assert set(causes.taken.effects) == {"transport_delay", "drive_saturation"}
+    assert verdict.chances["transport_delay"] > 0.995
     assert causes.singles[0].effects == ("drive_saturation",)
-    assert list(verdict.chances)[:2] == ["drive_saturation", "coulomb_friction"]
+    assert list(verdict.chances)[:2] == ["drive_saturation", "transport_delay"]
 
 
 def test_what_is_surely_missing_makes_near_equals_equal_and_no_more() -> None:

@@ -52,7 +52,7 @@ def found(
     parts = blocks(fitted.problem)
     empty = np.empty(0)
     taken = replace(fitted, evidence=Evidence(empty, after, after, parts))
-    causes = Causes(Evidence(empty, before, before, parts), fitted, [], [], taken, {})
+    causes = Causes(Evidence(empty, before, before, parts), fitted, [], [], [], taken, {})
     return {one.dimension: one for one in where(causes)}
 
 
@@ -176,7 +176,7 @@ def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Arr
         np.zeros(n, dtype=bool),
     )
     fitted = Bench(chosen, [log], (), dict.fromkeys(outputs, 1e-5), 1).fit((), ())
-    found = by_block(Causes(fitted.evidence, fitted, [], [], fitted, {}))
+    found = by_block(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert found is not None
     return found
 

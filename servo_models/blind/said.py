@@ -66,7 +66,7 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
 
 def _said(case: str, found: Diagnosis, seconds: float) -> Said:
     causes, verdict = found.causes, found.verdict
-    tried = sorted([*causes.singles, *causes.pairs], key=lambda one: one.evidence.rms)
+    tried = sorted([*causes.singles, *causes.pairs, *causes.more], key=lambda one: one.evidence.rms)
     return Said(
         case=case,
         verdict=verdict.kind,

@@ -6,16 +6,19 @@ each half has to earn its place, also under conditions that were left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import log
 
-from servo_models.diagnosis.candidates import candidates
+import numpy as np
+
+from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.conditions import carried_over
-from servo_models.diagnosis.evidence import Evidence, advantage, consistency
+from servo_models.diagnosis.evidence import Evidence
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
+    Seen,
     Tell,
     beside,
     best_of_each,
@@ -23,12 +26,17 @@ from servo_models.diagnosis.fits import (
     side_by_side,
     starts_of,
 )
-from servo_models.diagnosis.pairing import couples_of, halves_of
+from servo_models.diagnosis.further import further
+from servo_models.diagnosis.pairing import LESS, couples_of, halves_of, narrowed
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.staircases import shortlist
+from servo_models.diagnosis.worth import earns
 
-SINGLES = 10
-"""Effects fitted in full."""
+SINGLES, FIRST, QUIET = 10, 4, 4
+"""Effects fitted in full, those of them that are fitted first, and all of them where nominal
+parameters leave noise only."""
+PART = 0.5
+"""Part of what an effect closes that leaves noise only, which a look-alike has to promise."""
 STAIRCASES = 4
 """Those fitted of which the response is a staircase of the size, after a closer look."""
 FINALISTS, NEARLY = 5, 2.0
@@ -37,12 +45,6 @@ FINER, LONGER = 1e-6, 60
 """Relative tolerance and steps of these fits."""
 HALVED = 2
 """Pairs of which each half is tried alone again."""
-LIKELY = 20.0
-"""Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
-BY_CHANCE = 0.05
-"""Probability that so many blocks favour it by chance."""
-WORTH = 0.02
-"""Share of the error left [mean square] that an effect has to take away at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class Causes:
         before: the nominal model.
         retuned: nominal parameters alone.
         singles, pairs: explanations by one and by two effects, best first.
+        more: by as many as were taken, where that is more than two.
         taken: the explanation that earns its place.
         reach: how far each effect can move the outputs [noise floors].
     """
@@ -61,8 +64,14 @@ class Causes:
     retuned: Explanation
     singles: list[Explanation]
     pairs: list[Explanation]
+    more: list[Explanation]
     taken: Explanation
     reach: dict[str, float]
+
+    @property
+    def alike(self) -> list[Explanation]:
+        """Explanations by as many effects as were taken."""
+        return {1: self.singles, 2: self.pairs}.get(len(self.taken.effects), self.more)
 
 
 def find_causes(
@@ -71,7 +80,7 @@ def find_causes(
     tell: Tell | None = None,
     tolerance: float = 0.0,
 ) -> Causes:
-    """Explain a gap by nominal parameters, by one effect, or by two.
+    """Explain a gap by nominal parameters, by one effect, or by several.
 
     Args:
         bench: model, logs, priors and floors.
@@ -83,47 +92,86 @@ def find_causes(
     as_it_is = bench.unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
-        return Causes(before, as_it_is, [], [], as_it_is, {})
+        return Causes(before, as_it_is, [], [], [], as_it_is, {})
     say("re-tuning nominal parameters")
     bench = bench.surveyed()
     retuned = bench.finish(bench.fit((), ()))
     every = candidates(bench.model, bench.logs, left_out)
     bench = replace(bench, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
-    sights, reach = look((bench.view(), retuned.view), every)
     open_question = not settled(retuned)
-    singles = _singles(bench, retuned, sights, SINGLES, say)
-    if open_question and not settled(singles[0]):
-        say("looking closer at staircases")
-        closer, _ = look((retuned.view,), shortlist(bench, retuned, every))
-        singles += _singles(bench, retuned, closer, STAIRCASES, say)
-        singles = best_of_each(singles)
-        sights = sorted([*sights, *closer], key=lambda sight: sight.left)
-    couples = couples_of(bench, singles, sights, every, say) if open_question else []
-    singles = best_of_each([*singles, *halves_of(bench, couples[:HALVED])])
+    views = (bench.view(), retuned.view) if open_question else (retuned.view,)
+    sights, reach = look(views, every)
+    if open_question:
+        singles, sights = _singles(bench, retuned, sights, every, say)
+    else:
+        singles = _fitted(bench, retuned, starts_of(sights, QUIET), say)
+    near = narrowed(every, sights)
+    couples = couples_of(bench, singles, sights, near, say) if open_question else []
+    better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
+    singles = best_of_each([*singles, *halves_of(bench, better)])
     if open_question:
         say("fitting the best to the end")
-        singles, couples = _finals(bench, singles), _finals(bench, couples)
+        least = min(it.loss for it in (*singles, *couples))
+        singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
     taken = _taken(bench, retuned, singles, couples)
+    more = further(bench, taken, near, say) if len(taken.effects) > 1 else []
+    taken = more[0] if more else taken
     if taken is not retuned:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
-    return Causes(before, retuned, singles, couples, taken, reach)
+    return Causes(before, retuned, singles, couples, more, taken, reach)
 
 
 def _singles(
-    bench: Bench, retuned: Explanation, sights: Sequence[Sight], count: int, say: Tell
+    bench: Bench,
+    retuned: Explanation,
+    sights: list[Sight],
+    every: Sequence[Candidate],
+    say: Tell,
+) -> tuple[list[Explanation], list[Sight]]:
+    """Fits of the most promising effects, best first, and all that was seen of any.
+
+    Where one leaves noise only, the others are fitted if they may be its look-alikes.
+    """
+    smooth = list(starts_of([it for it in sights if not it.candidate.fine], SINGLES))
+    found = _fitted(bench, retuned, smooth[:FIRST], say)
+    found += _fitted(bench, retuned, _likely(smooth[FIRST:], retuned, found), say)
+    if any(map(settled, found)):
+        stairs = starts_of([it for it in sights if it.candidate.fine], STAIRCASES)
+        found += _fitted(bench, retuned, _likely(stairs, retuned, found), say)
+    else:
+        say("looking closer at staircases")
+        best = min([retuned, *found], key=lambda it: it.loss)
+        beside_it = bench.unfit((), (), best.values)
+        near = [it for it in sights if it.seen is retuned.view]
+        short = shortlist(bench, beside_it, every, near)
+        closer, _ = look((retuned.view, beside_it.view), short)
+        found += _fitted(bench, retuned, starts_of(closer, STAIRCASES), say)
+        sights = sorted([*sights, *closer], key=lambda sight: sight.left)
+    return best_of_each(found), sights
+
+
+def _likely(
+    starts: Iterable[Seen], retuned: Explanation, found: Sequence[Explanation]
+) -> Iterator[Seen]:
+    """Effects that promise enough to be a look-alike of one that leaves noise only."""
+    least = min((one.cost for one in found if settled(one)), default=-np.inf)
+    enough = retuned.cost + PART * (least - retuned.cost) if np.isfinite(least) else np.inf
+    return ((name, own) for name, own in starts if own[0].left < enough)
+
+
+def _fitted(
+    bench: Bench, retuned: Explanation, starts: Iterable[Seen], say: Tell
 ) -> list[Explanation]:
-    """Fits of the most promising effects, best first."""
-    tasks = []
-    for name, own in starts_of(sights, count):
-        tasks.append((name, partial(beside, first=retuned, own=own)))
-    return sorted(side_by_side(bench, tasks, say), key=lambda one: one.loss)
+    """Fits of some effects, best first."""
+    tasks = [(name, partial(beside, first=retuned, own=own)) for name, own in starts]
+    return best_of_each(side_by_side(bench, tasks, say))
 
 
-def _finals(bench: Bench, found: Sequence[Explanation]) -> list[Explanation]:
-    """The same with those near the best fitted on: a short search may have stopped short."""
-    near = [it for it in found[:FINALISTS] if it.loss < NEARLY * found[0].loss]
+def _finals(bench: Bench, found: Sequence[Explanation], least: float) -> list[Explanation]:
+    """The same with those near the least loss fitted on: a search may have stopped short."""
+    near = [it for it in found[:FINALISTS] if it.loss < NEARLY * least]
     further = [bench.again(it, FINER, LONGER) for it in near if not settled(it)]
     return best_of_each([*further, *found])
 
@@ -134,22 +182,12 @@ def _taken(
     singles: Sequence[Explanation],
     couples: Sequence[Explanation],
 ) -> Explanation:
-    best = singles[0] if singles and _better(singles[0], retuned) else retuned
+    best = singles[0] if singles and earns(singles[0], retuned) else retuned
     lost: float | None = None
     for couple in couples:
         halves = [one for one in singles if set(one.effects) <= set(couple.effects)]
-        if _better(couple, best) and all(_better(couple, half) for half in halves):
+        if earns(couple, best) and all(earns(couple, half) for half in halves):
             lost = carried_over(bench, best) if lost is None else lost
             if carried_over(bench, couple) <= lost:
                 return couple
     return best
-
-
-def _better(one: Explanation, other: Explanation) -> bool:
-    """Whether ``one`` earns its further parameters."""
-    saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
-    return (
-        saved > WORTH
-        and advantage(one.evidence, other.evidence) > LIKELY
-        and consistency(one.evidence, other.evidence) < BY_CHANCE
-    )

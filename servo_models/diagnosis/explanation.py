@@ -151,7 +151,7 @@ class Bench:
 
     def widths(self, problem: Problem) -> Array | None:
         """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
-        stepwise = _stepwise(problem)
+        stepwise = staircases_of(problem)
         if not self.rough and not stepwise:
             return None
         other = COARSE if stepwise else max(self.rough.values())
@@ -176,8 +176,7 @@ class Bench:
             return self._judged(effects, problem, problem.start, converged=True)
         begin = [(start or {}).get(free.name, free.start) for free in problem.free]
         vector = np.array(begin) / problem.scales
-        vector, met = self._descend(problem, vector, ENOUGH, STEPS, known)
-        return self._judged(effects, problem, vector, met)
+        return self._judged(effects, problem, *self._descend(problem, vector, ENOUGH, STEPS, known))
 
     def unfit(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
@@ -206,19 +205,24 @@ class Bench:
     ) -> Explanation:
         """Fit once more from where a fit has ended."""
         problem = found.problem
-        vector, met = self._descend(problem, found.evidence.vector, tolerance, limit)
-        return self._judged(found.effects, problem, vector, met)
+        ended = self._descend(problem, found.evidence.vector, tolerance, limit)
+        return self._judged(found.effects, problem, *ended)
 
     def finish(self, found: Explanation) -> Explanation:
         """Fit to the end: what the logs leave open goes back to its prior."""
         return self.again(found, EXACT, PATIENT) if found.problem.free else found
 
     def _judged(
-        self, effects: tuple[str, ...], problem: Problem, vector: Array, converged: bool
+        self,
+        effects: tuple[str, ...],
+        problem: Problem,
+        vector: Array,
+        converged: bool,
+        slopes: Array | None = None,
     ) -> Explanation:
         widths = self.widths(problem)
-        seen = view(problem, vector, widths)
-        evidence = judge(problem, seen, blocks(problem), _stepwise(problem))
+        seen = view(problem, vector, widths, slopes)
+        evidence = judge(problem, seen, blocks(problem), staircases_of(problem))
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
         return Explanation(effects, problem, seen, evidence, converged, chance, widths)
@@ -230,16 +234,16 @@ class Bench:
         tolerance: float,
         limit: int,
         known: Array | None = None,
-    ) -> tuple[Array, bool]:
+    ) -> tuple[Array, bool, Array | None]:
         """Least squares; sizes on which the response is a staircase are tried out beside it."""
-        widths, stepwise = self.widths(problem), _stepwise(problem)
+        widths, stepwise = self.widths(problem), staircases_of(problem)
         vector = np.clip(start, *problem.bounds)
         if stepwise:
             vector, known = _sharpened(problem, vector, stepwise, widths, WIDE), None
-        vector, met = descend(problem, vector, tolerance, limit, widths, known)
+        vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
         if stepwise:
-            vector = _sharpened(problem, vector, stepwise, widths, NARROW)
-        return vector, met
+            return _sharpened(problem, vector, stepwise, widths, NARROW), met, None
+        return vector, met, slopes
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:
@@ -256,7 +260,7 @@ def _strangeness(problem: Problem, vector: Array) -> float:
     return float(found)
 
 
-def _stepwise(problem: Problem) -> list[int]:
+def staircases_of(problem: Problem) -> list[int]:
     """Which free parameters are sizes on which the response is a staircase."""
     plant, found = problem.model.plant, []
     for i, free in enumerate(problem.free):

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight
+from servo_models.diagnosis.starts import best_start
 from servo_models.diagnosis.structure import left_over
 from servo_models.identification.problem import Free, map_on
 
@@ -17,8 +16,12 @@ Tell = Callable[[str], None]
 Task = tuple[str, Callable[[Bench], Explanation]]
 """What is fitted, in words, and how."""
 
-STARTS = 2
-"""Sizes from which the fit of an effect begins, while it leaves more than was promised."""
+Seen = tuple[str, list[Sight]]
+"""An effect, and the sizes at which it was seen that promise most."""
+
+TRIED, STARTS = 5, 2
+"""Sizes of an effect that are simulated where a look puts the other parameters, and those from
+which its fit begins, while it leaves more than was promised."""
 PROMISED = 1.1
 """Squared errors over those that a look has promised, above which another start is made."""
 AGAIN, HALF, SLOWLY = 4, 0.5, 0.98
@@ -31,19 +34,21 @@ SETTLED = 0.3
 def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
     """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
 
-    It begins again from the next of them while it leaves more than a look has promised.
+    It begins where least is left, and again from the next while a look has promised less.
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
     best: Explanation | None = None
-    for sight in own:
-        extra = [*kept, *sight.candidate.at(sight.settings)]
-        found = bench.fit(effects, extra, sight.start, sight.seen.slopes)
-        found = _followed(bench, found, kept, sight.candidate)
+    begins = sorted((best_start([sight]) for sight in own), key=lambda it: it.cost)
+    for begin in begins[:STARTS]:
+        (sight,) = begin.sights
+        found = bench.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
+        if found.cost < first.cost:
+            found = _followed(bench, found, kept, sight.candidate)
         found = _polished(bench, found, first) if sight.candidate.fine else found
         if best is None or found.cost < best.cost:
             best = found
-        if best.cost < PROMISED * sight.left:
+        if best.cost < PROMISED * min(it.left for it in own):
             break
     assert best
     return best
@@ -100,10 +105,8 @@ def side_by_side(bench: Bench, tasks: Sequence[Task], say: Tell) -> Iterator[Exp
 def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:
     """Fit effects that were seen together."""
     names = tuple(sight.candidate.name for sight in pair)
-    extra = [free for sight in pair for free in sight.candidate.at(sight.settings)]
-    seen = pair[0].seen
-    start = seen.start(sum((sight.whole for sight in pair), np.zeros(1)))
-    return bench.fit(names, extra, start, seen.slopes)
+    begin = best_start(pair)
+    return bench.fit(names, begin.free, begin.values, pair[0].seen.slopes)
 
 
 def settled(explanation: Explanation) -> bool:
@@ -124,7 +127,7 @@ def names_of(sights: Iterable[Sight]) -> list[str]:
     return list(dict.fromkeys(sight.candidate.name for sight in sights))
 
 
-def starts_of(sights: Sequence[Sight], count: int) -> Iterator[tuple[str, list[Sight]]]:
+def starts_of(sights: Sequence[Sight], count: int) -> Iterator[Seen]:
     """The effects seen first, each with the sizes from which its fit begins."""
     for name in names_of(sights)[:count]:
-        yield name, [sight for sight in sights if sight.candidate.name == name][:STARTS]
+        yield name, [sight for sight in sights if sight.candidate.name == name][:TRIED]

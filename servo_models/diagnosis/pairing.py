@@ -6,11 +6,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
+    Seen,
     Task,
     Tell,
     beside,
@@ -29,7 +28,7 @@ FIRSTS, SECONDS, PAIRS = 3, 4, 4
 PROMISING = 0.95
 """Squared errors of a pair, as a look predicts them, over those of one effect."""
 KEPT = 6
-"""Sizes of a staircase or a ripple at which it is seen again beside another effect."""
+"""Sizes at which an effect is seen again beside another one."""
 SHOWN = 40
 """Sizes of a staircase that are all looked at."""
 LESS = 0.98
@@ -60,70 +59,77 @@ def couples_of(
     for pair in seen:
         names = names_of(pair)
         tasks[frozenset(names)] = " and ".join(names), partial(together, pair=pair)
-    nearer = [_nearer(one, sights) for one in every]
+    share, count = (LESS, FEW) if explained else (PROMISING, SECONDS)
     for first in singles[: 1 if explained else FIRSTS]:
-        enough = np.inf if explained else PROMISING * first.cost
-        for name, own in _seconds(first, nearer, enough, FEW if explained else SECONDS):
-            names = [*first.effects, name]
-            task = " and ".join(names), partial(beside, first=first, own=own)
-            tasks.setdefault(frozenset(names), task)
+        for name, own in promising(first, every, share * first.cost, count):
+            tasks.setdefault(frozenset((*first.effects, name)), added(first, name, own))
     found = best_of_each(side_by_side(bench, list(tasks.values()), say))
     if found and found[0].loss < LESS * singles[0].loss:
-        found = best_of_each([*found, *_swapped(bench, found[0], nearer, say)])
+        found = best_of_each([*found, *swapped(bench, found[0], every, say)])
     return found
 
 
-def _seconds(
-    first: Explanation, every: Sequence[Candidate], enough: float, count: int
-) -> Iterator[tuple[str, list[Sight]]]:
-    """Effects that look promising beside some others, with the sizes to begin from."""
+def promising(
+    first: Explanation, every: Iterable[Candidate], enough: float, count: int
+) -> Iterator[Seen]:
+    """Effects that promise to leave less than enough beside others, and sizes to begin from."""
     others = [one for one in every if one.name not in first.effects]
     seen = [sight for sight in look((first.view,), others)[0] if sight.left < enough]
     yield from starts_of(seen, count)
 
 
-def _swapped(
-    bench: Bench, couple: Explanation, every: Sequence[Candidate], say: Tell
-) -> list[Explanation]:
-    """Pairs in which one effect of a pair is kept as it is, and the other is sought again.
+def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
+    """The fit of an effect beside those of ``first``."""
+    return " and ".join((*first.effects, name)), partial(beside, first=first, own=own)
 
-    From there the other may look different: another size, or another effect.  Where nothing is
-    left to explain, those that do as well belong to the set that cannot be told apart.
+
+def swapped(
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell
+) -> list[Explanation]:
+    """Explanations in which one effect is sought again, the others kept as they are.
+
+    Beside them it may look different: another size, or another effect.  Where nothing is left
+    to explain, those that do as well belong to the set that cannot be told apart.
     """
-    done = settled(couple)
+    done = settled(found)
     enough, count = (ALIKE, LOOKALIKES) if done else (PROMISING, SWAPS)
-    others = [one for one in every if not done or one.name not in couple.effects]
+    others = [one for one in every if not done or one.name not in found.effects]
     tasks: list[Task] = []
-    for kept in couple.effects:
-        stays = bench.unfit((kept,), _own(couple, kept), couple.values)
-        for name, own in _seconds(stays, others, enough * couple.cost, count):
-            tasks.append((f"{kept} and {name} again", partial(beside, first=stays, own=own)))
+    for name in found.effects:
+        stays = bench.unfit(*_without(found, name), found.values)
+        for other, own in promising(stays, others, enough * found.cost, count):
+            tasks.append(added(stays, other, own))
     return list(side_by_side(bench, tasks, say))
 
 
-def _own(couple: Explanation, name: str) -> list[Free]:
-    """Free parameters of one effect of a pair."""
-    free = couple.problem.free
-    return [it for it in free if it.prior is None and it.name.startswith(f"{name}.")]
+def without(bench: Bench, found: Explanation, name: str) -> Explanation:
+    """The fit without one of some effects, begun where that with it has ended."""
+    return bench.fit(*_without(found, name), found.values)
+
+
+def _without(found: Explanation, name: str) -> tuple[tuple[str, ...], list[Free]]:
+    """The other effects and their free parameters."""
+    effects = tuple(it for it in found.effects if it != name)
+    own = {free.name: free.name.rpartition(".")[0] for free in found.problem.free}
+    return effects, [it for it in found.problem.free if it.prior is None and own[it.name] != name]
 
 
 def halves_of(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]:
     """Each effect of a pair alone, begun where the pair has ended: it may suffice."""
-    found = []
-    for couple in couples:
-        for name in couple.effects:
-            found.append(bench.fit((name,), _own(couple, name), couple.values))
-    return found
+    return [without(bench, couple, name) for couple in couples for name in couple.effects]
 
 
-def _nearer(one: Candidate, sights: Sequence[Sight]) -> Candidate:
-    """Of the many sizes of a staircase or a ripple, those that were promising once.
+def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candidate]:
+    """Of the many sizes of each effect, those that were promising once.
 
     The few that a code histogram shows are good beside any other effect.
     """
-    if not (one.fine or one.ripple):
-        return one
-    keys = one.sizes[0].keys()
-    own = [sight.settings for sight in sights if sight.candidate.name == one.name][:KEPT]
-    shown = one.fine if len(one.fine) <= SHOWN else ()
-    return replace(one, sizes=(*({key: it[key] for key in keys} for it in own), *shown))
+    found = []
+    for one in every:
+        phase = one.ripple[1] if one.ripple else None
+        own = [sight.settings for sight in sights if sight.candidate.name == one.name]
+        bare = ({key: value for key, value in it.items() if key != phase} for it in own)
+        sizes = list({tuple(it.items()): it for it in bare}.values())[:KEPT] or one.sizes
+        shown = one.fine if len(one.fine) <= SHOWN else ()
+        found.append(replace(one, sizes=(*sizes, *shown)))
+    return found

@@ -8,16 +8,17 @@ sizes replace its derivative, since many effects have none at 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import chain
 from math import atan2, hypot, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.errors import UserError
+from servo_models.diagnosis.sizes import Settings
 from servo_models.identification.problem import Problem, map_on
 
 Array = NDArray[np.float64]
@@ -26,8 +27,9 @@ STRETCH = 1.6
 """A difference counts up to this much larger than simulated, since sizes are a grid."""
 EACH = 3
 """Sizes of each effect that take part in pairs."""
-CORRECTIONS = 2
-"""Times that other parameters are corrected before a staircase is judged."""
+CORRECTIONS, BESIDE, GROUP = 2, 1.05, 32
+"""Times that other parameters are corrected before a staircase is judged, and sizes, relative to
+each other, so near that once is enough; so many of them are looked at one after another."""
 LARGEST = 10.0
 """The same for a ripple, of which one size is looked at."""
 
@@ -71,6 +73,11 @@ class View:
         step = -self._inverse @ (self.errors + whole)
         return self.problem.values(np.clip(self.vector + step, *self.problem.bounds))
 
+    def cost(self, values: Mapping[str, float]) -> float:
+        """Return the squared errors, priors included, that are left with these values [SI]."""
+        errors = self.problem.errors_with({**self.problem.values(self.vector), **values})
+        return float(errors @ errors)
+
 
 @dataclass(frozen=True, eq=False)
 class Sight:
@@ -80,28 +87,43 @@ class Sight:
         seen: from where.
         candidate: the effect.
         settings: its parameters [SI].
-        whole: difference that it makes, in noise floors, shape (m + priors,).
-        difference: the same without what nominal parameters can imitate.
+        share: of the difference, by which it explains most; 1 where it cannot be shared.
+        whole: that share of the difference it makes, in noise floors, shape (m + priors,).
+        difference: all of it, without what nominal parameters can imitate.
         left: squared errors that would remain.
     """
 
     seen: View
     candidate: Candidate
     settings: dict[str, float]
+    share: float
     whole: Array
     difference: Array
     left: float
 
-    @property
-    def start(self) -> dict[str, float]:
-        """Estimates [SI] of the other parameters beside the effect."""
-        return self.seen.start(self.whole)
+    def at(self, scale: float) -> dict[str, float]:
+        """Return the settings with the size so many times as large, inside its bounds."""
+        switches = {
+            free.name: free
+            for free in self.candidate.free
+            if self.seen.problem.model.plant.parameters[free.name].param.switch
+        }
+        return {
+            name: min(max(scale * value, switches[name].low), switches[name].high)
+            if name in switches
+            else value
+            for name, value in self.settings.items()
+        }
 
 
-def view(problem: Problem, vector: Array, widths: Array | None = None) -> View:
-    """Return the view from a fit; slopes are taken over ``widths`` [scales], shape (p,)."""
+def view(
+    problem: Problem, vector: Array, widths: Array | None = None, slopes: Array | None = None
+) -> View:
+    """Return the view from a fit; unknown slopes are taken over ``widths`` [scales], shape (p,)."""
     errors = problem.latest(vector)
-    return View(problem, vector, errors, problem.jacobian(vector, widths))
+    if slopes is None:
+        slopes = problem.jacobian(vector, widths)
+    return View(problem, vector, errors, slopes)
 
 
 def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight], dict[str, float]]:
@@ -116,12 +138,11 @@ def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight]
     for seen in views:
         problem, left = seen.problem, seen.left
         base = problem.values(seen.vector)
-        tasks = [(one, size) for one in every for size in one.sizes]
+        tasks = [(one, sizes) for one in every for sizes in _neighbours(one)]
         simulate = partial(_differences, seen, base)
         found = map_on(problem.jobs, simulate, tasks)
-        for (one, size), columns in zip(tasks, found):
-            if columns is None:
-                continue
+        every_size = [(one, size) for one, sizes in tasks for size in sizes]
+        for (one, size), columns in zip(every_size, chain.from_iterable(found)):
             sight = _sight(seen, left, one, size, columns)
             moved = float(np.sqrt(np.sum(sight.difference**2) / max(problem.samples, 1)))
             reach[one.name] = max(reach[one.name], moved)
@@ -183,56 +204,67 @@ def _sight(
         size = settings[switch] * min(hypot(sine, cosine), LARGEST)
         settings = {**settings, switch: size, phase: atan2(cosine, sine)}
         columns, rest = (part @ [sine, cosine] for part in (columns, rest))
-        return Sight(seen, one, settings, columns, rest, _left(left, rest, 1.0))
+        return Sight(seen, one, settings, 1.0, columns, rest, _left(left, rest, 1.0))
     whole, rest = columns[:, 0], rest[:, 0]
     share = 1.0 if one.fine else _share(left, rest)
-    return Sight(seen, one, settings, share * whole, rest, _left(left, rest, share))
+    return Sight(seen, one, settings, share, share * whole, rest, _left(left, rest, share))
+
+
+def _neighbours(one: Candidate) -> list[list[Settings]]:
+    """Sizes of an effect that are simulated one after another: those of a staircase that are
+    near each other, since one tells where the other parameters are at the next."""
+    if not one.fine:
+        return [[size] for size in one.sizes]
+    found: list[list[Settings]] = []
+    for size in sorted(one.sizes, key=lambda it: max(it.values())):
+        last = found[-1][-1] if found and len(found[-1]) < GROUP else None
+        if last and max(size.values()) < BESIDE * max(last.values()):
+            found[-1].append(size)
+        else:
+            found.append([size])
+    return found
 
 
 def _differences(
-    seen: View, base: dict[str, float], task: tuple[Candidate, dict[str, float]]
-) -> Array | None:
-    """Changes of the weighted errors by an effect at a size, shape (m + priors, 1 or 2)."""
-    one, size = task
+    seen: View, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+) -> list[Array]:
+    """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
+    one, sizes = task
+    if not one.fine:
+        return [_simulated(seen, base, one, size) for size in sizes]
+    whole = _difference(seen, {**base, **sizes[0]})
+    for _ in range(CORRECTIONS - 1):
+        whole = _corrected(seen, sizes[0], whole)
+    found = []
+    for size in sizes:
+        whole = _corrected(seen, size, whole)
+        found.append(whole[:, None])
+    return found
+
+
+def _simulated(seen: View, base: Settings, one: Candidate, size: Settings) -> Array:
+    """The change by an effect; of a ripple, those by its sine and by its cosine."""
     phases = (0.0, pi / 2.0) if one.ripple else ()
     probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
-    found = [_difference(seen, {**base, **probe}) for probe in probes]
-    for _ in range(CORRECTIONS if one.fine else 0):
-        found = [_corrected(seen, size, it) for it in found]
-    known = [it for it in found if it is not None]
-    return np.column_stack(known) if len(known) == len(found) else None
+    return np.column_stack([_difference(seen, {**base, **probe}) for probe in probes])
 
 
-def _corrected(seen: View, size: dict[str, float], whole: Array | None) -> Array | None:
+def _corrected(seen: View, size: Settings, whole: Array) -> Array:
     """A change by an effect once more, from where it would take the other parameters."""
-    if whole is None:
-        return None
     start = seen.start(whole)
     again = _difference(seen, {**start, **size})
-    if again is None:
-        return None
     vector = np.array(list(start.values())) / seen.problem.scales
     again -= seen.slopes @ (vector - seen.vector)
     again[seen.problem.samples :] = 0.0
     return again
 
 
-def _difference(seen: View, values: dict[str, float]) -> Array | None:
+def _difference(seen: View, values: dict[str, float]) -> Array:
     """Change of the weighted errors; the priors do not change."""
     problem = seen.problem
-    try:
-        parts = [
-            problem.errors(run, values)[run.fitted].T.ravel()
-            for run in problem.runs
-            if run.fitted.any()
-        ]
-    except UserError:
-        return None
-    changed = np.concatenate(parts)
-    if not np.isfinite(changed).all():
-        return None
-    priors = np.zeros(len(seen.errors) - len(changed))
-    return np.concatenate([changed - seen.errors[: len(changed)], priors])
+    changed = problem.errors_with(values) - seen.errors
+    changed[problem.samples :] = 0.0
+    return changed
 
 
 def _orthonormal(slopes: Array) -> Array:

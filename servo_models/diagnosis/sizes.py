@@ -30,7 +30,7 @@ RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
 FINE = {
-    "quantisation": tuple(0.2 * 1.02**k for k in range(256)),
+    "quantisation": tuple(0.2 * 1.01**k for k in range(510)),
     "sample_hold": tuple(0.15 * 1.02**k for k in range(214)),
     "dead_band": tuple(0.05 * 1.06**k for k in range(91)),
 }

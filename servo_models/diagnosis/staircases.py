@@ -7,45 +7,84 @@ are near it; the whole logs then tell them apart.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from math import exp, log
 
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.screening import look, view
+from servo_models.diagnosis.screening import Sight, look, view
 from servo_models.diagnosis.sizes import Settings
 from servo_models.recording import Log
 
 SHORT = 2000
 """Samples of the part of the logs that is looked at first."""
-APART = 0.0025
-"""Relative distance of the sizes that are looked at first, at least."""
+APART, NEARER = 0.0025, 0.0015
+"""Relative distance of the sizes that are looked at first, at least, and of those after these
+have shown something."""
+SHOWN, AROUND = 0.7, 2.0
+"""Share of what is left that the best of them has to leave at most for that, and factor around
+it: a needle may lie beside what resembles it."""
+WEAK, STRONG = 0.1, 10.0
+"""What a staircase moves over what is left to explain, between which it may be the cause."""
 LISTED = 6
 """Sizes that are looked at with the whole logs, and their neighbours that only these tell apart."""
 
 
 def shortlist(
-    bench: Bench, first: Explanation, every: Sequence[Candidate]
+    bench: Bench, first: Explanation, every: Sequence[Candidate], seen: Sequence[Sight] = ()
 ) -> tuple[Candidate, ...]:
-    """Return the staircases among some effects, with the sizes that look best beside ``first``."""
+    """Return the staircases among some effects, with the sizes that look best beside ``first``.
+
+    What was ``seen`` of them tells how much a size moves.
+    """
     stairs = {one.name: one for one in every if one.fine and one.name not in first.effects}
     if not stairs:
         return ()
     brief = replace(bench, logs=shortened(bench.logs))
     problem = brief.problem([free for free in first.problem.free if free.prior is None])
-    seen = view(problem, first.evidence.vector, first.widths)
+    here = view(problem, first.evidence.vector, first.widths)
     short = [one for one in candidates(bench.model, brief.logs) if one.name in stairs]
-    grids = {one.name: (*stairs[one.name].sizes, *_thinned(one.fine)) for one in short}
-    sights, _ = look((seen,), [replace(one, sizes=grids[one.name]) for one in short])
     found = []
-    for name, one in stairs.items():
-        best = [sight.settings for sight in sights if sight.candidate.name == name][:LISTED]
-        near = [it for size in best for it in (size, *_between(one.fine, grids[name], size))]
-        sizes = {tuple(it.items()): it for it in near}
-        found.append(replace(one, sizes=tuple(sizes.values())))
+    for one in short:
+        full = stairs[one.name]
+        grid = [*full.sizes, *_thinned(_fitting(one.fine, one.name, seen))]
+        sights, _ = look((here,), [replace(one, sizes=tuple(grid))])
+        shown = bool(sights) and sights[0].left < SHOWN * float(here.left @ here.left)
+        if shown:
+            nearer = _about(sights[0].settings)
+            sights += look((here,), [replace(one, sizes=tuple(nearer))])[0]
+            grid += nearer
+        best = [it.settings for it in sorted(sights, key=lambda it: it.left)[:LISTED]]
+        near = [it for size in best for it in _between(full.fine, grid, size)] if shown else []
+        sizes = {tuple(it.items()): it for it in (*best, *near)}
+        found.append(replace(full, sizes=tuple(sizes.values())))
     return tuple(found)
+
+
+def _about(best: Settings) -> list[Settings]:
+    """Sizes within a factor of the best."""
+    ((switch, size),) = best.items()
+    most = log(AROUND)
+    return [{switch: size * exp(step)} for step in np.arange(-most, most, NEARER)]
+
+
+def _fitting(sizes: Sequence[Settings], name: str, seen: Iterable[Sight]) -> Sequence[Settings]:
+    """Sizes that move about as much as there is left to explain."""
+    own = {
+        max(it.settings.values()): np.linalg.norm(it.difference) / np.linalg.norm(it.seen.left)
+        for it in seen
+        if it.candidate.name == name
+    }
+    if not own:
+        return sizes
+    known = sorted(own)
+    moved = np.log([own[size] for size in known])
+    wanted = np.log([max(it.values()) for it in sizes])
+    found = np.interp(wanted, np.log(known), moved)
+    return [it for it, size in zip(sizes, found) if log(WEAK) < size < log(STRONG)]
 
 
 def shortened(logs: Sequence[Log], samples: int = SHORT) -> tuple[Log, ...]:

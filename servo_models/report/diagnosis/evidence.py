@@ -39,6 +39,10 @@ def section(found: Diagnosis) -> Section | None:
     if causes.pairs:
         pictures.append(_picture(found, causes.pairs, "pairs", "What two effects leave"))
         tables.append(_table(found, causes.pairs, "Pairs of effects"))
+    if causes.more:
+        title = f"What {len(causes.taken.effects)} effects leave"
+        pictures.append(_picture(found, causes.more, "more", title))
+        tables.append(_table(found, causes.more, "More effects together"))
     return Section(
         "evidence",
         TITLE,

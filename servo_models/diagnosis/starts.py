@@ -1,0 +1,54 @@
+"""From where a fit begins: of what looks suggest, what leaves least once it is simulated.
+
+A look is straight: it takes a share of the difference that an effect makes at one size, and
+moves the other parameters along their slopes.  The effect at that size, at the share of it, and
+the other parameters there are simulated before a fit of dozens of simulations begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from servo_models.diagnosis.screening import Sight
+from servo_models.identification.problem import Free
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a fit may begin.
+
+    Attributes:
+        sights: of the effects that are fitted together.
+        free: their parameters, with their starts.
+        values: estimates [SI] of the other parameters.
+        cost: squared errors that are left there, priors included.
+    """
+
+    sights: tuple[Sight, ...]
+    free: tuple[Free, ...]
+    values: dict[str, float]
+    cost: float
+
+
+def best_start(sights: Sequence[Sight]) -> Start:
+    """Return the best start of effects that are fitted together, each seen at one size."""
+    options = [(1.0,) if it.share in (0.0, 1.0) else (1.0, it.share) for it in sights]
+    return min((_start(sights, scales) for scales in product(*options)), key=lambda it: it.cost)
+
+
+def _start(sights: Sequence[Sight], scales: Sequence[float]) -> Start:
+    """The start with the effects at so many times the sizes at which they were seen."""
+    seen = sights[0].seen
+    free = tuple(one for it, scale in zip(sights, scales) for one in it.candidate.at(it.at(scale)))
+    own = {it.name: it.start for it in free}
+    full = [scale / it.share if it.share else 0.0 for it, scale in zip(sights, scales)]
+    found = []
+    for shares in dict.fromkeys((tuple(full), (1.0,) * len(sights), (0.0,) * len(sights))):
+        whole = np.sum([share * it.whole for it, share in zip(sights, shares)], axis=0)
+        values = seen.start(whole)
+        found.append(Start(tuple(sights), free, values, seen.cost({**values, **own})))
+    return min(found, key=lambda it: it.cost)

@@ -1,0 +1,26 @@
+"""Whether an explanation earns its further parameters."""
+
+from __future__ import annotations
+
+from servo_models.diagnosis.evidence import advantage, consistency
+from servo_models.diagnosis.explanation import Explanation
+
+LIKELY = 20.0
+"""Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
+BY_CHANCE = 0.05
+"""Probability that so many blocks favour it by chance."""
+WORTH = 0.02
+"""Share of the error left [mean square] that an effect has to take away at least."""
+
+
+def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
+    """Return whether ``one`` predicts what its fit has not seen surely better than ``other``.
+
+    ``worth`` is the share of the squared errors that it has to take away.
+    """
+    saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
+    return (
+        saved > worth
+        and advantage(one.evidence, other.evidence) > LIKELY
+        and consistency(one.evidence, other.evidence) < BY_CHANCE
+    )
