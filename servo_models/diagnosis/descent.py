@@ -143,13 +143,13 @@ def _step(at: _Point, low: Array, high: Array, damping: float) -> tuple[Array, f
         move = np.zeros(len(step))
         move[inside] = -np.linalg.lstsq(damped[np.ix_(inside, inside)], towards, rcond=None)[0]
         ahead = step + move
-        outside = inside & ((ahead < below) | (ahead > above))
+        outside = ((move < 0.0) & (ahead < below)) | ((move > 0.0) & (ahead > above))
         if not outside.any():
             step = ahead
             break
         ends = np.where(move < 0.0, below, above)
         parts = np.divide(ends - step, move, out=np.full(len(step), np.inf), where=outside)
-        step = step + float(parts.min()) * move
+        step = step + max(float(parts.min()), 0.0) * move
         hit = outside & (parts == parts.min())
         step[hit] = ends[hit]
         inside &= ~hit

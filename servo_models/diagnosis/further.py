@@ -44,7 +44,7 @@ def further(
         fewer, taken, tried = taken, _needed(bench, better), found
     if taken is fewer:
         return []
-    every_one = best_of_each([taken, *tried, *swapped(bench, taken, every, say)])
+    every_one = best_of_each([taken, *tried, *swapped(bench, taken, every, say, False)])
     alike = [it for it in every_one if len(it.effects) == len(taken.effects)]
     names = frozenset(taken.effects)
     first = next(it for it in alike if frozenset(it.effects) == names or _belongs(bench, it, fewer))

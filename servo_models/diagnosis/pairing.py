@@ -21,6 +21,7 @@ from servo_models.diagnosis.fits import (
     together,
 )
 from servo_models.diagnosis.screening import Sight, look, pairs
+from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free
 
 FIRSTS, SECONDS, PAIRS = 3, 4, 4
@@ -31,8 +32,9 @@ KEPT = 6
 """Sizes at which an effect is seen again beside another one."""
 SHOWN = 40
 """Sizes of a staircase that are all looked at."""
-LESS = 0.98
-"""Loss of a pair over that of one effect, from which the pair is worth more fits."""
+LESS, ANEW = 0.98, 0.7
+"""Loss of a pair over that of one effect, from which the pair is worth more fits, and new lists of
+the sizes of staircases."""
 SWAPS, LOOKALIKES = 3, 8
 """Effects that are tried in the place of one of a pair, while something is left to explain and
 after."""
@@ -65,7 +67,8 @@ def couples_of(
             tasks.setdefault(frozenset((*first.effects, name)), added(first, name, own))
     found = best_of_each(side_by_side(bench, list(tasks.values()), say))
     if found and found[0].loss < LESS * singles[0].loss:
-        found = best_of_each([*found, *swapped(bench, found[0], every, say)])
+        anew = found[0].loss < ANEW * singles[0].loss
+        found = best_of_each([*found, *swapped(bench, found[0], every, say, anew)])
     return found
 
 
@@ -84,12 +87,13 @@ def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
 
 
 def swapped(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell, anew: bool
 ) -> list[Explanation]:
     """Explanations in which one effect is sought again, the others kept as they are.
 
-    Beside them it may look different: another size, or another effect.  Where nothing is left
-    to explain, those that do as well belong to the set that cannot be told apart.
+    Beside them it may look different: another size, or another effect; those of staircases are
+    listed ``anew`` if that is worth it.  Where nothing is left to explain, those that do as well
+    belong to the set that cannot be told apart.
     """
     done = settled(found)
     enough, count = (ALIKE, LOOKALIKES) if done else (PROMISING, SWAPS)
@@ -97,8 +101,12 @@ def swapped(
     tasks: list[Task] = []
     for name in found.effects:
         stays = bench.unfit(*_without(found, name), found.values)
-        for other, own in promising(stays, others, enough * found.cost, count):
-            tasks.append(added(stays, other, own))
+        seen, _ = look((stays.view,), [it for it in others if it.name not in stays.effects])
+        if anew and not done:
+            closer = shortlist(bench, stays, others, seen)
+            seen = sorted([*seen, *look((stays.view,), closer)[0]], key=lambda it: it.left)
+        likely = [it for it in seen if it.left < enough * found.cost]
+        tasks += [added(stays, other, own) for other, own in starts_of(likely, count)]
     return list(side_by_side(bench, tasks, say))
 
 
