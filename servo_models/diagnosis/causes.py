@@ -55,7 +55,7 @@ class Causes:
         before: the nominal model.
         retuned: nominal parameters alone.
         singles, pairs: explanations by one and by two effects, best first.
-        more: by as many as were taken, where that is more than two.
+        more: by as many as were taken, where further ones were added to a pair.
         taken: the explanation that earns its place.
         reach: how far each effect can move the outputs [noise floors].
     """
@@ -71,7 +71,7 @@ class Causes:
     @property
     def alike(self) -> list[Explanation]:
         """Explanations by as many effects as were taken."""
-        return {1: self.singles, 2: self.pairs}.get(len(self.taken.effects), self.more)
+        return self.more or (self.pairs if len(self.taken.effects) == 2 else self.singles)
 
 
 def find_causes(

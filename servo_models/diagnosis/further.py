@@ -41,10 +41,12 @@ def further(
         better = next((it for it in found if _belongs(bench, it, taken)), None)
         if better is None:
             break
-        fewer, taken, tried = taken, _needed(bench, better), found
+        needed = _needed(bench, better)
+        # less is left after every step, so that no two of them take turns
+        fewer, taken, tried = taken, needed if needed.loss < taken.loss else better, found
     if taken is fewer:
         return []
-    every_one = best_of_each([taken, *tried, *swapped(bench, taken, every, say, False)])
+    every_one = best_of_each([taken, *tried, *swapped(bench, taken, every, say)])
     alike = [it for it in every_one if len(it.effects) == len(taken.effects)]
     names = frozenset(taken.effects)
     first = next(it for it in alike if frozenset(it.effects) == names or _belongs(bench, it, fewer))

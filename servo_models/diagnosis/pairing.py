@@ -87,7 +87,7 @@ def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
 
 
 def swapped(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell, anew: bool
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell, anew: bool = False
 ) -> list[Explanation]:
     """Explanations in which one effect is sought again, the others kept as they are.
 

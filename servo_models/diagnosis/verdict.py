@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.diagnosis.belief import covering, probabilities
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.structure import left_over, missing, sure
+
+Array = NDArray[np.float64]
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -53,6 +56,14 @@ def _rank(chance: float, alone: float | None) -> tuple[float, float]:
     return -round(chance, 2), np.inf if alone is None else alone
 
 
+def chances_of(causes: Causes, rest: float) -> Array:
+    """Return the probability of each of the explanations ``alike``, shape (n,).
+
+    ``rest`` is the RMS [noise floors] of what is surely missing.
+    """
+    return probabilities(causes.alike, causes.taken.problem.samples * rest**2)
+
+
 def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     """Return the verdict on what was tried.
 
@@ -68,7 +79,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)
     rivals = causes.alike
-    chances = probabilities(rivals, taken.problem.samples * rest**2)
+    chances = chances_of(causes, rest)
     held = covering(chances)
     by_effect: dict[str, float] = {}
     for explanation, chance in zip(rivals, chances):

@@ -9,8 +9,9 @@ LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
 BY_CHANCE = 0.05
 """Probability that so many blocks favour it by chance."""
-WORTH = 0.02
-"""Share of the error left [mean square] that an effect has to take away at least."""
+WORTH, PRESSED = 0.02, 0.2
+"""Share of the error left [mean square] that an effect has to take away at least, and one that
+a bound holds back: what it imitates may be another effect."""
 
 
 def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
@@ -18,6 +19,8 @@ def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
 
     ``worth`` is the share of the squared errors that it has to take away.
     """
+    if one.disguised and not other.disguised:
+        worth = max(worth, PRESSED)
     saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
     return (
         saved > worth

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servo_models.diagnosis.belief import COVERED, probabilities
+from servo_models.diagnosis.belief import COVERED
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.gap import DRAWS
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.verdict import chances_of
 from servo_models.report.diagnosis.stages import together
 from servo_models.report.diagnosis.verdict import percent
 from servo_models.report.parts import NONE, Line, Section, Table, number
@@ -40,7 +41,7 @@ def section(found: Diagnosis) -> Section | None:
         pictures.append(_picture(found, causes.pairs, "pairs", "What two effects leave"))
         tables.append(_table(found, causes.pairs, "Pairs of effects"))
     if causes.more:
-        title = f"What {len(causes.taken.effects)} effects leave"
+        title = f"What {len(causes.more[0].effects)} effects leave"
         pictures.append(_picture(found, causes.more, "more", title))
         tables.append(_table(found, causes.more, "More effects together"))
     return Section(
@@ -73,9 +74,9 @@ def intervals(explanations: Sequence[Explanation]) -> list[tuple[float, float]]:
 
 def _chances(found: Diagnosis, explanations: Sequence[Explanation]) -> list[str]:
     """Probabilities among explanations of as many effects as were taken, "" for others."""
-    if len(explanations[0].effects) != len(found.causes.taken.effects):
+    if explanations is not found.causes.alike or not found.causes.taken.effects:
         return [""] * len(explanations)
-    return [percent(float(chance)) for chance in probabilities(explanations)]
+    return [percent(float(chance)) for chance in chances_of(found.causes, found.verdict.rest)]
 
 
 def _table(found: Diagnosis, explanations: Sequence[Explanation], caption: str) -> Table:
