@@ -15,6 +15,7 @@ from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.starts import best_start
 from servo_models.diagnosis.structure import LeftOver
+from servo_models.diagnosis.unseen import unseen
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
@@ -56,6 +57,30 @@ def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(
         assert begin.cost <= seen.cost(as_seen)
         own = {free.name: free.start for free in begin.free}
         assert begin.cost == seen.cost({**begin.values, **own})
+
+
+def test_a_motion_that_the_effects_make_worse_is_named() -> None:
+    """One held-out log is of the rig with its friction, the other of one without it, for which
+    parameters alone are right."""
+    bench, _ = made({"coulomb_friction.level": 1.5e-3})
+    (log,) = bench.logs
+    plain = replace(
+        bench.model, values={**bench.model.values, **bench.finish(bench.fit((), ())).values}
+    )
+    noise = 1e-5 * np.random.default_rng(4).standard_normal(len(log.times))
+    angle = simulate(plain, log.times, log.inputs)["angle"] + noise
+    held = replace(log, name="as fitted", held_out=np.ones(len(log.times), dtype=bool))
+    other = replace(held, name="without friction", outputs={"angle": angle})
+    causes = find_causes(replace(bench, logs=[log, held, other]))
+    assert causes.taken.effects == ("coulomb_friction",)
+    same, plain_one = unseen(causes)
+    assert (same.log, plain_one.log) == ("as fitted", "without friction")
+    assert not same.worse
+    assert same.after == pytest.approx(1.0, abs=0.1)
+    assert same.retuned > 10.0
+    assert plain_one.worse
+    assert plain_one.retuned == pytest.approx(1.0, abs=0.1)
+    assert plain_one.after > 10.0
 
 
 def hunting(effect: str, step: float) -> Explanation:

@@ -56,6 +56,7 @@ def document(
         "effects": [_effect(found, claim) for claim in found.claims],
         "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
         "parameters": [_parameter(found, value) for value in found.found],
+        "held_out": [asdict(one) for one in found.held_out],
         "where": [asdict(breakdown) for breakdown in breakdowns],
         "next_experiments": [_experiment(*item) for item in experiments.items()],
         "warnings": list(words.warnings(found)),

@@ -9,6 +9,7 @@ from servo_models.audit import Audit
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.claims import Claim, Value, estimates
 from servo_models.diagnosis.gap import Gap, Reduction
+from servo_models.diagnosis.unseen import Unseen, unseen
 from servo_models.diagnosis.verdict import NO_GAP, Verdict
 from servo_models.recording import Log
 from servo_models.simulate import Model
@@ -57,3 +58,8 @@ class Diagnosis:
     def found(self) -> tuple[Value, ...]:
         """Every parameter that is other in ``fitted``, nominal ones first."""
         return estimates(self.causes.taken)
+
+    @cached_property
+    def held_out(self) -> tuple[Unseen, ...]:
+        """What the diagnosed effects do to samples that the description holds out, by log."""
+        return unseen(self.causes) if self.causes.taken.effects else ()

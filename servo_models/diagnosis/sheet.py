@@ -30,6 +30,7 @@ GAP = (
     "floor is from",
 )
 CONFIRMED = ("output", "samples", "before", "after", "unit")
+HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
 PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
 RULED_OUT = ("why", "effects")
@@ -56,6 +57,7 @@ def diagnosis_sheet(
     tables = (
         Table("Gap, RMS on blocks that no fit has seen", GAP, tuple(_gaps(found))),
         Table(_confirmed(confirmation), CONFIRMED, tuple(_confirmation(found, confirmation))),
+        Table("Held out, RMS in noise floors", HELD_OUT_LOGS, tuple(_held_out(found))),
         Table("Where the squared error lies", ("along", ""), places),
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
@@ -67,6 +69,12 @@ def diagnosis_sheet(
         (words.sentence(found), *warnings),
         tuple(table for table in tables if table.rows),
     )
+
+
+def _held_out(found: Diagnosis) -> Iterator[tuple[str, ...]]:
+    for one in found.held_out:
+        note = "gets worse" if one.worse else ""
+        yield one.log, f"{one.retuned:.3g}", f"{one.after:.3g}", note
 
 
 def _gaps(found: Diagnosis) -> Iterator[tuple[str, ...]]:

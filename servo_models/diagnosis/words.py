@@ -162,6 +162,13 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             f"the response hunts: it differs by {found.verdict.hunting:.3g} noise floors from"
             " itself with parameters that nobody could tell apart, so what is left says little"
         )
+    for one in found.held_out:
+        if one.worse:
+            said.append(
+                f"held out of log '{one.log}', the motion gets worse: parameters alone leave"
+                f" {one.retuned:.3g} noise floors, with {' and '.join(taken.effects)} it is"
+                f" {one.after:.3g}; there, something else is missing"
+            )
     far = {name: by for name, by in moves(found).items() if abs(by) > SURPRISING}
     if far:
         each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in far.items())

@@ -1,0 +1,64 @@
+"""Stretches that a description holds out: what the effects do to each, beside parameters alone.
+
+An effect that serves on the whole may spoil one kind of motion.  There it stands for something
+else, or something more is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.evidence import BLOCKS
+from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.where.breakdown import grows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Samples of a log that no part of a diagnosis has seen, RMS in noise floors.
+
+    Attributes:
+        log: its name.
+        retuned: left by nominal parameters alone.
+        after: left by the explanation that was taken.
+        worse: it leaves more, beyond what blocks of time scatter.
+    """
+
+    log: str
+    retuned: float
+    after: float
+    worse: bool
+
+
+def unseen(causes: Causes) -> tuple[Unseen, ...]:
+    """Return what the explanation that was taken does to each log with samples held out."""
+    found = []
+    pairs = zip(_squares(causes.retuned), _squares(causes.taken))
+    for log, (old, new) in zip(causes.taken.problem.logs, pairs):
+        if len(old):
+            parts = np.arange(len(old)) * BLOCKS // len(old)
+            worse = grows(old, new, np.zeros_like(parts), parts, 1)[0]
+            retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))
+            found.append(Unseen(log.name, retuned, after, bool(worse)))
+    return tuple(found)
+
+
+def _squares(found: Explanation) -> list[Array]:
+    """Mean squared errors of all outputs [noise floors^2] of each log, at samples held out."""
+    problem = found.problem
+    return [
+        np.mean(
+            [
+                ((response[name] - values)[log.checked] / problem.sigma[name]) ** 2
+                for name, values in log.outputs.items()
+            ],
+            axis=0,
+        )
+        for log, response in zip(problem.logs, problem.responses(found.evidence.vector))
+    ]
