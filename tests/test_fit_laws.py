@@ -16,6 +16,7 @@ from test_identification import TRUE, log_of, noisy, nominal, prbs, rig
 from servo_models.identification.covariance import covariance
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem, free_parameter
+from servo_models.identification.run import Run
 from servo_models.recording import Channel
 from servo_models.sheets import MOST, with_error
 from servo_models.simulate import model, simulate
@@ -139,12 +140,12 @@ def test_logs_all_held_out_cost_no_simulation(monkeypatch: pytest.MonkeyPatch) -
     log = log_of(voltage, rig(TRUE, voltage))
     other = replace(log, name="other", held_out=np.ones(200, dtype=bool))
     counted: list[str] = []
-    plain = Problem.errors
+    plain = Run.errors
 
-    def errors(self: Problem, run_: object, values: dict[str, float]) -> Array:
-        counted.append(run_.log.name)  # type: ignore[attr-defined]
-        return plain(self, run_, values)  # type: ignore[arg-type]
+    def errors(self: Run, values: dict[str, float]) -> Array:
+        counted.append(self.log.name)
+        return plain(self, values)
 
-    monkeypatch.setattr(Problem, "errors", errors)
+    monkeypatch.setattr(Run, "errors", errors)
     fit(nominal(), [other, log], ["torque_constant"])
     assert set(counted) == {"rig"}
