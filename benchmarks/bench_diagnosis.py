@@ -154,20 +154,22 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result: two cores, CPython 3.11, numba 0.68.
+# Result: two cores, CPython 3.11, numba 0.68; other work ended during the first cold run.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             28.6 s   25.1 s    464 MiB
-# torque motor, 1 s at 10 kHz      10.5 s    5.9 s    436 MiB
+# SG90, 60 s at 200 Hz             49.5 s   36.2 s    458 MiB
+# torque motor, 1 s at 10 kHz       9.0 s    4.4 s    414 MiB
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             5.2 s   8.2 s  20.4 s  41.9 s
-# torque motor, 1 s at 10 kHz      0.9 s   1.9 s   2.7 s   5.3 s
+# SG90, 60 s at 200 Hz             5.0 s  13.7 s  32.4 s  43.8 s
+# torque motor, 1 s at 10 kHz      0.6 s   0.8 s   1.8 s   3.4 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz            23.7 s  26.4 s  17.9 s  20.4 s
-# torque motor, 1 s at 10 kHz      2.3 s   2.7 s   2.9 s   2.6 s
+# SG90, 60 s at 200 Hz            22.4 s  22.2 s  25.3 s  28.5 s
+# torque motor, 1 s at 10 kHz      2.4 s   1.0 s   1.5 s   1.6 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz            33.9 s  19.8 s  1.71
-# torque motor, 1 s at 10 kHz      4.1 s   2.5 s  1.63
+# SG90, 60 s at 200 Hz            40.5 s  28.0 s  1.45
+# torque motor, 1 s at 10 kHz      1.9 s   1.4 s  1.40
+#
+# Two fits of a stiff gear compliance take half of the SG90's time: 140 ms a simulation.
