@@ -29,6 +29,7 @@ from servo_models.diagnosis.sizes import (
     travel,
 )
 from servo_models.identification.problem import Free, free_parameter
+from servo_models.identification.run import prepared
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
@@ -127,9 +128,37 @@ def _candidate(
             sizes, shown = [*sizes, *seen], len(seen)
     ripple = (switches[0].name, phase) if phase else None
     logged = any(wire in log.outputs for log in logs)
-    narrow = near_to(sizes[-shown:]) if shown and logged else fine(effect, switches[0], logs)
+    if shown and logged:
+        narrow = near_to(sizes[-shown:])
+    else:
+        narrow = fine(effect, switches[0], _whole(model, logs, effect, wire))
     fastest = _fastest(logs) if inertia else 0.0
     return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple, fastest)
+
+
+def _whole(model: Model, logs: Sequence[Log], effect: str, wire: str) -> float:
+    """What the stairs of an effect divide [SI]; 0 of one with none, infinity where unknown."""
+    if effect == "sample_hold":
+        return max((log.duration + log.settle for log in logs), default=math.inf)
+    if effect != "quantisation":
+        return 0.0
+    return max((_range(model, log, wire) for log in logs), default=math.inf)
+
+
+def _range(model: Model, log: Log, wire: str) -> float:
+    """Range of a signal in a log, measured or else simulated.
+
+    One that is neither input nor output has about that of the least signal of its unit: the
+    command of a loop that of its feedback, which a controller makes larger.
+    """
+    plant = model.plant
+    simulated = dict(zip(plant.outputs, prepared(model, log).simulate({}).T))
+    ranges = {name: float(np.ptp(it)) for name, it in {**simulated, **log.inputs}.items()}
+    ranges |= {name: float(np.ptp(it)) for name, it in log.outputs.items()}
+    if wire in ranges:
+        return ranges[wire]
+    alike = [it for name, it in ranges.items() if plant.wire[name].unit == plant.wire[wire].unit]
+    return min((it for it in alike if it > 0.0), default=math.inf)
 
 
 def _near(free: Free, least: float) -> Free:

@@ -39,6 +39,9 @@ PART = 0.5
 """Part of what an effect closes that leaves noise only, which a look-alike has to promise."""
 STAIRCASES = 4
 """Those fitted of which the response is a staircase of the size, after a closer look."""
+LEADING = 2
+"""Best effects, of which staircases are looked at from the nominal parameters as well: others
+may have made up for a wrong size."""
 FINALISTS, NEARLY = 5, 2.0
 """Explanations that are fitted on, if they leave less than this over the best."""
 FINER, LONGER = 1e-6, 60
@@ -100,10 +103,11 @@ def find_causes(
     bench = replace(bench, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
     open_question = not settled(retuned)
-    views = (bench.view(), retuned.view) if open_question else (retuned.view,)
+    nominal = bench.unfit((), (), {free.name: free.nominal for free in bench.nominal})
+    views = (nominal.view, retuned.view) if open_question else (retuned.view,)
     sights, reach = look(views, every)
     if open_question:
-        singles, sights = _singles(bench, retuned, sights, every, say)
+        singles, sights = _singles(bench, (nominal, retuned), sights, every, say)
     else:
         singles = _fitted(bench, retuned, starts_of(sights, QUIET), say)
     near = narrowed(every, sights)
@@ -125,15 +129,17 @@ def find_causes(
 
 def _singles(
     bench: Bench,
-    retuned: Explanation,
+    plain: tuple[Explanation, Explanation],
     sights: list[Sight],
     every: Sequence[Candidate],
     say: Tell,
 ) -> tuple[list[Explanation], list[Sight]]:
     """Fits of the most promising effects, best first, and all that was seen of any.
 
-    Where one leaves noise only, the others are fitted if they may be its look-alikes.
+    Where one leaves noise only, the others are fitted if they may be its look-alikes.  What is
+    there without effects is ``plain``, as it is and with its parameters re-tuned.
     """
+    nominal, retuned = plain
     smooth = list(starts_of([it for it in sights if not it.candidate.fine], SINGLES))
     found = _fitted(bench, retuned, smooth[:FIRST], say)
     found += _fitted(bench, retuned, _likely(smooth[FIRST:], retuned, found), say)
@@ -144,12 +150,30 @@ def _singles(
         say("looking closer at staircases")
         best = min([retuned, *found], key=lambda it: it.loss)
         beside_it = bench.unfit((), (), best.values)
-        near = [it for it in sights if it.seen is retuned.view]
-        short = shortlist(bench, beside_it, every, near)
-        closer, _ = look((retuned.view, beside_it.view), short)
+        closer = _closer(bench, (retuned, beside_it), sights, every)
         found += _fitted(bench, retuned, starts_of(closer, STAIRCASES), say)
+        leading = {name for one in best_of_each(found)[:LEADING] for name in one.effects}
+        again = [it for it in every if it.fine and it.name in leading]
+        if again and not any(map(settled, found)):
+            more = _closer(bench, (retuned, nominal), sights, again)
+            found += _fitted(bench, retuned, starts_of(more, STAIRCASES), say)
+            closer += more
         sights = sorted([*sights, *closer], key=lambda sight: sight.left)
     return best_of_each(found), sights
+
+
+def _closer(
+    bench: Bench,
+    plain: tuple[Explanation, Explanation],
+    sights: Sequence[Sight],
+    every: Sequence[Candidate],
+) -> list[Sight]:
+    """What is seen of staircases from the first and second of ``plain``, at the sizes that look
+    best from the second, best first."""
+    first, second = plain
+    near = [it for it in sights if it.seen is first.view]
+    short = shortlist(bench, second, every, near)
+    return look((first.view, second.view), short)[0]
 
 
 def _likely(

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.screening import View
+from servo_models.diagnosis.view import View
 from servo_models.identification.problem import Problem
 from servo_models.noise import inflation
 
@@ -113,9 +113,11 @@ def dispersion(errors: Array) -> float:
 def advantage(better: Evidence, worse: Evidence) -> float:
     """Return twice the log likelihood ratio on unseen blocks, in independent samples.
 
-    Errors of the better model say how many samples are independent.
+    If the better model is right its errors say how many samples are independent, if it is
+    better by chance those of the worse one do: which is asked here, so both count.
     """
-    return float((worse.losses - better.losses).sum()) / better.dispersion
+    dispersed = np.sqrt(better.dispersion * worse.dispersion)
+    return float((worse.losses - better.losses).sum() / dispersed)
 
 
 def consistency(better: Evidence, worse: Evidence) -> float:

@@ -15,8 +15,15 @@ from numpy.typing import NDArray
 from servo_models.description import Description
 from servo_models.diagnosis.descent import descend
 from servo_models.diagnosis.evidence import Evidence, blocks, judge
-from servo_models.diagnosis.screening import View, view
-from servo_models.diagnosis.sizes import STEPWISE
+from servo_models.diagnosis.stepwise import (
+    NARROW,
+    SHIFTED,
+    WIDE,
+    sharpened,
+    shifted,
+    staircases_of,
+)
+from servo_models.diagnosis.view import View, view
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
 from servo_models.identification.slopes import steps
 from servo_models.recording import Log
@@ -37,8 +44,6 @@ BELIEVED = 4.0
 COARSE, GRAIN = 0.02, 0.01
 """Widths of slopes where an effect makes a staircase of the response: of other parameters in
 scales, and of the stepwise size relative to it."""
-WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
-"""Relative changes of a stepwise size that are tried in turn, before a search and after it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +191,6 @@ class Bench:
         vector = np.array([values[free.name] for free in problem.free]) / problem.scales
         return self._judged(effects, problem, vector, converged=False)
 
-    def view(self) -> View:
-        """Return what can be seen from the nominal parameters."""
-        problem = self.problem()
-        return view(problem, problem.nominal, self.widths(problem))
-
     def unfitted(self) -> Explanation:
         """Return the nominal model as it is: no fit, so that everything is unseen."""
         problem = self.problem()
@@ -239,10 +239,15 @@ class Bench:
         widths, stepwise = self.widths(problem), staircases_of(problem)
         vector = np.clip(start, *problem.bounds)
         if stepwise:
-            vector, known = _sharpened(problem, vector, stepwise, widths, WIDE), None
+            vector, known = sharpened(problem, vector, stepwise, widths, WIDE), None
         vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
+        for _ in range(SHIFTED):
+            moved = shifted(problem, vector)
+            if moved is None:
+                break
+            vector, met, slopes = descend(problem, moved, tolerance, limit, widths)
         if stepwise:
-            return _sharpened(problem, vector, stepwise, widths, NARROW), met, None
+            return sharpened(problem, vector, stepwise, widths, NARROW), met, None
         return vector, met, slopes
 
 
@@ -258,42 +263,3 @@ def _strangeness(problem: Problem, vector: Array) -> float:
         if own and problem.model.values[name] == 0.0 and value != 0.0:
             found += 0.5 * (np.log(abs(value) / param.typical) / np.log(10.0)) ** 2
     return float(found)
-
-
-def staircases_of(problem: Problem) -> list[int]:
-    """Which free parameters are sizes on which the response is a staircase."""
-    plant, found = problem.model.plant, []
-    for i, free in enumerate(problem.free):
-        owner = plant.parameters[free.name].owner
-        placed = owner and plant.placements[owner][0].effect.name in STEPWISE
-        if placed and free.prior is None and plant.parameters[free.name].param.switch:
-            found.append(i)
-    return found
-
-
-def _sharpened(
-    problem: Problem,
-    vector: Array,
-    stepwise: Sequence[int],
-    widths: Array | None,
-    spans: Iterable[float],
-) -> Array:
-    """Try nearby sizes, ever nearer; other parameters follow each by their slopes."""
-    others = [i for i in range(len(vector)) if i not in stepwise]
-    low, high = problem.bounds
-    slopes = problem.jacobian(vector, widths)[:, others]
-    inverse = np.linalg.pinv(slopes, rcond=1e-6)
-    best, least = vector, problem.costs([vector])[0]
-    for span in spans:
-        trials = []
-        for i in stepwise:
-            for factor in (1.0 - span, 1.0 + span):
-                trial = best.copy()
-                trial[i] *= factor
-                followed = trial.copy()
-                followed[others] -= inverse @ problem.residuals(trial)
-                trials += [trial, np.clip(followed, low, high)]
-        costs = problem.costs(trials)
-        if min(costs) < least:
-            best, least = trials[int(np.argmin(costs))], min(costs)
-    return best

@@ -1,25 +1,27 @@
 """Look at every effect, and every pair, without fitting any: a score test in the large.
 
 Each effect is simulated at a few sizes.  What is left of the gap is regressed on such a
-difference and on the slopes of the nominal parameters, held by their priors, so a look gives
-the start of a fit as well.  Source: Rao, Proc. Cambridge Phil. Soc. 44 (1948) (score test); the
-sizes replace its derivative, since many effects have none at 0.
+difference and on the slopes of the nominal parameters, held by their priors and inside their
+bounds, so a look gives the start of a fit as well.  Source: Rao, Proc. Cambridge Phil. Soc. 44
+(1948) (score test); the sizes replace its derivative, since many effects have none at 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import chain
 from math import atan2, hypot, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.diagnosis.box import least_in_box, value_at
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.sizes import Settings
-from servo_models.identification.problem import Problem, map_on
+from servo_models.diagnosis.view import View
+from servo_models.identification.problem import map_on
 
 Array = NDArray[np.float64]
 
@@ -35,51 +37,6 @@ LARGEST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """Where one looks from: a fitted problem, linear about its estimates.
-
-    Attributes:
-        problem, vector: the fit.
-        errors, slopes: there, priors included, shapes (m,) and (m, p).
-    """
-
-    problem: Problem
-    vector: Array
-    errors: Array
-    slopes: Array
-
-    @cached_property
-    def basis(self) -> Array:
-        """Orthonormal, of what parameters can do."""
-        return _orthonormal(self.slopes)
-
-    @cached_property
-    def _inverse(self) -> Array:
-        return np.asarray(np.linalg.pinv(self.slopes, rcond=1e-9))
-
-    @property
-    def left(self) -> Array:
-        """Errors that nominal parameters cannot take away."""
-        return self.without(self.errors)
-
-    def without(self, values: Array) -> Array:
-        """Return weighted errors, shape (m,) or (m, k), without what the parameters imitate."""
-        return np.asarray(values - self.basis @ (self.basis.T @ values))
-
-    def start(self, whole: Array) -> dict[str, float]:
-        """Return the estimates [SI] of the fit's parameters beside an effect's difference."""
-        if self.slopes.shape[1] == 0:
-            return {}
-        step = -self._inverse @ (self.errors + whole)
-        return self.problem.values(np.clip(self.vector + step, *self.problem.bounds))
-
-    def cost(self, values: Mapping[str, float]) -> float:
-        """Return the squared errors, priors included, that are left with these values [SI]."""
-        errors = self.problem.errors_with({**self.problem.values(self.vector), **values})
-        return float(errors @ errors)
-
-
-@dataclass(frozen=True, eq=False)
 class Sight:
     """An effect at one size.
 
@@ -87,9 +44,9 @@ class Sight:
         seen: from where.
         candidate: the effect.
         settings: its parameters [SI].
-        share: of the difference, by which it explains most; 1 where it cannot be shared.
-        whole: that share of the difference it makes, in noise floors, shape (m + priors,).
-        difference: all of it, without what nominal parameters can imitate.
+        share: of the change, by which it explains most; 1 where it cannot be shared.
+        change: that it makes, in noise floors, shape (m + priors,).
+        difference: the same without what nominal parameters can imitate.
         left: squared errors that would remain.
     """
 
@@ -97,9 +54,14 @@ class Sight:
     candidate: Candidate
     settings: dict[str, float]
     share: float
-    whole: Array
+    change: Array
     difference: Array
     left: float
+
+    @property
+    def whole(self) -> Array:
+        """The share of the change that explains most, shape (m + priors,)."""
+        return self.share * self.change
 
     def at(self, scale: float) -> dict[str, float]:
         """Return the settings with the size so many times as large, inside its bounds."""
@@ -116,16 +78,6 @@ class Sight:
         }
 
 
-def view(
-    problem: Problem, vector: Array, widths: Array | None = None, slopes: Array | None = None
-) -> View:
-    """Return the view from a fit; unknown slopes are taken over ``widths`` [scales], shape (p,)."""
-    errors = problem.latest(vector)
-    if slopes is None:
-        slopes = problem.jacobian(vector, widths)
-    return View(problem, vector, errors, slopes)
-
-
 def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight], dict[str, float]]:
     """Return each effect at each size from each view, best first, and the reach of each effect.
 
@@ -136,16 +88,15 @@ def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight]
     sights: list[Sight] = []
     reach = {one.name: 0.0 for one in every}
     for seen in views:
-        problem, left = seen.problem, seen.left
+        problem = seen.problem
         base = problem.values(seen.vector)
         tasks = [(one, sizes) for one in every for sizes in _neighbours(one)]
         simulate = partial(_differences, seen, base)
         found = map_on(problem.jobs, simulate, tasks)
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
-        for (one, size), columns in zip(every_size, chain.from_iterable(found)):
-            sight = _sight(seen, left, one, size, columns)
+        for sight in _sights(seen, every_size, list(chain.from_iterable(found))):
             moved = float(np.sqrt(np.sum(sight.difference**2) / max(problem.samples, 1)))
-            reach[one.name] = max(reach[one.name], moved)
+            reach[sight.candidate.name] = max(reach[sight.candidate.name], moved)
             if moved > 0.0:
                 sights.append(sight)
     return sorted(sights, key=lambda sight: sight.left), reach
@@ -176,38 +127,73 @@ def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, 
 
 def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[tuple[float, int, int]]:
     """Squared errors that pairs from one view would leave, and which they are."""
-    left = sights[own[0]].seen.left
-    matrix = np.column_stack([sights[i].difference for i in own])
-    gram, towards = matrix.T @ matrix, -(matrix.T @ left)
-    i, j = np.triu_indices(len(own), 1)
+    seen = sights[own[0]].seen
     names = np.array([sights[k].candidate.name for k in own])
+    i, j = np.triu_indices(len(own), 1)
+    apart = np.column_stack([sights[k].difference for k in own])
+    gram = apart.T @ apart
     a, b, c = gram[i, i], gram[j, j], gram[i, j]
-    apart = (names[i] != names[j]) & (a * b - c * c > 1e-6 * a * b)
-    i, j, a, b, c = (it[apart] for it in (i, j, a, b, c))
-    determinant = a * b - c * c
-    first = np.clip((b * towards[i] - c * towards[j]) / determinant, 0.0, STRETCH)
-    second = np.clip((a * towards[j] - c * towards[i]) / determinant, 0.0, STRETCH)
-    gain = 2.0 * (first * towards[i] + second * towards[j])
-    gain -= a * first**2 + b * second**2 + 2.0 * c * first * second
-    remains = float(left @ left) - gain
-    return [(float(left), own[k], own[m]) for left, k, m in zip(remains, i, j)]
+    differ = (names[i] != names[j]) & (a * b - c * c > 1e-6 * a * b)
+    i, j = i[differ], j[differ]
+    columns = np.column_stack([seen.slopes, *(sights[k].change for k in own)])
+    gram, towards, p = columns.T @ columns, columns.T @ seen.errors, seen.slopes.shape[1]
+    chosen = np.column_stack([np.tile(np.arange(p), (len(i), 1)), p + i, p + j])
+    low, high = (np.append(it, [end, end]) for it, end in zip(seen.room, (0.0, STRETCH)))
+    remains = _remains(
+        seen, gram[chosen[:, :, None], chosen[:, None, :]], towards[chosen], low, high
+    )
+    return [(float(left), own[k], own[m]) for left, k, m in zip(remains[0], i, j)]
+
+
+def _sights(
+    seen: View, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
+) -> list[Sight]:
+    """The best share of each change; of a sine and a cosine, the best amplitude and phase."""
+    p, (down, up) = seen.slopes.shape[1], seen.room
+    gram, towards = np.zeros((len(every), p + 2, p + 2)), np.zeros((len(every), p + 2))
+    low, high = np.zeros_like(towards), np.zeros_like(towards)
+    gram[:, :p, :p], towards[:, :p] = seen.gram, seen.slopes.T @ seen.errors
+    low[:, :p], high[:, :p] = down, up
+    for k, ((one, _), columns) in enumerate(zip(every, changes)):
+        own = slice(p, p + columns.shape[1])
+        gram[k, :p, own] = seen.slopes.T @ columns
+        gram[k, own, :p] = gram[k, :p, own].T
+        gram[k, own, own] = columns.T @ columns
+        towards[k, own] = columns.T @ seen.errors
+        low[k, own], high[k, own] = _shares(one)
+    left, steps = _remains(seen, gram, towards, low, high)
+    return [
+        _sight(seen, one, settings, columns, share, float(remains))
+        for (one, settings), columns, remains, share in zip(every, changes, left, steps[:, p:])
+    ]
+
+
+def _shares(one: Candidate) -> tuple[float, float]:
+    """Between which shares of a change the best is sought."""
+    if one.ripple:
+        return -LARGEST, LARGEST
+    return (1.0, 1.0) if one.fine else (0.0, STRETCH)
 
 
 def _sight(
-    seen: View, left: Array, one: Candidate, settings: dict[str, float], columns: Array
+    seen: View, one: Candidate, settings: Settings, columns: Array, share: Array, left: float
 ) -> Sight:
-    """The best share of a difference; of a sine and a cosine, the best amplitude and phase."""
-    rest = seen.without(columns)
-    if one.ripple:
-        switch, phase = one.ripple
-        sine, cosine = np.linalg.lstsq(rest, -left, rcond=1e-9)[0]
-        size = settings[switch] * min(hypot(sine, cosine), LARGEST)
-        settings = {**settings, switch: size, phase: atan2(cosine, sine)}
-        columns, rest = (part @ [sine, cosine] for part in (columns, rest))
-        return Sight(seen, one, settings, 1.0, columns, rest, _left(left, rest, 1.0))
-    whole, rest = columns[:, 0], rest[:, 0]
-    share = 1.0 if one.fine else _share(left, rest)
-    return Sight(seen, one, settings, share, share * whole, rest, _left(left, rest, share))
+    if not one.ripple:
+        change = columns[:, 0]
+        return Sight(seen, one, settings, float(share[0]), change, seen.without(change), left)
+    switch, phase = one.ripple
+    change = columns @ share
+    size = settings[switch] * min(hypot(*share), LARGEST)
+    shown = {**settings, switch: size, phase: atan2(share[1], share[0])}
+    return Sight(seen, one, shown, 1.0, change, seen.without(change), left)
+
+
+def _remains(
+    seen: View, gram: Array, towards: Array, low: Array, high: Array
+) -> tuple[Array, Array]:
+    """Squared errors that are left at the best steps inside a box, and these steps."""
+    best = least_in_box(gram, towards, low, high)
+    return float(seen.errors @ seen.errors) + value_at(gram, towards, best), best
 
 
 def _neighbours(one: Candidate) -> list[list[Settings]]:
@@ -265,22 +251,3 @@ def _difference(seen: View, values: dict[str, float]) -> Array:
     changed = problem.errors_with(values) - seen.errors
     changed[problem.samples :] = 0.0
     return changed
-
-
-def _orthonormal(slopes: Array) -> Array:
-    if slopes.shape[1] == 0:
-        return slopes
-    left, singular, _ = np.linalg.svd(slopes, full_matrices=False)
-    return left[:, singular > 1e-9 * singular[0]]
-
-
-def _share(left: Array, rest: Array) -> float:
-    """Share of a difference that explains most."""
-    size = float(rest @ rest)
-    return float(np.clip(-(rest @ left) / size, 0.0, STRETCH)) if size > 0.0 else 0.0
-
-
-def _left(left: Array, rest: Array, share: float) -> float:
-    """Squared errors that a share of a difference leaves."""
-    remains = left + share * rest
-    return float(remains @ remains)

@@ -29,16 +29,13 @@ LIMITS = (0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 3.
 RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
-FINE = {
-    "quantisation": tuple(0.2 * 1.01**k for k in range(510)),
-    "sample_hold": tuple(0.15 * 1.02**k for k in range(214)),
-    "dead_band": tuple(0.05 * 1.06**k for k in range(91)),
-}
-"""Those of effects to whose size no slope leads, as near each other as the best is narrow."""
-COMB = 10000
-"""Halves of a period by which a log's length in periods of a hold grows."""
-STEPWISE = tuple(FINE)
+STAIRS = {"quantisation": (0.2, 32.0), "sample_hold": (0.15, 10.0), "dead_band": (0.05, 10.0)}
+"""Least and largest of those of which a response is a staircase, which no slope leads to."""
+STEPWISE = tuple(STAIRS)
 """Effects of which a response is no smooth function."""
+NEEDLE, NEAREST, WIDEST = 0.1, 0.0015, 0.06
+"""How far apart such sizes are, relative to each other: so many times one over the stairs of the
+whole, whose last one then is off by that part of a stair; at least, and at most."""
 SHAPES = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of a shape parameter that are tried, over its default."""
 RESONANT = ("compliance", "inertia")
@@ -123,18 +120,21 @@ def _wanted(switch: Parameter, shape: Sequence[Parameter]) -> tuple[float, ...]:
     return SHAPED if shape else SHARES
 
 
-def fine(effect: str, switch: Parameter, logs: Sequence[Log]) -> list[Settings]:
+def fine(effect: str, switch: Parameter, whole: float) -> list[Settings]:
     """Return the many sizes of a switch on which a response is a staircase, else none.
 
-    A hold is a comb in time: its last instants fit if the number of periods in a log does.
+    ``whole`` [SI] is divided into stairs of that size: the range of a quantised signal, or the
+    duration of a log.  The more there are, the narrower is what a size has to meet.
     """
-    sizes = _sizes(switch, FINE.get(effect, ()))
-    if effect == "sample_hold" and logs:
-        whole = max(log.duration + log.settle for log in logs)
-        periods = whole / max(sizes) + 0.5 * np.arange(COMB)
-        dense = [it for it in whole / periods if it >= min(sizes)]
-        sizes = [*dense, *(it for it in sizes if it < dense[-1])]
-    return [{switch.name: float(size)} for size in sizes]
+    if effect not in STAIRS:
+        return []
+    low, high = (share * switch.param.typical for share in STAIRS[effect])
+    low, size, found = max(low, switch.param.low), min(high, switch.param.high), []
+    while size >= low:
+        found.append({switch.name: size})
+        apart = NEEDLE * size / whole if whole > 0.0 else WIDEST
+        size *= 1.0 - min(max(apart, NEAREST), WIDEST)
+    return found
 
 
 def quanta(switch: Parameter, unit: str, plant: Plant, logs: Iterable[Log]) -> list[Settings]:

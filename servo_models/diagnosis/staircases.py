@@ -9,24 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from math import exp, log
+from math import log, sqrt
 
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.screening import Sight, look, view
+from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.view import view
 from servo_models.recording import Log
 
 SHORT = 2000
 """Samples of the part of the logs that is looked at first."""
-APART, NEARER = 0.0025, 0.0015
-"""Relative distance of the sizes that are looked at first, at least, and of those after these
-have shown something."""
+APART = 0.005
+"""Relative distance of the sizes that are looked at first, at least."""
 SHOWN, AROUND = 0.7, 2.0
-"""Share of what is left that the best of them has to leave at most for that, and factor around
-it: a needle may lie beside what resembles it."""
+"""Share of what is left that the best of them has to leave at most for all sizes within a factor
+to be looked at: a needle may lie beside what resembles it."""
 WEAK, STRONG = 0.1, 10.0
 """What a staircase moves over what is left to explain, between which it may be the cause."""
 LISTED = 6
@@ -52,9 +52,9 @@ def shortlist(
         full = stairs[one.name]
         grid = [*full.sizes, *_thinned(_fitting(one.fine, one.name, seen))]
         sights, _ = look((here,), [replace(one, sizes=tuple(grid))])
-        shown = bool(sights) and sights[0].left < SHOWN * float(here.left @ here.left)
+        shown = bool(sights) and sights[0].left < SHOWN * here.left
         if shown:
-            nearer = _about(sights[0].settings)
+            nearer = _about(sights[0].settings, one.fine)
             sights += look((here,), [replace(one, sizes=tuple(nearer))])[0]
             grid += nearer
         best = [it.settings for it in sorted(sights, key=lambda it: it.left)[:LISTED]]
@@ -64,17 +64,28 @@ def shortlist(
     return tuple(found)
 
 
-def _about(best: Settings) -> list[Settings]:
+def _about(best: Settings, every: Sequence[Settings]) -> list[Settings]:
     """Sizes within a factor of the best."""
-    ((switch, size),) = best.items()
-    most = log(AROUND)
-    return [{switch: size * exp(step)} for step in np.arange(-most, most, NEARER)]
+    (size,) = best.values()
+    return [it for it in every if size / AROUND < max(it.values()) < size * AROUND]
+
+
+def _thinned(every: Sequence[Settings]) -> list[Settings]:
+    """Of sizes that fall, those that are apart from each other."""
+    found: list[Settings] = []
+    last = np.inf
+    for it in every:
+        size = max(it.values())
+        if size < last * (1.0 - APART):
+            found.append(it)
+            last = size
+    return found
 
 
 def _fitting(sizes: Sequence[Settings], name: str, seen: Iterable[Sight]) -> Sequence[Settings]:
     """Sizes that move about as much as there is left to explain."""
     own = {
-        max(it.settings.values()): np.linalg.norm(it.difference) / np.linalg.norm(it.seen.left)
+        max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.seen.left)
         for it in seen
         if it.candidate.name == name
     }
@@ -110,18 +121,6 @@ def _first(log: Log, count: int) -> Log:
         held_out=log.held_out[:count],
         skipped=None if log.skipped is None else log.skipped[:count],
     )
-
-
-def _thinned(every: Sequence[Settings]) -> list[Settings]:
-    """Sizes that are apart from each other."""
-    found: list[Settings] = []
-    last = np.inf
-    for it in sorted(every, key=lambda it: -max(it.values())):
-        size = max(it.values())
-        if size < last * (1.0 - APART):
-            found.append(it)
-            last = size
-    return found
 
 
 def _between(every: Sequence[Settings], grid: Sequence[Settings], size: Settings) -> list[Settings]:

@@ -6,7 +6,8 @@ from servo_models.diagnosis.evidence import advantage, consistency
 from servo_models.diagnosis.explanation import Explanation
 
 LIKELY = 20.0
-"""Twice the log likelihood ratio by which an effect has to predict unseen blocks better."""
+"""Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
+what the best of so many trials does by chance."""
 BY_CHANCE = 0.05
 """Probability that so many blocks favour it by chance."""
 WORTH, PRESSED = 0.02, 0.2
@@ -21,9 +22,10 @@ def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
     """
     if one.disguised and not other.disguised:
         worth = max(worth, PRESSED)
+    by_chance = 2.0 * max(one.chance - other.chance, 0.0)
     saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
     return (
         saved > worth
-        and advantage(one.evidence, other.evidence) > LIKELY
+        and advantage(one.evidence, other.evidence) > LIKELY + by_chance
         and consistency(one.evidence, other.evidence) < BY_CHANCE
     )

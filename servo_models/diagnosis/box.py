@@ -1,0 +1,70 @@
+"""Many small quadratic problems in boxes at once: what each look asks of the other parameters.
+
+A look predicts what parameters would do beside an effect.  Without their bounds they would do
+wonders: ten deviations of a stiffness imitate an offset, and hide it.
+Source: Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625 (block principal
+pivoting); a library solves one such problem in the time in which this solves thousands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROUNDS, SWEEPS = 12, 3
+"""Exchanges of what is free, and sweeps over single variables after them."""
+RIDGE = 1e-10
+"""On the diagonal, scaled to 1: variables that do the same share what is to do."""
+
+
+def least_in_box(gram: Array, gradient: Array, low: Array, high: Array) -> Array:
+    """Return z that makes z G z / 2 + g z least between bounds, shape (k, n).
+
+    Args:
+        gram: G of each problem, positive semidefinite, shape (k, n, n).
+        gradient: g, shape (k, n).
+        low, high: bounds, shape (n,) or (k, n), the lower one not above the other.
+    """
+    size = np.sqrt(np.einsum("kii->ki", gram))
+    size = np.where(size > 0.0, size, 1.0)
+    gram = gram / (size[:, :, None] * size[:, None, :])
+    gradient, low, high = gradient / size, low * size, high * size
+    able = high > low
+    side = np.where(able, 0, -1).astype(np.int8)
+    z = np.clip(np.zeros_like(gradient), low, high)
+    for _ in range(ROUNDS):
+        free = side == 0
+        fixed = np.where(side < 0, low, np.where(side > 0, high, 0.0))
+        z = fixed + _unbounded(gram, gradient + _times(gram, fixed), free)
+        slope = gradient + _times(gram, z)
+        below, above = free & (z < low), free & (z > high)
+        back = able & (((side < 0) & (slope < 0.0)) | ((side > 0) & (slope > 0.0)))
+        if not np.any(below | above | back):
+            break
+        side = np.where(below, -1, np.where(above, 1, np.where(back, 0, side))).astype(np.int8)
+    z = np.clip(z, low, high)
+    curvature = np.maximum(np.einsum("kii->ki", gram), RIDGE)
+    for i in list(range(z.shape[1])) * SWEEPS:
+        slope_i = gradient[:, i] + np.einsum("kj,kj->k", gram[:, i], z)
+        z[:, i] = np.clip(z[:, i] - slope_i / curvature[:, i], low[:, i], high[:, i])
+    return np.asarray(z / size)
+
+
+def value_at(gram: Array, gradient: Array, z: Array) -> Array:
+    """Return z G z + 2 g z of each problem: the change of a sum of squares, shape (k,)."""
+    return np.asarray(np.einsum("ki,ki->k", _times(gram, z) + 2.0 * gradient, z))
+
+
+def _unbounded(gram: Array, gradient: Array, free: NDArray[np.bool_]) -> Array:
+    """The least of each problem over its free variables, the others 0."""
+    both = free[:, :, None] & free[:, None, :]
+    matrix = np.where(both, gram, 0.0)
+    diagonal = np.arange(gram.shape[1])
+    matrix[:, diagonal, diagonal] += np.where(free, RIDGE, 1.0)
+    return np.asarray(np.linalg.solve(matrix, np.where(free, -gradient, 0.0)[..., None])[..., 0])
+
+
+def _times(gram: Array, z: Array) -> Array:
+    return np.asarray((gram @ z[..., None])[..., 0])

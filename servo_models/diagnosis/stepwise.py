@@ -1,0 +1,102 @@
+"""Parameters that no slope leads to: other values of them are tried out beside a search."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.sizes import STEPWISE
+from servo_models.identification.problem import Problem
+
+Array = NDArray[np.float64]
+
+WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
+"""Relative changes of a stepwise size that are tried in turn, before a search and after it."""
+JUMP = 0.2
+"""Part of the range of a reading that it jumps between two samples, from which every delay of a
+sample more puts the jump between two other ones."""
+SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
+"""Samples by which such a delay is moved."""
+WORTH, SHIFTED = 0.98, 8
+"""Cost over that before from which a move is taken, and how often."""
+
+
+def staircases_of(problem: Problem) -> list[int]:
+    """Which free parameters are sizes on which the response is a staircase."""
+    plant, found = problem.model.plant, []
+    for i, free in enumerate(problem.free):
+        owner = plant.parameters[free.name].owner
+        placed = owner and plant.placements[owner][0].effect.name in STEPWISE
+        if placed and free.prior is None and plant.parameters[free.name].param.switch:
+            found.append(i)
+    return found
+
+
+def sharpened(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array | None,
+    spans: Iterable[float],
+) -> Array:
+    """Try nearby sizes, ever nearer; other parameters follow each by their slopes."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    low, high = problem.bounds
+    slopes = problem.jacobian(vector, widths)[:, others]
+    inverse = np.linalg.pinv(slopes, rcond=1e-6)
+    best, least = vector, problem.costs([vector])[0]
+    for span in spans:
+        trials = []
+        for i in stepwise:
+            for factor in (1.0 - span, 1.0 + span):
+                trial = best.copy()
+                trial[i] *= factor
+                followed = trial.copy()
+                followed[others] -= inverse @ problem.residuals(trial)
+                trials += [trial, np.clip(followed, low, high)]
+        costs = problem.costs(trials)
+        if min(costs) < least:
+            best, least = trials[int(np.argmin(costs))], min(costs)
+    return best
+
+
+def shifted(problem: Problem, vector: Array) -> Array | None:
+    """Return a vector with a delay moved by a few samples, if that is surely better.
+
+    Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
+    between two of them, and no slope leads on.
+    """
+    interval = _jumping(problem)
+    delays = _delays_of(problem) if interval else []
+    trials = []
+    for i in delays:
+        for move in (sign * it * interval for it in SAMPLES for sign in (-1.0, 1.0)):
+            trial = vector.copy()
+            trial[i] += move / problem.free[i].scale
+            trials.append(np.clip(trial, *problem.bounds))
+    if not trials:
+        return None
+    before, costs = problem.costs([vector])[0], problem.costs(trials)
+    return trials[int(np.argmin(costs))] if min(costs) < WORTH * before else None
+
+
+def _delays_of(problem: Problem) -> list[int]:
+    plant = problem.model.plant
+    owners = [plant.parameters[free.name].owner for free in problem.free]
+    return [
+        i
+        for i, owner in enumerate(owners)
+        if owner and plant.placements[owner][0].effect.name == "transport_delay"
+    ]
+
+
+def _jumping(problem: Problem) -> float:
+    """Sampling interval [s] of a reading that jumps, 0 if none does."""
+    for log in problem.logs:
+        for values in log.outputs.values():
+            change = np.max(np.abs(np.diff(values)), initial=0.0)
+            if change > JUMP * np.ptp(values) > 0.0:
+                return float(np.median(np.diff(log.times)))
+    return 0.0

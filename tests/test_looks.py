@@ -1,0 +1,108 @@
+"""What a look promises of parameters that have bounds, and delays that no slope leads to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from servo_models.diagnosis.box import least_in_box, value_at
+from servo_models.diagnosis.evidence import advantage
+from servo_models.diagnosis.explanation import Bench
+from servo_models.diagnosis.fits import beside
+from servo_models.diagnosis.screening import look, pairs
+from servo_models.diagnosis.stepwise import shifted
+from servo_models.diagnosis.worth import LIKELY, earns
+from servo_models.identification.problem import free_parameter
+from servo_models.recording import Channel, Log
+from servo_models.simulate import Array, model, simulate
+from tests.test_search_of_causes import made
+
+
+@given(seed=st.integers(0, 10_000), twins=st.booleans(), shut=st.booleans())
+def test_the_least_in_a_box_is_that_of_a_library(seed: int, twins: bool, shut: bool) -> None:
+    """Several at once, of columns of any size, two all but the same, a variable that is fixed."""
+    random = np.random.default_rng(seed)
+    slopes = random.standard_normal((3, 30, 6)) * 10.0 ** random.uniform(-2.0, 2.0, 6)
+    if twins:
+        slopes[:, :, 1] = 1.01 * slopes[:, :, 0] + 1e-4 * random.standard_normal((3, 30))
+    errors = 10.0 * random.standard_normal((3, 30))
+    low, high = -np.abs(random.standard_normal((3, 6))), np.abs(random.standard_normal((3, 6)))
+    if shut:
+        low[:, 2] = high[:, 2]
+    gram, towards = np.swapaxes(slopes, 1, 2) @ slopes, np.einsum("kmi,km->ki", slopes, errors)
+    found = least_in_box(gram, towards, low, high)
+    assert np.all(found >= low - 1e-12 * np.abs(low))
+    assert np.all(found <= high + 1e-12 * np.abs(high))
+    remains = np.sum(errors**2, axis=1) + value_at(gram, towards, found)
+    for a, b, below, above, own in zip(slopes, errors, low, high, remains):
+        free = above > below
+        rest = b + a[:, ~free] @ above[~free]
+        best = lsq_linear(a[:, free], -rest, (below[free], above[free]), method="bvls")
+        assert own == pytest.approx(2.0 * best.cost, rel=1e-3)
+
+
+def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
+    """A fit that its bounds have stopped leaves what it leaves, alone or beside an effect."""
+    bench, every = made({"sensor_offset.value": 2e-3, "torque_constant": 3.0})
+    held = [replace(it, low=0.98 * it.nominal, high=1.02 * it.nominal) for it in bench.nominal]
+    bench = replace(bench, nominal=tuple(held))
+    retuned = bench.finish(bench.fit((), ()))
+    assert "low" in retuned.problem.sides(retuned.evidence.vector)
+    assert retuned.view.left == pytest.approx(retuned.cost, rel=1e-3)
+    sights, _ = look((retuned.view,), [every["sensor_offset"], every["sensor_nonlinearity"]])
+    sight = next(it for it in sights if it.candidate.name == "sensor_offset")
+    found = beside(bench, retuned, [sight])
+    assert found.cost == pytest.approx(sight.left, rel=0.02)
+    both, other = pairs(sights)[0]
+    assert {both.candidate.name, other.candidate.name} == {"sensor_offset", "sensor_nonlinearity"}
+
+
+def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
+    """Each edge of the logged voltage is a sample early or late: the cost is a stair of samples."""
+    nominal = model("sg90", "linear")
+    step, late = 1.2e-3, 4.3
+    times: Array = step * np.arange(900.0)
+    pulse = 1e-3 * np.repeat([1.5, 1.8, 1.3, 1.6, 1.9, 1.5], 150)
+    delay = nominal.values["transport_delay.time"] + late * step
+    rig = replace(nominal, values={**nominal.values, "transport_delay.time": delay})
+    names = {"angle_reading": 1e-4, "motor_voltage": 1e-2}
+    random = np.random.default_rng(5)
+    told = simulate(rig, times, {"pulse_width": pulse})
+    read = {it: told[it] + noise * random.standard_normal(900) for it, noise in names.items()}
+    channels = {it: Channel(it, it, "") for it in names}
+    rows = np.arange(900)
+    log = Log("log", Path("log"), "", times, {"pulse_width": pulse}, read, channels, rows, rows < 0)
+    free = free_parameter(
+        nominal.plant.parameters["transport_delay.time"],
+        nominal.values["transport_delay.time"],
+        0.01,
+    )
+    bench = Bench(nominal, [log], (free,), names, jobs=1)
+    found = bench.fit((), ())
+    assert found.values["transport_delay.time"] == pytest.approx(delay, abs=0.1 * step)
+    assert found.evidence.rms < 1.2
+
+
+def test_where_nothing_jumps_no_delay_is_moved() -> None:
+    bench, every = made({"transport_delay.time": 2e-3})
+    problem = bench.problem(every["transport_delay"].at({"transport_delay.time": 1e-3}))
+    before = problem.evaluations
+    assert shifted(problem, problem.start) is None
+    assert problem.evaluations == before
+
+
+def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
+    bench, every = made({"sensor_offset.value": 1e-5})
+    retuned = bench.finish(bench.fit((), ()))
+    sights, _ = look((retuned.view,), [every["sensor_offset"]])
+    found = beside(bench, retuned, sights[:1])
+    worth = advantage(found.evidence, retuned.evidence)
+    assert worth > LIKELY
+    assert earns(replace(found, chance=0.0), retuned)
+    assert not earns(replace(found, chance=0.6 * (worth - LIKELY)), retuned)
