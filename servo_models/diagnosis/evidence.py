@@ -110,14 +110,16 @@ def dispersion(errors: Array) -> float:
     return max(float(np.mean(errors**2)), 1e-30) * inflation(errors)
 
 
-def advantage(better: Evidence, worse: Evidence) -> float:
+def advantage(better: Evidence, worse: Evidence, by_chance: bool = False) -> float:
     """Return twice the log likelihood ratio on unseen blocks, in independent samples.
 
-    If the better model is right its errors say how many samples are independent, if it is
-    better by chance those of the worse one do: which is asked here, so both count.
+    Errors of the better model say how many samples are independent.  If it may be better only
+    ``by_chance``, since the worse one may be right, those of the worse one say so as well.
     """
-    dispersed = np.sqrt(better.dispersion * worse.dispersion)
-    return float((worse.losses - better.losses).sum() / dispersed)
+    scale = better.dispersion
+    if by_chance:
+        scale = float(np.sqrt(scale * worse.dispersion))
+    return float((worse.losses - better.losses).sum()) / scale
 
 
 def consistency(better: Evidence, worse: Evidence) -> float:

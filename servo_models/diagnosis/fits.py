@@ -50,6 +50,8 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
             best = found
         if best.cost < PROMISED * min(it.left for it in own):
             break
+        if sight.candidate.fastest and best.cost >= first.cost:
+            break  # a resonance is slow to simulate, and from its best start it did nothing
     assert best
     return best
 

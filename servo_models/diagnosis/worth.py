@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from servo_models.diagnosis.evidence import advantage, consistency
 from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.structure import left_over, sure
 
 LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
@@ -22,10 +23,11 @@ def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
     """
     if one.disguised and not other.disguised:
         worth = max(worth, PRESSED)
-    by_chance = 2.0 * max(one.chance - other.chance, 0.0)
+    trials = 2.0 * max(one.chance - other.chance, 0.0)
+    by_chance = not sure(left_over(other.problem, other.evidence))
     saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
     return (
         saved > worth
-        and advantage(one.evidence, other.evidence) > LIKELY + by_chance
+        and advantage(one.evidence, other.evidence, by_chance) > LIKELY + trials
         and consistency(one.evidence, other.evidence) < BY_CHANCE
     )

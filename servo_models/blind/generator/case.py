@@ -29,7 +29,9 @@ from servo_models.blind.generator.foreign import FOREIGN
 Array = NDArray[np.float64]
 
 TIERS = ("easy", "hard", "poor")
-KINDS = {"nothing": 0.2, "one": 0.4, "two": 0.2, "foreign": 0.2}
+KINDS = {"nothing": 0.16, "one": 0.25, "two": 0.42, "foreign": 0.17}
+"""How often each is drawn: about as many cases of each kind are told apart by their logs, of two
+effects at once fewer than half."""
 RATIO = (5.0, 20.0)
 """Gap over noise floor."""
 VISIBLE = (0.006, 0.06)
