@@ -8,7 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.diagnosis.staircases import shortened, shortlist
+from servo_models.simulate import model
 from tests.test_search_of_causes import made
 
 
@@ -38,3 +40,24 @@ def test_an_effect_that_is_on_is_not_on_the_list() -> None:
     one = every["command_quantisation"]
     on = bench.fit((one.name,), one.at({"command_quantisation.step": 3.0}))
     assert [it.name for it in shortlist(bench, on, [one, every["cogging"]])] == []
+
+
+@given(st.sampled_from(["sample_hold", "command_quantisation"]), st.floats(1e-3, 1e3))
+def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
+    """Or they are as near each other as is worth it: with n stairs, n times the change."""
+    plant = model("torque_motor").plant
+    effect = plant.placements[name][0].effect.name
+    (switch,) = [it for it in plant.parameters.values() if it.owner == name and it.param.switch]
+    whole = stairs * switch.param.typical
+    sizes = np.array([max(it.values()) for it in fine(effect, switch, whole)])
+    low, high = (share * switch.param.typical for share in STAIRS[effect])
+    assert sizes[0] == min(high, switch.param.high)
+    assert low <= sizes[-1] < low * (1.0 + 2.0 * WIDEST)
+    change = 1.0 - sizes[1:] / sizes[:-1]
+    assert np.all((change * whole / sizes[:-1] < 1.01 * NEEDLE) | (change < 1.01 * NEAREST))
+    assert np.all(change < 1.01 * WIDEST)
+
+
+def test_an_effect_without_stairs_has_no_list_of_sizes() -> None:
+    plant = model("torque_motor").plant
+    assert fine("cogging", plant.parameters["cogging.torque"], 1.0) == []
