@@ -238,8 +238,14 @@ def effects(found: Diagnosis) -> list[str]:
 
 
 def worse(found: Diagnosis) -> list[str]:
-    """Regimes that the diagnosed model makes worse."""
+    """Motions held out and regimes that the diagnosed model makes worse."""
     lines = [
+        f"- Worse than by parameters alone, held out of log '{one.log}': {one.retuned:.3g} ->"
+        f" {one.after:.3g} noise floors."
+        for one in found.held_out
+        if one.worse
+    ]
+    lines += [
         f"- Worse than before at {one.dimension} {each.label}: {each.rms_before:.3g} ->"
         f" {each.rms_after:.3g} noise floors."
         for one in where(found.causes)

@@ -203,3 +203,10 @@ def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
     text = DESCRIPTION.format("").replace("[uncertainty]", f"{given_}[uncertainty]")
     with pytest.raises(UserError, match=r"the nominal model cannot be simulated.*correct it"):
         diagnose(describe(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("names", "read"), [(["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
+)
+def test_names_are_listed_as_one_reads_them(names: list[str], read: str) -> None:
+    assert words.listed(iter(names)) == read

@@ -72,10 +72,16 @@ def rivals(found: Diagnosis) -> str:
     return f"; cannot be told apart from {', '.join(others)}" if others else ""
 
 
+def listed(names: Iterable[str]) -> str:
+    """Return names as one reads them: "a", "a and b", "a, b and c"."""
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
 def placed(found: Diagnosis, effects: Iterable[str]) -> str:
     """Return effects with the wires on which they act."""
     where = found.model.plant.placements
-    return " and ".join(f"{name} on '{where[name][0].on[0]}'" for name in effects)
+    return listed(f"{name} on '{where[name][0].on[0]}'" for name in effects)
 
 
 def change(found: Diagnosis) -> str:
@@ -156,7 +162,7 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
                 f" column, and that the log is of '{found.model.actuator.name}'"
             )
     if taken.effects and not taken.converged:
-        said.append(f"the fit with {' and '.join(taken.effects)} did not converge")
+        said.append(f"the fit with {listed(taken.effects)} did not converge")
     if found.verdict.hunting:
         said.append(
             f"the response hunts: it differs by {found.verdict.hunting:.3g} noise floors from"
@@ -166,7 +172,7 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
         if one.worse:
             said.append(
                 f"held out of log '{one.log}', the motion gets worse: parameters alone leave"
-                f" {one.retuned:.3g} noise floors, with {' and '.join(taken.effects)} it is"
+                f" {one.retuned:.3g} noise floors, with {listed(taken.effects)} it is"
                 f" {one.after:.3g}; there, something else is missing"
             )
     far = {name: by for name, by in moves(found).items() if abs(by) > SURPRISING}

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.words import listed
 from servo_models.report.identification.readings import Reading, reading, words
 
 NOMINAL, RETUNED, WITH_ONE, WITH_MORE = "nominal", "re-tuned", "with effect", "with effects"
@@ -43,7 +44,7 @@ def readings(found: Diagnosis) -> list[Reading]:
 
 def together(effects: Iterable[str]) -> str:
     """Return effects that act at once, in words."""
-    return " and ".join(map(words, effects))
+    return listed(map(words, effects))
 
 
 def either(explanations: Iterable[Explanation]) -> str:
