@@ -154,22 +154,21 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result: two cores, CPython 3.11, numba 0.68; other work ended during the first cold run.
+# Result: two cores, CPython 3.11, numba 0.68; a withheld check held one of them while the length,
+# the effects and the jobs were measured, not the whole processes.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             49.5 s   36.2 s    458 MiB
-# torque motor, 1 s at 10 kHz       9.0 s    4.4 s    414 MiB
+# SG90, 60 s at 200 Hz             14.8 s    9.2 s    446 MiB
+# torque motor, 1 s at 10 kHz       7.6 s    3.7 s    423 MiB
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             5.0 s  13.7 s  32.4 s  43.8 s
-# torque motor, 1 s at 10 kHz      0.6 s   0.8 s   1.8 s   3.4 s
+# SG90, 60 s at 200 Hz             2.8 s   3.8 s   6.6 s  15.0 s
+# torque motor, 1 s at 10 kHz      0.4 s   0.7 s   1.2 s   2.3 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz            22.4 s  22.2 s  25.3 s  28.5 s
-# torque motor, 1 s at 10 kHz      2.4 s   1.0 s   1.5 s   1.6 s
+# SG90, 60 s at 200 Hz            10.3 s   6.3 s   8.7 s   9.9 s
+# torque motor, 1 s at 10 kHz      1.6 s   1.9 s   1.4 s   1.8 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz            40.5 s  28.0 s  1.45
-# torque motor, 1 s at 10 kHz      1.9 s   1.4 s  1.40
-#
-# Two fits of a stiff gear compliance take half of the SG90's time: 140 ms a simulation.
+# SG90, 60 s at 200 Hz            12.1 s  10.0 s  1.21
+# torque motor, 1 s at 10 kHz      2.1 s   1.8 s  1.13

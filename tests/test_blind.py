@@ -9,17 +9,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
 import servo_models.blind as package
 from servo_models.blind.interval import mean, share
-from servo_models.blind.oracle import Known, rivals, seen
+from servo_models.blind.oracle import Known, Question, _logs, rivals, seen
 from servo_models.blind.run import check_tiers
 from servo_models.blind.said import Said, diagnose_case
 from servo_models.blind.score import FIGURES, Case, calibration, confusion
 from servo_models.blind.sheet import BARS, met
 from servo_models.cli import main
+from servo_models.description import read_description
 from servo_models.errors import UserError
 
 CASES, SEED = 12, 3
@@ -75,6 +77,26 @@ def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
     for it in known:
         assert it["truth"] <= it["parameters"] * (1.0 + 1e-6)
         assert it["truth"] < 1.0
+
+
+def test_the_oracle_reads_noise_free_logs_that_stand_still(copy: Path) -> None:
+    """A coarse quantiser's reading may not move at all: what a user's log may not do."""
+    said = Said(**json.loads((copy / "results.jsonl").read_text().splitlines()[0]))
+    answers = json.loads((copy / "answers.json").read_text())["cases"]
+    answer = next(it for it in answers if it["case"] == said.case)
+    noisy, clean = _logs(Question(copy, answer, said))
+    for path, old, new in zip(answer["noise_free"], noisy.logs, clean.logs):
+        shutil.copy(copy / path, old.path)
+        header, *rows = (copy / path).read_text().splitlines()
+        flat = [row.rpartition(",")[0] + ",0.5" for row in rows]
+        (copy / path).write_text("\n".join([header, *flat]) + "\n")
+        assert new.inputs is old.inputs
+    read = read_description(noisy.path)
+    for one, other in zip(read.logs, clean.logs):
+        for name, values in one.outputs.items():
+            assert np.array_equal(other.outputs[name], values)
+    _, still = _logs(Question(copy, answer, said))
+    assert all(np.ptp([*log.outputs.values()][-1]) == 0.0 for log in still.logs)
 
 
 def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) -> None:

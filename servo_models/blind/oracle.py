@@ -19,8 +19,6 @@ Both numbers were set before any diagnosis was scored.
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -39,6 +37,7 @@ from servo_models.diagnosis.explanation import Bench, Explanation, nominal_param
 from servo_models.diagnosis.fits import TRIED, beside, together
 from servo_models.diagnosis.screening import Sight, look, pairs
 from servo_models.identification.problem import Problem
+from servo_models.recording import Log
 from servo_models.threads import one_blas_thread
 
 HALF = 0.5
@@ -205,12 +204,22 @@ def _bench(told: Description, said: Said) -> Bench:
 
 def _logs(question: Question) -> tuple[Description, Description]:
     """The description of a case, and the same with noise-free logs and the hidden effect."""
-    case = question.folder / "cases" / question.said.case
-    noisy = read_description(case / "description.toml")
-    with tempfile.TemporaryDirectory() as folder:
-        for name in question.answer["noise_free"]:
-            shutil.copy(question.folder / name, folder)
-        shutil.copy(case / "description.toml", folder)
-        clean = read_description(Path(folder) / "description.toml")
-    on = {**clean.model.values, **_parameters(question.answer["hidden"])}
-    return noisy, replace(clean, model=replace(clean.model, values=on))
+    noisy = read_description(question.folder / "cases" / question.said.case / "description.toml")
+    files = {Path(name).name: question.folder / name for name in question.answer["noise_free"]}
+    logs = tuple(_without_noise(log, files[log.path.name]) for log in noisy.logs)
+    on = {**noisy.model.values, **_parameters(question.answer["hidden"])}
+    return noisy, replace(noisy, logs=logs, model=replace(noisy.model, values=on))
+
+
+def _without_noise(log: Log, path: Path) -> Log:
+    """A log with the outputs of another file with the same rows and columns.
+
+    Without noise a quantised reading may stand still, which no description of logs allows.
+    """
+    columns = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    channels = [log.channels[name] for name in log.outputs]
+    outputs = {
+        it.signal: it.scale * table[:, columns.index(it.column)] + it.offset for it in channels
+    }
+    return replace(log, outputs=outputs)
