@@ -154,21 +154,20 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result: two cores, CPython 3.11, numba 0.68; a withheld check held one of them while the length,
-# the effects and the jobs were measured, not the whole processes.
+# Result: two cores, nothing beside it; CPython 3.11, numba 0.68.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             14.8 s    9.2 s    446 MiB
-# torque motor, 1 s at 10 kHz       7.6 s    3.7 s    423 MiB
+# SG90, 60 s at 200 Hz             14.3 s    9.3 s    445 MiB
+# torque motor, 1 s at 10 kHz       7.7 s    3.7 s    423 MiB
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             2.8 s   3.8 s   6.6 s  15.0 s
-# torque motor, 1 s at 10 kHz      0.4 s   0.7 s   1.2 s   2.3 s
+# SG90, 60 s at 200 Hz             3.0 s   3.8 s   6.6 s  15.4 s
+# torque motor, 1 s at 10 kHz      0.6 s   0.9 s   1.4 s   2.8 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz            10.3 s   6.3 s   8.7 s   9.9 s
-# torque motor, 1 s at 10 kHz      1.6 s   1.9 s   1.4 s   1.8 s
+# SG90, 60 s at 200 Hz            10.3 s   4.3 s   6.8 s   6.9 s
+# torque motor, 1 s at 10 kHz      1.4 s   1.5 s   1.1 s   1.2 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz            12.1 s  10.0 s  1.21
-# torque motor, 1 s at 10 kHz      2.1 s   1.8 s  1.13
+# SG90, 60 s at 200 Hz            12.2 s   7.0 s  1.74
+# torque motor, 1 s at 10 kHz      2.5 s   1.6 s  1.49
