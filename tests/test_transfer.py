@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,7 +18,6 @@ from servo_models.noise import dependence, inflation, whiteness
 from servo_models.recording import Log
 from servo_models.reference.inputs import changes
 from servo_models.reference.linear import LinearSystem
-from servo_models.toml_file import read_toml
 from servo_models.transfer import (
     STRUCTURES,
     Record,
@@ -28,8 +26,6 @@ from servo_models.transfer import (
     TransferFunction,
     TransferResult,
     identify_transfer,
-    raw_records,
-    read_sweeps,
     sheet,
     sweep_of_sines,
 )
@@ -398,71 +394,6 @@ def test_a_transfer_function_reads_like_the_paper() -> None:
     assert str(TransferFunction.of([-2.0, 1.0], [2.0, 4.0])) == "(-s + 0.5) / (s + 2)"
 
 
-SWEEP = """
-[[sweeps]]
-file = "sweep.csv"
-input = "voltage"
-output = "angle"
-frequency = { column = "f", unit = "Hz" }
-gain = { column = "gain", unit = "deg/V" }
-phase = { column = "phase", unit = "deg" }
-"""
-
-
-@pytest.fixture
-def sweep_file(tmp_path: Path) -> Path:
-    """A description beside a table of eq. 12 in Hz, deg/V and dB, deg."""
-    hertz = np.geomspace(1.0, 400.0, 12)
-    g = EQUATION_12.response(2.0 * np.pi * hertz) * 180.0 / np.pi
-    columns = {
-        "f": hertz,
-        "gain": np.abs(g),
-        "dB": 20.0 * np.log10(np.abs(g) / 0.075),
-        "phase": np.degrees(np.angle(g)),
-    }
-    pl.DataFrame(columns).write_csv(tmp_path / "sweep.csv")
-    return tmp_path / "motor.toml"
-
-
-@pytest.mark.parametrize(
-    "edit",
-    [
-        ("", ""),
-        ('"gain", unit = "deg/V"', '"dB", unit = "dB", reference = "0.075 deg/V"'),
-    ],
-    ids=["deg/V", "dB"],
-)
-def test_a_table_of_gain_and_phase_is_read_in_si(sweep_file: Path, edit: tuple[str, str]) -> None:
-    sweep_file.write_text(SWEEP.replace(*edit))
-    [sweep] = read_sweeps(read_toml(sweep_file), sweep_file.parent, MOTOR.plant)
-    expected = EQUATION_12.response(2.0 * np.pi * np.geomspace(1.0, 400.0, 12))
-    assert np.allclose(sweep.response, expected, rtol=1e-9)
-    found = identify_transfer([], [sweep], model=MOTOR, structures=[Structure(3, 0, True)])
-    assert found.chosen.function.delay == pytest.approx(EQ_12_DELAY, rel=1e-4)
-    assert found.constants
-
-
-FAULTS = {
-    "unknown key": ("phase =", "fase =", "did you mean 'phase'"),
-    "missing key": ('input = "voltage"', "", "sweeps[1].input: missing"),
-    "unknown signal": ('"voltage"', '"volts"', "did you mean 'voltage'"),
-    "unit": ('"deg/V"', '"deg/A"', "sweeps[1].gain.unit"),
-    "column": ('column = "f"', 'column = "g"', "no column 'g'"),
-    "frequency unit": ('"Hz"', '"m"', "sweeps[1].frequency.unit"),
-    "negative gain": ('column = "gain"', 'column = "phase"', "column 'phase' is not above 0"),
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_bad_sweep_table_is_one_clear_line(sweep_file: Path, fault: str) -> None:
-    old, new, said = FAULTS[fault]
-    sweep_file.write_text(SWEEP.replace(old, new))
-    with pytest.raises(UserError) as error:
-        read_sweeps(read_toml(sweep_file), sweep_file.parent, MOTOR.plant)
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
-
-
 def test_what_cannot_be_identified_is_one_clear_line() -> None:
     times = np.arange(0.0, 1.0, 0.01)
     still = log("still", times, np.zeros(100), np.sin(times))
@@ -477,24 +408,6 @@ def test_what_cannot_be_identified_is_one_clear_line() -> None:
         with pytest.raises(UserError) as error:
             identify_transfer(logs, model=MOTOR, **names)
         assert said in str(error.value)
-
-
-def test_raw_records_of_a_sweep_are_named_in_the_description(tmp_path: Path) -> None:
-    hertz = np.geomspace(5.0, 80.0, 4)
-    times = DT * np.arange(12000)
-    logs = []
-    for f in hertz:
-        u = 10.0 * np.sin(2.0 * np.pi * f * times)
-        logs.append(log(f"{f:.0f} Hz", times, u, 0.5 * u))
-    names = [one.name for one in logs]
-    path = tmp_path / "raw.toml"
-    path.write_text(f'[[sweeps]]\nlogs = {names}\ninput = "voltage"\noutput = "angle"\n')
-    document = read_toml(path)
-    [sweep] = read_sweeps(document, tmp_path, MOTOR.plant, logs)
-    assert sweep.frequencies == pytest.approx(2.0 * np.pi * hertz, rel=1e-6)
-    assert raw_records(document) == set(names)
-    with pytest.raises(UserError, match="logs: unknown log '5 Hz'"):
-        read_sweeps(document, tmp_path, MOTOR.plant, logs[1:])
 
 
 def test_an_interrupt_keeps_the_structures_that_are_done() -> None:

@@ -37,6 +37,7 @@ from servo_models.diagnosis.explanation import Bench, Explanation, nominal_param
 from servo_models.diagnosis.fits import TRIED, beside, together
 from servo_models.diagnosis.screening import Sight, look, pairs
 from servo_models.identification.problem import Problem
+from servo_models.logs import read_columns
 from servo_models.recording import Log
 from servo_models.threads import one_blas_thread
 
@@ -216,10 +217,8 @@ def _without_noise(log: Log, path: Path) -> Log:
 
     Without noise a quantised reading may stand still, which no description of logs allows.
     """
-    columns = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    channels = [log.channels[name] for name in log.outputs]
-    outputs = {
-        it.signal: it.scale * table[:, columns.index(it.column)] + it.offset for it in channels
-    }
+    columns, outputs = read_columns(path), {}
+    for name in log.outputs:
+        channel = log.channels[name]
+        outputs[name] = channel.scale * columns.numbers(channel.column) + channel.offset
     return replace(log, outputs=outputs)

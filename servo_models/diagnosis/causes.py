@@ -103,11 +103,13 @@ def find_causes(
     bench = replace(bench, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
     open_question = not settled(retuned)
-    nominal = bench.unfit((), (), {free.name: free.nominal for free in bench.nominal})
-    views = (nominal.view, retuned.view) if open_question else (retuned.view,)
-    sights, reach = look(views, every)
+    plain = [retuned]
     if open_question:
-        singles, sights = _singles(bench, (nominal, retuned), sights, every, say)
+        nominal = {free.name: free.nominal for free in bench.nominal}
+        plain.insert(0, bench.unfit((), (), nominal))
+    sights, reach = look([it.view for it in plain], every)
+    if open_question:
+        singles, sights = _singles(bench, plain, sights, every, say)
     else:
         singles = _fitted(bench, retuned, starts_of(sights, QUIET), say)
     near = narrowed(every, sights)
@@ -129,7 +131,7 @@ def find_causes(
 
 def _singles(
     bench: Bench,
-    plain: tuple[Explanation, Explanation],
+    plain: Sequence[Explanation],
     sights: list[Sight],
     every: Sequence[Candidate],
     say: Tell,

@@ -139,10 +139,9 @@ def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[tuple[float, int
     gram, towards, p = columns.T @ columns, columns.T @ seen.errors, seen.slopes.shape[1]
     chosen = np.column_stack([np.tile(np.arange(p), (len(i), 1)), p + i, p + j])
     low, high = (np.append(it, [end, end]) for it, end in zip(seen.room, (0.0, STRETCH)))
-    remains = _remains(
-        seen, gram[chosen[:, :, None], chosen[:, None, :]], towards[chosen], low, high
-    )
-    return [(float(left), own[k], own[m]) for left, k, m in zip(remains[0], i, j)]
+    both = gram[chosen[:, :, None], chosen[:, None, :]]
+    remains, _ = _remains(seen, both, towards[chosen], low, high)
+    return [(float(left), own[k], own[m]) for left, k, m in zip(remains, i, j)]
 
 
 def _sights(
