@@ -106,3 +106,13 @@ def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     assert worth > LIKELY
     assert earns(replace(found, chance=0.0), retuned)
     assert not earns(replace(found, chance=0.6 * (worth - LIKELY)), retuned)
+
+
+def test_a_phase_goes_on_beyond_half_a_turn() -> None:
+    """A ripple sought from the other side of half a turn: the way there leads over the bound."""
+    true = {"cogging.torque": 3e-4, "cogging.phase": -2.97}
+    bench, every = made(true)
+    best = bench.fit(("cogging",), every["cogging"].at(true))
+    found = bench.fit(("cogging",), every["cogging"].at({**true, "cogging.phase": 2.9}))
+    assert found.values["cogging.phase"] < 0.0
+    assert found.cost == pytest.approx(best.cost, rel=1e-3)

@@ -8,9 +8,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.diagnosis.staircases import shortened, shortlist
-from servo_models.simulate import model
+from servo_models.simulate import Array, model
 from tests.test_search_of_causes import made
 
 
@@ -42,7 +43,7 @@ def test_an_effect_that_is_on_is_not_on_the_list() -> None:
     assert [it.name for it in shortlist(bench, on, [one, every["cogging"]])] == []
 
 
-@given(st.sampled_from(["sample_hold", "command_quantisation"]), st.floats(1e-3, 1e3))
+@given(st.sampled_from(["sample_hold", "command_quantisation", "dead_band"]), st.floats(1e-3, 1e3))
 def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
     """Or they are as near each other as is worth it: with n stairs, n times the change."""
     plant = model("torque_motor").plant
@@ -54,10 +55,30 @@ def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stai
     assert sizes[0] == min(high, switch.param.high)
     assert low <= sizes[-1] < low * (1.0 + 2.0 * WIDEST)
     change = 1.0 - sizes[1:] / sizes[:-1]
-    assert np.all((change * whole / sizes[:-1] < 1.01 * NEEDLE) | (change < 1.01 * NEAREST))
+    assert np.all((change * whole / sizes[:-1] < 1.01 * NEEDLE) | (change < 1.01 * NEAREST[effect]))
     assert np.all(change < 1.01 * WIDEST)
 
 
 def test_an_effect_without_stairs_has_no_list_of_sizes() -> None:
     plant = model("torque_motor").plant
     assert fine("cogging", plant.parameters["cogging.torque"], 1.0) == []
+
+
+def test_a_correction_that_leads_astray_is_not_followed() -> None:
+    """Slopes of a ripple's phase promise too much: one size may not spoil those looked at after."""
+    true = {"cogging.torque": 4e-3, "cogging.phase": 1.5, "sample_hold.period": 4e-3}
+    bench, every = made(true)
+    ripple = every["cogging"].at({"cogging.torque": 3e-3, "cogging.phase": 0.5})
+    begin = {it.name: it.start for it in (*bench.nominal, *ripple)}
+    seen = bench.unfit(("cogging",), ripple, begin).view
+    sizes = tuple({"sample_hold.period": 4e-3 * (1.0 + k / 500.0)} for k in range(-40, 41))
+    hold = replace(every["sample_hold"], sizes=sizes)
+
+    def left(corrected: bool) -> Array:
+        sights = look((seen,), [hold], corrected)[0]
+        found = {it.settings["sample_hold.period"]: it.change for it in sights}
+        return np.array(
+            [np.sum(seen.without(seen.errors + found[it]) ** 2) for it in sorted(found)]
+        )
+
+    assert np.all(left(corrected=True) <= np.maximum(left(corrected=False), seen.left))

@@ -18,6 +18,7 @@ from servo_models.diagnosis.sizes import (
     LEAST,
     NEAR,
     RESONANT,
+    STAIRS,
     Settings,
     fine,
     near_to,
@@ -62,6 +63,7 @@ class Candidate:
     fine: tuple[Settings, ...] = ()
     ripple: tuple[str, str] | None = None
     fastest: float = 0.0
+    late: bool = False
 
     @property
     def trials(self) -> int:
@@ -133,14 +135,15 @@ def _candidate(
     else:
         narrow = fine(effect, switches[0], _whole(model, logs, effect, wire))
     fastest = _fastest(logs) if inertia else 0.0
-    return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple, fastest)
+    late = effect == "sample_hold"
+    return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple, fastest, late)
 
 
 def _whole(model: Model, logs: Sequence[Log], effect: str, wire: str) -> float:
     """What the stairs of an effect divide [SI]; 0 of one with none, infinity where unknown."""
     if effect == "sample_hold":
         return max((log.duration + log.settle for log in logs), default=math.inf)
-    if effect != "quantisation":
+    if effect not in STAIRS:
         return 0.0
     return max((_range(model, log, wire) for log in logs), default=math.inf)
 

@@ -39,9 +39,6 @@ PART = 0.5
 """Part of what an effect closes that leaves noise only, which a look-alike has to promise."""
 STAIRCASES = 4
 """Those fitted of which the response is a staircase of the size, after a closer look."""
-LEADING = 2
-"""Best effects, of which staircases are looked at from the nominal parameters as well: others
-may have made up for a wrong size."""
 FINALISTS, NEARLY = 5, 2.0
 """Explanations that are fitted on, if they leave less than this over the best."""
 FINER, LONGER = 1e-6, 60
@@ -141,7 +138,7 @@ def _singles(
     Where one leaves noise only, the others are fitted if they may be its look-alikes.  What is
     there without effects is ``plain``, as it is and with its parameters re-tuned.
     """
-    nominal, retuned = plain
+    retuned = plain[-1]
     smooth = list(starts_of([it for it in sights if not it.candidate.fine], SINGLES))
     found = _fitted(bench, retuned, smooth[:FIRST], say)
     found += _fitted(bench, retuned, _likely(smooth[FIRST:], retuned, found), say)
@@ -154,12 +151,6 @@ def _singles(
         beside_it = bench.unfit((), (), best.values)
         closer = _closer(bench, (retuned, beside_it), sights, every)
         found += _fitted(bench, retuned, starts_of(closer, STAIRCASES), say)
-        leading = {name for one in best_of_each(found)[:LEADING] for name in one.effects}
-        again = [it for it in every if it.fine and it.name in leading]
-        if again and not any(map(settled, found)):
-            more = _closer(bench, (retuned, nominal), sights, again)
-            found += _fitted(bench, retuned, starts_of(more, STAIRCASES), say)
-            closer += more
         sights = sorted([*sights, *closer], key=lambda sight: sight.left)
     return best_of_each(found), sights
 

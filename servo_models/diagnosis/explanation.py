@@ -22,6 +22,7 @@ from servo_models.diagnosis.stepwise import (
     sharpened,
     shifted,
     staircases_of,
+    turned,
 )
 from servo_models.diagnosis.view import View, view
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
@@ -246,6 +247,9 @@ class Bench:
             if moved is None:
                 break
             vector, met, slopes = descend(problem, moved, tolerance, limit, widths)
+        onward = turned(problem, vector)
+        if onward is not None:
+            vector, met, slopes = descend(problem, onward, tolerance, limit, widths)
         if stepwise:
             return sharpened(problem, vector, stepwise, widths, NARROW), met, None
         return vector, met, slopes

@@ -13,7 +13,7 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, best_of_each, settled, side_by_side
-from servo_models.diagnosis.pairing import added, promising, swapped, without
+from servo_models.diagnosis.pairing import added, promising, seen_beside, swapped, without
 from servo_models.diagnosis.worth import earns
 
 MOST = 5
@@ -35,7 +35,7 @@ def further(
     tried: list[Explanation] = []
     fewer = taken
     while len(taken.effects) < MOST and not settled(taken):
-        seen = promising(taken, every, (1.0 - THIRD) * taken.cost, ADDED)
+        seen = promising(seen_beside(taken, every), (1.0 - THIRD) * taken.cost, ADDED)
         tasks = [added(taken, name, own) for name, own in seen]
         found = best_of_each(side_by_side(bench, tasks, say))
         better = next((it for it in found if _belongs(bench, it, taken)), None)

@@ -32,9 +32,10 @@ KEPT = 6
 """Sizes at which an effect is seen again beside another one."""
 SHOWN = 40
 """Sizes of a staircase that are all looked at."""
-LESS, ANEW = 0.98, 0.7
-"""Loss of a pair over that of one effect, from which the pair is worth more fits, and new lists of
-the sizes of staircases."""
+LESS = 0.98
+"""Loss of a pair over that of one effect, from which the pair is worth more fits."""
+ABOUT = tuple(k * 4e-4 for k in range(-6, 7))
+"""How far from its size in a pair a staircase is sought again, relative to it."""
 SWAPS, LOOKALIKES = 3, 8
 """Effects that are tried in the place of one of a pair, while something is left to explain and
 after."""
@@ -63,22 +64,35 @@ def couples_of(
         tasks[frozenset(names)] = " and ".join(names), partial(together, pair=pair)
     share, count = (LESS, FEW) if explained else (PROMISING, SECONDS)
     for first in singles[: 1 if explained else FIRSTS]:
-        for name, own in promising(first, every, share * first.cost, count):
+        for name, own in promising(seen_beside(first, every), share * first.cost, count):
             tasks.setdefault(frozenset((*first.effects, name)), added(first, name, own))
     found = best_of_each(side_by_side(bench, list(tasks.values()), say))
+    if not explained and not any(map(settled, found)):
+        say(f"looking closer at staircases beside {singles[0].effects[0]}")
+        found = best_of_each([*found, *_stairs_beside(bench, singles[0], every, say)])
     if found and found[0].loss < LESS * singles[0].loss:
-        anew = found[0].loss < ANEW * singles[0].loss
-        found = best_of_each([*found, *swapped(bench, found[0], every, say, anew)])
+        found = best_of_each([*found, *swapped(bench, found[0], every, say)])
     return found
 
 
-def promising(
-    first: Explanation, every: Iterable[Candidate], enough: float, count: int
-) -> Iterator[Seen]:
-    """Effects that promise to leave less than enough beside others, and sizes to begin from."""
-    others = [one for one in every if one.name not in first.effects]
-    seen = [sight for sight in look((first.view,), others)[0] if sight.left < enough]
-    yield from starts_of(seen, count)
+def promising(seen: Iterable[Sight], enough: float, count: int) -> Iterator[Seen]:
+    """Effects that promise to leave less than enough, and sizes to begin from."""
+    yield from starts_of([it for it in seen if it.left < enough], count)
+
+
+def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+    """What is seen of other effects beside those of ``first``, best first."""
+    return look((first.view,), [one for one in every if one.name not in first.effects])[0]
+
+
+def _stairs_beside(
+    bench: Bench, first: Explanation, every: Iterable[Candidate], say: Tell
+) -> Iterator[Explanation]:
+    """Fits of staircases beside an effect, at the sizes that look best there."""
+    stairs = [one for one in every if one.fine]
+    closer = look((first.view,), shortlist(bench, first, stairs, seen_beside(first, stairs)))[0]
+    likely = promising(closer, PROMISING * first.cost, SECONDS)
+    return side_by_side(bench, [added(first, name, own) for name, own in likely], say)
 
 
 def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
@@ -87,13 +101,12 @@ def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
 
 
 def swapped(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell, anew: bool = False
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell
 ) -> list[Explanation]:
     """Explanations in which one effect is sought again, the others kept as they are.
 
-    Beside them it may look different: another size, or another effect; those of staircases are
-    listed ``anew`` if that is worth it.  Where nothing is left to explain, those that do as well
-    belong to the set that cannot be told apart.
+    Beside them it may look different: another size, or another effect.  Where nothing is left to
+    explain, those that do as well belong to the set that cannot be told apart.
     """
     done = settled(found)
     enough, count = (ALIKE, LOOKALIKES) if done else (PROMISING, SWAPS)
@@ -101,13 +114,20 @@ def swapped(
     tasks: list[Task] = []
     for name in found.effects:
         stays = bench.unfit(*_without(found, name), found.values)
-        seen, _ = look((stays.view,), [it for it in others if it.name not in stays.effects])
-        if anew and not done:
-            closer = shortlist(bench, stays, others, seen)
-            seen = sorted([*seen, *look((stays.view,), closer)[0]], key=lambda it: it.left)
-        likely = [it for it in seen if it.left < enough * found.cost]
-        tasks += [added(stays, other, own) for other, own in starts_of(likely, count)]
+        nearer = [_nearer(one, found) for one in others]
+        likely = promising(seen_beside(stays, nearer), enough * found.cost, count)
+        tasks += [added(stays, other, own) for other, own in likely]
     return list(side_by_side(bench, tasks, say))
+
+
+def _nearer(one: Candidate, found: Explanation) -> Candidate:
+    """A staircase with sizes very near that of a fit, if it is part of it: beside another effect
+    the needle may lie next to where it was found alone."""
+    if not one.fine or one.name not in found.effects:
+        return one
+    switch = one.free[0].name
+    size = found.values[switch]
+    return replace(one, sizes=(*one.sizes, *({switch: size * (1.0 + it)} for it in ABOUT)))
 
 
 def without(bench: Bench, found: Explanation, name: str) -> Explanation:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from servo_models.diagnosis.box import least_in_box, value_at
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.stepwise import delays_of
 from servo_models.diagnosis.view import View
 from servo_models.identification.problem import map_on
 
@@ -32,6 +33,8 @@ EACH = 3
 CORRECTIONS, BESIDE, GROUP = 2, 1.05, 32
 """Times that other parameters are corrected before a staircase is judged, and sizes, relative to
 each other, so near that once is enough; so many of them are looked at one after another."""
+SOONER = (0.25, 0.5, 0.75)
+"""Parts of a hold's period by which a delay is less beside it, of which the best is taken."""
 LARGEST = 10.0
 """The same for a ripple, of which one size is looked at."""
 
@@ -78,11 +81,13 @@ class Sight:
         }
 
 
-def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight], dict[str, float]]:
+def look(
+    views: Sequence[View], every: Sequence[Candidate], corrected: bool = True
+) -> tuple[list[Sight], dict[str, float]]:
     """Return each effect at each size from each view, best first, and the reach of each effect.
 
     That is how far it moves the outputs at most: RMS in noise floors of what nominal
-    parameters cannot imitate.  Other parameters are corrected before a staircase is judged:
+    parameters cannot imitate.  Other parameters are ``corrected`` before a staircase is judged:
     one of the wrong step looks as good while they are still at values that made up for it.
     """
     sights: list[Sight] = []
@@ -91,7 +96,7 @@ def look(views: Sequence[View], every: Sequence[Candidate]) -> tuple[list[Sight]
         problem = seen.problem
         base = problem.values(seen.vector)
         tasks = [(one, sizes) for one in every for sizes in _neighbours(one)]
-        simulate = partial(_differences, seen, base)
+        simulate = partial(_differences if corrected else _plain, seen, base)
         found = map_on(problem.jobs, simulate, tasks)
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
         for sight in _sights(seen, every_size, list(chain.from_iterable(found))):
@@ -210,19 +215,30 @@ def _neighbours(one: Candidate) -> list[list[Settings]]:
     return found
 
 
+def _plain(seen: View, base: Settings, task: tuple[Candidate, Sequence[Settings]]) -> list[Array]:
+    """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
+    one, sizes = task
+    delay = _delay(seen) if one.late else ""
+    if delay:
+        return [_timed(seen, base, delay, size)[:, None] for size in sizes]
+    return [_simulated(seen, base, one, size) for size in sizes]
+
+
 def _differences(
     seen: View, base: Settings, task: tuple[Candidate, Sequence[Settings]]
 ) -> list[Array]:
-    """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
+    """The same, other parameters corrected beside a staircase."""
     one, sizes = task
-    if not one.fine:
-        return [_simulated(seen, base, one, size) for size in sizes]
+    if not one.fine or (one.late and _delay(seen)):
+        return _plain(seen, base, task)
     whole = _difference(seen, {**base, **sizes[0]})
     for _ in range(CORRECTIONS - 1):
         whole = _corrected(seen, sizes[0], whole)
     found = []
     for size in sizes:
         whole = _corrected(seen, size, whole)
+        if _left(seen, whole) > seen.left:  # slopes may have led astray
+            whole = min(whole, _difference(seen, {**base, **size}), key=partial(_left, seen))
         found.append(whole[:, None])
     return found
 
@@ -236,12 +252,40 @@ def _simulated(seen: View, base: Settings, one: Candidate, size: Settings) -> Ar
 
 def _corrected(seen: View, size: Settings, whole: Array) -> Array:
     """A change by an effect once more, from where it would take the other parameters."""
-    start = seen.start(whole)
-    again = _difference(seen, {**start, **size})
-    vector = np.array(list(start.values())) / seen.problem.scales
-    again -= seen.slopes @ (vector - seen.vector)
-    again[seen.problem.samples :] = 0.0
-    return again
+    return _change(seen, seen.start(whole), size)
+
+
+def _timed(seen: View, base: Settings, delay: str, size: Settings) -> Array:
+    """A change by a hold, with the delay less by the part of its period that leaves least.
+
+    A hold is late by half its period on average, and by how much at an edge of the command no
+    slope tells: the clock may tick just after it.
+    """
+    (period,) = size.values()
+    least = next(free.low for free in seen.problem.free if free.name == delay)
+    sooner = [max(base[delay] - part * period, least) for part in SOONER]
+    found = [_change(seen, {**base, delay: time}, size) for time in dict.fromkeys(sooner)]
+    return min(found, key=partial(_left, seen))
+
+
+def _left(seen: View, change: Array) -> float:
+    """Squared errors beside a change, without what parameters imitate."""
+    return float(np.sum(seen.without(seen.errors + change) ** 2))
+
+
+def _delay(seen: View) -> str:
+    """The free delay of a problem, empty where there is none."""
+    delays = delays_of(seen.problem)
+    return seen.problem.free[delays[0]].name if delays else ""
+
+
+def _change(seen: View, values: Settings, size: Settings) -> Array:
+    """A change by an effect with other parameters at ``values``, less what their slopes do."""
+    change = _difference(seen, {**values, **size})
+    vector = np.array(list(values.values())) / seen.problem.scales
+    change -= seen.slopes @ (vector - seen.vector)
+    change[seen.problem.samples :] = 0.0
+    return change
 
 
 def _difference(seen: View, values: dict[str, float]) -> Array:

@@ -25,15 +25,16 @@ SIGNED = (0.3, 3.0)
 """Those of effects that have either sign, whose response is nearly straight."""
 SHAPED = (0.02, 0.1, 0.5, 2.0, 8.0)
 """Those of effects with a shape, with each of which they are tried."""
-LIMITS = (0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 3.0)
-RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+LIMITS = (0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 2.5, 3.0, 3.4, 4.0)
+RATES = tuple(0.03 * 1.35**k for k in range(28))
 OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
-STAIRS = {"quantisation": (0.2, 32.0), "sample_hold": (0.15, 10.0), "dead_band": (0.05, 10.0)}
+STAIRS = {"quantisation": (0.2, 150.0), "sample_hold": (0.15, 10.0), "dead_band": (0.05, 10.0)}
 """Least and largest of those of which a response is a staircase, which no slope leads to."""
 STEPWISE = tuple(STAIRS)
 """Effects of which a response is no smooth function."""
-NEEDLE, NEAREST, WIDEST = 0.1, 0.0015, 0.06
+NEAREST = {"quantisation": 0.0015, "sample_hold": 0.0015, "dead_band": 0.005}
+NEEDLE, WIDEST = 0.1, 0.06
 """How far apart such sizes are, relative to each other: so many times one over the stairs of the
 whole, whose last one then is off by that part of a stair; at least, and at most."""
 SHAPES = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -133,7 +134,7 @@ def fine(effect: str, switch: Parameter, whole: float) -> list[Settings]:
     while size >= low:
         found.append({switch.name: size})
         apart = NEEDLE * size / whole if whole > 0.0 else WIDEST
-        size *= 1.0 - min(max(apart, NEAREST), WIDEST)
+        size *= 1.0 - min(max(apart, NEAREST[effect]), WIDEST)
     return found
 
 

@@ -7,7 +7,7 @@ are near it; the whole logs then tell them apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import log, sqrt
 
@@ -17,19 +17,25 @@ from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.stepwise import delays_of, staircases_of
 from servo_models.diagnosis.view import view
 from servo_models.recording import Log
 
-SHORT = 2000
-"""Samples of the part of the logs that is looked at first."""
+HELD, LONG = 1000, 5000
+"""Samples of the parts of the logs that are looked at first, of a hold and of every staircase: the
+more periods of a hold there are, the narrower is what a size has to meet."""
+DOZENS, CLOSER = 40, (-0.0005, 0.0, 0.0005)
+"""Sizes that are worth a closer look, and how far from each other, relative to it."""
 APART = 0.005
-"""Relative distance of the sizes that are looked at first, at least."""
+"""Relative distance of the sizes that are looked at first, at least.  A hold, and any staircase
+beside effects that hide it no longer, is looked for at all sizes that logs tell apart."""
 SHOWN, AROUND = 0.7, 2.0
 """Share of what is left that the best of them has to leave at most for all sizes within a factor
 to be looked at: a needle may lie beside what resembles it."""
-WEAK, STRONG = 0.1, 10.0
-"""What a staircase moves over what is left to explain, between which it may be the cause."""
-LISTED = 6
+ALONE, REST, STRONG = 0.2, 0.05, 3.0
+"""What a staircase moves over what is left to explain, above which it may be the cause, alone and
+beside other effects, and below which."""
+LISTED = 12
 """Sizes that are looked at with the whole logs, and their neighbours that only these tell apart."""
 
 
@@ -38,30 +44,59 @@ def shortlist(
 ) -> tuple[Candidate, ...]:
     """Return the staircases among some effects, with the sizes that look best beside ``first``.
 
-    What was ``seen`` of them tells how much a size moves.
+    What was ``seen`` of them tells how much a size moves.  A hold after a free delay is found
+    alone beside anything but another staircase, and not sought again.
     """
-    stairs = {one.name: one for one in every if one.fine and one.name not in first.effects}
+    smooth = first.effects and not staircases_of(first.problem)
+    delayed = smooth and delays_of(first.problem)
+    stairs = [one for one in every if one.fine and one.name not in first.effects]
+    stairs = [one for one in stairs if not (one.late and delayed)]
     if not stairs:
         return ()
-    brief = replace(bench, logs=shortened(bench.logs))
-    problem = brief.problem([free for free in first.problem.free if free.prior is None])
-    here = view(problem, first.evidence.vector, first.widths)
-    short = [one for one in candidates(bench.model, brief.logs) if one.name in stairs]
-    found = []
-    for one in short:
-        full = stairs[one.name]
-        grid = [*full.sizes, *_thinned(_fitting(one.fine, one.name, seen))]
-        sights, _ = look((here,), [replace(one, sizes=tuple(grid))])
-        shown = bool(sights) and sights[0].left < SHOWN * here.left
-        if shown:
-            nearer = _about(sights[0].settings, one.fine)
-            sights += look((here,), [replace(one, sizes=tuple(nearer))])[0]
-            grid += nearer
-        best = [it.settings for it in sorted(sights, key=lambda it: it.left)[:LISTED]]
-        near = [it for size in best for it in _between(full.fine, grid, size)] if shown else []
-        sizes = {tuple(it.items()): it for it in (*best, *near)}
-        found.append(replace(full, sizes=tuple(sizes.values())))
-    return tuple(found)
+    parts = {samples: _Part(bench, first, samples) for samples in (HELD, LONG)}
+    return tuple(_listed(one, parts, seen, bool(first.effects)) for one in stairs)
+
+
+class _Part:
+    """The first part of some logs, seen from a fit."""
+
+    def __init__(self, bench: Bench, first: Explanation, samples: int) -> None:
+        brief = replace(bench, logs=shortened(bench.logs, samples))
+        problem = brief.problem([free for free in first.problem.free if free.prior is None])
+        self.view = view(problem, first.evidence.vector, first.widths)
+        self.candidates = {one.name: one for one in candidates(bench.model, brief.logs)}
+
+    def look(self, name: str, sizes: Iterable[Settings], corrected: bool = False) -> list[Sight]:
+        """What is seen of a staircase at some sizes, best first."""
+        one = replace(self.candidates[name], sizes=tuple(sizes))
+        return look((self.view,), [one], corrected)[0]
+
+
+def _listed(
+    full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Sight], beside: bool
+) -> Candidate:
+    """A staircase with the sizes that look best, ``beside`` effects or alone."""
+    name, part = full.name, parts[HELD if full.late else LONG]
+    every = part.candidates[name].fine
+    likely = _fitting(every, name, seen, REST if beside else ALONE)
+    thinned = not full.late and not beside
+    grid = [*full.sizes, *(_thinned(likely) if thinned else likely)]
+    sights = part.look(name, grid)
+    if thinned and sights and sights[0].left < SHOWN * part.view.left:
+        nearer = _about(sights[0].settings, every)
+        grid += nearer
+        sights = sorted([*sights, *part.look(name, nearer)], key=lambda it: it.left)
+    closer = [it for sight in sights[:DOZENS] for it in _around(sight.settings)]
+    sights = parts[LONG].look(name, closer, corrected=True)
+    best = [it.settings for it in sights[:LISTED]]
+    near = [it for size in best for it in _between(full.fine, grid, size)]
+    sizes = {tuple(it.items()): it for it in (*best, *near)}
+    return replace(full, sizes=tuple(sizes.values()))
+
+
+def _around(best: Settings) -> list[Settings]:
+    """A size, and those a little smaller and larger: a needle is narrower than sizes are apart."""
+    return [{switch: size * (1.0 + it)} for switch, size in best.items() for it in CLOSER]
 
 
 def _about(best: Settings, every: Sequence[Settings]) -> list[Settings]:
@@ -82,8 +117,10 @@ def _thinned(every: Sequence[Settings]) -> list[Settings]:
     return found
 
 
-def _fitting(sizes: Sequence[Settings], name: str, seen: Iterable[Sight]) -> Sequence[Settings]:
-    """Sizes that move about as much as there is left to explain."""
+def _fitting(
+    sizes: Sequence[Settings], name: str, seen: Iterable[Sight], weak: float
+) -> Sequence[Settings]:
+    """Sizes that move about as much as there is left to explain, a ``weak`` part of it at least."""
     own = {
         max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.seen.left)
         for it in seen
@@ -91,14 +128,15 @@ def _fitting(sizes: Sequence[Settings], name: str, seen: Iterable[Sight]) -> Seq
     }
     if not own:
         return sizes
-    known = sorted(own)
-    moved = np.log([own[size] for size in known])
+    known = np.log(sorted(own))
+    moved = np.log([own[size] for size in sorted(own)])
     wanted = np.log([max(it.values()) for it in sizes])
-    found = np.interp(wanted, np.log(known), moved)
-    return [it for it, size in zip(sizes, found) if log(WEAK) < size < log(STRONG)]
+    # beyond what was seen, as far as the size does
+    found = np.interp(wanted, known, moved) + wanted - np.clip(wanted, known[0], known[-1])
+    return [it for it, size in zip(sizes, found) if log(weak) < size < log(STRONG)]
 
 
-def shortened(logs: Sequence[Log], samples: int = SHORT) -> tuple[Log, ...]:
+def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
     """Return the first parts of some logs, the same share of each; all where that is too little.
 
     A simulation can only begin where a log does.
@@ -124,11 +162,12 @@ def _first(log: Log, count: int) -> Log:
 
 
 def _between(every: Sequence[Settings], grid: Sequence[Settings], size: Settings) -> list[Settings]:
-    """Sizes nearer to one of a grid than to its neighbours there."""
+    """Sizes nearer to one of a grid than to its neighbours there, and near it."""
     (switch,) = size
     value = size[switch]
     others = np.array([it[switch] for it in grid])
-    below, above = others[others < value], others[others > value]
-    low = 0.5 * (value + below.max()) if len(below) else value
-    high = 0.5 * (value + above.min()) if len(above) else value
+    below = max(others[others < value], default=0.0)
+    above = min(others[others > value], default=np.inf)
+    low = max(0.5 * (value + below), value * (1.0 - APART))
+    high = min(0.5 * (value + above), value * (1.0 + APART))
     return [it for it in every if low <= it[switch] <= high]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.sizes import STEPWISE
+from servo_models.diagnosis.sizes import PHASE, STEPWISE
 from servo_models.identification.problem import Problem
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     between two of them, and no slope leads on.
     """
     interval = _jumping(problem)
-    delays = _delays_of(problem) if interval else []
+    delays = delays_of(problem) if interval else []
     trials = []
     for i in delays:
         for move in (sign * it * interval for it in SAMPLES for sign in (-1.0, 1.0)):
@@ -82,7 +82,21 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     return trials[int(np.argmin(costs))] if min(costs) < WORTH * before else None
 
 
-def _delays_of(problem: Problem) -> list[int]:
+def turned(problem: Problem, vector: Array) -> Array | None:
+    """Return a vector with the phases that lie on a bound moved a turn on, None if there are none.
+
+    The response is the same there, and the search may go on where the bound has stopped it.
+    """
+    sides, found = problem.sides(vector), vector.copy()
+    for i, free in enumerate(problem.free):
+        if sides[i] and free.name.rpartition(".")[2] == PHASE:
+            found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
+    found = np.clip(found, *problem.bounds)
+    return None if np.array_equal(found, vector) else found
+
+
+def delays_of(problem: Problem) -> list[int]:
+    """Which free parameters are times of a transport delay."""
     plant = problem.model.plant
     owners = [plant.parameters[free.name].owner for free in problem.free]
     return [
