@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from servo_models.diagnosis.box import least_in_box, value_at
+from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.evidence import advantage
 from servo_models.diagnosis.explanation import Bench
 from servo_models.diagnosis.fits import beside
 from servo_models.diagnosis.screening import look, pairs
+from servo_models.diagnosis.staircases import shortlist
 from servo_models.diagnosis.stepwise import shifted
 from servo_models.diagnosis.worth import LIKELY, earns
 from servo_models.identification.problem import free_parameter
@@ -63,6 +65,11 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     assert {both.candidate.name, other.candidate.name} == {"sensor_offset", "sensor_nonlinearity"}
 
 
+def logged(times: Array, inputs: dict[str, Array], outputs: dict[str, Array]) -> Log:
+    channels, rows = {it: Channel(it, it, "") for it in outputs}, np.arange(len(times))
+    return Log("log", Path("log"), "", times, inputs, outputs, channels, rows, rows < 0)
+
+
 def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     """Each edge of the logged voltage is a sample early or late: the cost is a stair of samples."""
     nominal = model("sg90", "linear")
@@ -75,9 +82,7 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     random = np.random.default_rng(5)
     told = simulate(rig, times, {"pulse_width": pulse})
     read = {it: told[it] + noise * random.standard_normal(900) for it, noise in names.items()}
-    channels = {it: Channel(it, it, "") for it in names}
-    rows = np.arange(900)
-    log = Log("log", Path("log"), "", times, {"pulse_width": pulse}, read, channels, rows, rows < 0)
+    log = logged(times, {"pulse_width": pulse}, read)
     free = free_parameter(
         nominal.plant.parameters["transport_delay.time"],
         nominal.values["transport_delay.time"],
@@ -116,3 +121,27 @@ def test_a_phase_goes_on_beyond_half_a_turn() -> None:
     found = bench.fit(("cogging",), every["cogging"].at({**true, "cogging.phase": 2.9}))
     assert found.values["cogging.phase"] < 0.0
     assert found.cost == pytest.approx(best.cost, rel=1e-3)
+
+
+def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
+    """A hold is late by half its period, so the delay of a fit without it is too long."""
+    nominal = model("sg90", "linear", {"transport_delay.time": 0.02})
+    random = np.random.default_rng(12)
+    times: Array = 1.6e-3 * np.arange(1200.0)
+    pulse = 1e-3 * np.repeat(random.uniform(1.3, 1.7, 40), random.integers(20, 60, 40))[:1200]
+    period, noise = 0.0155, 1e-4
+    told = simulate(
+        replace(nominal, values={**nominal.values, "sample_hold.period": period}),
+        times,
+        {"pulse_width": pulse},
+    )
+    read = {"angle_reading": told["angle_reading"] + noise * random.standard_normal(len(times))}
+    log = logged(times, {"pulse_width": pulse}, read)
+    delay = nominal.plant.parameters["transport_delay.time"]
+    free = (free_parameter(delay, nominal.values[delay.name], 0.01),)
+    bench = Bench(nominal, [log], free, {"angle_reading": noise}, jobs=1)
+    retuned = bench.fit((), ())
+    assert retuned.values[delay.name] > nominal.values[delay.name] + 0.3 * period
+    (hold,) = [it for it in candidates(nominal, [log]) if it.name == "sample_hold"]
+    sight = look((retuned.view,), shortlist(bench, retuned, [hold]))[0][0]
+    assert sight.settings["sample_hold.period"] == pytest.approx(period, rel=3e-3)
