@@ -18,7 +18,7 @@ from servo_models.diagnosis.evidence import blocks, judge
 from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_parameters
 from servo_models.diagnosis.fits import beside
 from servo_models.diagnosis.screening import look
-from servo_models.diagnosis.sizes import hidden_steps
+from servo_models.diagnosis.sizes import hidden_steps, travel
 from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free, free_parameter
 from servo_models.recording import Channel, Log
@@ -269,3 +269,12 @@ def test_a_block_left_out_never_more_than_doubles_its_errors() -> None:
     evidence = judge(found.problem, wild, blocks(found.problem))
     inside = np.bincount(evidence.parts, evidence.errors**2)
     assert np.all(evidence.losses <= 4.0 * inside * (1.0 + 1e-9))
+
+
+def test_the_travel_of_a_linear_drive_is_in_metres() -> None:
+    """A ripple of a linear drive is sought over the positions that were visited, not over 1 rad."""
+    (log,) = made({})[0].logs
+    position = np.linspace(-0.05, 0.15, len(log.times))
+    linear = replace(log, outputs={"position": position, "speed": 3.0 * position})
+    assert travel(model("linear_drive").plant, [linear]) == pytest.approx(0.2)
+    assert travel(model("torque_motor").plant, [log]) == np.ptp(log.outputs["angle"])

@@ -206,12 +206,12 @@ def _tuned(records: Sequence[Array], rate: float) -> float:
 
 
 def travel(plant: Plant, logs: Iterable[Log]) -> float:
-    """Return the largest range of an angle [rad] in some logs, 1 where none is logged."""
+    """Return the largest range of an angle [rad] or a position [m] in some logs, 1 without any."""
     ranges = [
         float(np.ptp(values))
         for log in logs
         for name, values in log.outputs.items()
-        if plant.wire[name].unit == "rad"
+        if plant.wire[name].unit in ("rad", "m")
     ]
     return max(ranges, default=1.0) or 1.0
 
