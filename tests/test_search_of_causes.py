@@ -91,7 +91,7 @@ def test_a_step_leads_down_inside_the_box_however_degenerate(seed: int, damping:
     assert np.all(vector + step <= high)
     predicted = errors + slopes @ step
     assert promised == pytest.approx(0.5 * (errors @ errors - predicted @ predicted), rel=1e-6)
-    best = lsq_linear(slopes, -errors, (low - vector, high - vector)).cost
+    best = lsq_linear(slopes, -errors, (low - vector, high - vector), method="bvls").cost
     assert 0.0 < promised <= 0.5 * errors @ errors - best + 1e-9
 
 
