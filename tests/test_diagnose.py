@@ -95,6 +95,22 @@ def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) 
         assert "cannot be told apart from backlash" in text
 
 
+def test_an_effect_that_every_explanation_names_is_told_as_sure(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    found, _ = case
+    taken = found.causes.taken
+    pair = [replace(taken, effects=("transport_delay", it)) for it in ("backlash", "sensor_lag")]
+    members = ("transport_delay", "backlash", "sensor_lag")
+    text = words.headline(
+        replace(found, verdict=Verdict("not-identifiable", {}, members, tuple(pair)))
+    )
+    assert text == (
+        "It is transport_delay on 'voltage', and these logs cannot tell which other effect:"
+        " backlash, sensor_lag leave much the same"
+    )
+
+
 def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) -> None:
     found, _ = case
     assert not any("prior deviations" in text for text in words.warnings(found))

@@ -81,14 +81,15 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
     outputs = " and ".join(stage.problem.sigma)
     played = command.text(stage.wire, duration)
     plant = stage.problem.model.plant
+    telling = f"To tell {_names(one)} from {_names(other)}"
+    if separation < TELLING:
+        telling = f"No command inside the limits tells {_names(one)} from {_names(other)}. At best"
     sentences = [
-        f"To tell {_names(one)} from {_names(other)}, play on {stage.wire.name}: {played};"
+        f"{telling}, play on {stage.wire.name}: {played};"
         f" {in_time(duration)} long, log {outputs} every {in_time(stage.step)}.",
         f"The two fitted models then differ by {separation:.2g} noise floors that parameters"
         f" cannot imitate, by {so_far:.2g} so far.",
     ]
-    if separation < TELLING:
-        sentences.append("No command inside the limits would tell them apart.")
     known = _on_record(plant, one.effects, other.effects)
     if known:
         sentences.append(f"What else separates them: {known}.")

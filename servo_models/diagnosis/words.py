@@ -56,12 +56,22 @@ def headline(found: Diagnosis) -> str:
     if kind == PARAMETERS:
         return f"Re-tuned parameters explain {whole}, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
-        members = ", ".join(found.verdict.members)
-        return f"These logs cannot tell which effect it is: {members} leave much the same"
+        return _undecided(found)
     if kind == OUTSIDE:
         best = f"with the nearest, {placed(found, taken)}" if taken else "with parameters re-tuned"
         return f"Outside the catalogue: {best}, something is left"
     return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+
+
+def _undecided(found: Diagnosis) -> str:
+    """What is not told apart; effects that every explanation left names are no part of it."""
+    left, members = found.verdict.rivals, found.verdict.members
+    surely = [name for name in members if left and all(name in one.effects for one in left)]
+    others = ", ".join(name for name in members if name not in surely)
+    said = "These logs cannot tell which effect it is"
+    if surely:
+        said = f"It is {placed(found, surely)}, and these logs cannot tell which other effect"
+    return f"{said}: {others} leave much the same"
 
 
 def rivals(found: Diagnosis) -> str:
