@@ -29,7 +29,9 @@ from servo_models.recording import Channel, Log
 from servo_models.report.diagnosis import diagnosis_page
 from servo_models.report.diagnosis.evidence import intervals
 from servo_models.report.diagnosis.gap import unit_for
+from servo_models.report.identification.responses import draw_legend
 from servo_models.report.parts import MINUS
+from servo_models.report.style import drawing
 from servo_models.simulate import model, simulate
 from servo_models.toml_file import Section
 
@@ -320,3 +322,23 @@ def test_logs_and_their_hashes_are_named(found: Diagnosis, text: str) -> None:
     assert found.logs[0].sha256 in text
     assert "bench.csv" in text
     assert "Python" in Page(text).text
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("measured", "nominal", "re-tuned", "with effects"),
+        ("constant load and sensor nonlinearity", "constant load and command offset"),
+    ],
+)
+def test_names_of_curves_stay_inside_the_picture(names: tuple[str, ...]) -> None:
+    with drawing("legend", rows=2, height=3.6) as (figure, (command, axes)):
+        for name in names:
+            axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
+        draw_legend(axes, len(names))
+        figure.draw_without_rendering()
+        legend = axes.get_legend()
+        assert legend
+        inside, whole = legend.get_window_extent(), figure.bbox
+        assert whole.x0 <= inside.x0 < inside.x1 <= whole.x1
+        assert inside.y1 <= command.get_window_extent().y0 + 3.0

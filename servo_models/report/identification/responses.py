@@ -39,6 +39,8 @@ ZOOM = 8
 LARGEST, FEWEST = 0.1, 60
 """... at most that share of the log, at least so many samples."""
 DASHED = (0, (4, 3))
+WIDE_LABELS = 44
+"""Characters of names of curves that fit on a line above a panel."""
 ROOM = 0.15
 """Space above and below the measured and the judged curve, as a part of their range."""
 
@@ -145,8 +147,13 @@ def draw_frame(axes: Axes, times: Array) -> None:
 
 
 def draw_legend(axes: Axes, count: int) -> None:
-    """Name ``count`` curves in one line above a panel, as wide as they need."""
-    axes.set_title(" ", fontsize=8.5)
+    """Name ``count`` curves above a panel, in one line as wide as they need, or one below another
+    where that is wider than a panel."""
+    _, labels = axes.get_legend_handles_labels()
+    if sum(map(len, labels)) > WIDE_LABELS:
+        count = 1
+    lines = -(-len(labels) // count)
+    axes.set_title(" ", fontsize=8.5, pad=6.0 + 13.0 * (lines - 1))
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.06, 0.98),
