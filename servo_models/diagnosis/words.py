@@ -69,7 +69,9 @@ def _undecided(found: Diagnosis) -> str:
     surely = [name for name in members if left and all(name in one.effects for one in left)]
     others = ", ".join(name for name in members if name not in surely)
     said = "These logs cannot tell which effect it is"
-    if surely:
+    if not others:
+        others = ", ".join(members)
+    elif surely:
         said = f"It is {placed(found, surely)}, and these logs cannot tell which other effect"
     return f"{said}: {others} leave much the same"
 
