@@ -54,6 +54,7 @@ class Candidate:
             with a phase of 0 and of a quarter turn.
         fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
             have too few samples in a period, and it is slow to simulate.
+        late: whether its size is a period, by a part of which it is late.
     """
 
     name: str
