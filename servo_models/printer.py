@@ -31,16 +31,30 @@ class Printer:
         self.states = [s for s in flat.states if s[1] not in dropped]
         self.clocks = [c for c in flat.clocks if c[1] not in dropped]
         self.modes = [m for m in flat.modes if m[1] not in dropped]
+        self.groups: dict[tuple[str, ...], str] = {}
 
     def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
-        for chunk in section:
-            if chunk.owner in self.dropped:
-                continue
-            if chunk.owner and self.guarded:
-                yield f"if on_{chunk.owner}:"
-                yield from indent(chunk.lines)
+        kept = [chunk for chunk in section if chunk.owner not in self.dropped]
+        for owned, chunks in itertools.groupby(kept, key=lambda it: bool(it.owner)):
+            if owned and self.guarded:
+                yield from self.behind_ifs(chunks)
             else:
-                yield from chunk.lines
+                yield from itertools.chain.from_iterable(it.lines for it in chunks)
+
+    def behind_ifs(self, chunks: Iterable[Chunk]) -> Iterator[str]:
+        """Neighbours behind the if of the effect that owns each, and behind one more that passes
+        all of them by: most are off in most runs, and every if costs time."""
+        lines: list[str] = []
+        owners: dict[str, None] = {}
+        for owner, group in itertools.groupby(chunks, key=lambda it: it.owner):
+            owners[owner] = None
+            own = itertools.chain.from_iterable(it.lines for it in group)
+            lines += [f"if on_{owner}:", *indent(own)]
+        if len(owners) == 1:
+            yield from lines
+        else:
+            yield f"if {self.groups.setdefault(tuple(owners), f'any_of_{len(self.groups)}')}:"
+            yield from indent(lines)
 
     def kept(self, goals: Iterable[str]) -> list[bool]:
         """Which stage chunks the wires and memories ``goals`` depend on."""
@@ -67,15 +81,21 @@ class Printer:
         return list(self.lines(c for c, kept in zip(self.flat.stage, self.kept(goals)) if kept))
 
     def unpack(self) -> list[str]:
-        """Parameters, which effects are on, and what depends on parameters only."""
+        """Parameters, which effects are on, and what depends on parameters only.
+
+        Of ``guarded`` text this comes last: the rest says which effects stand together.
+        """
         flat = self.flat
         lines = [f"{name} = p[{i}]" for i, name in enumerate(flat.params)]
+        setup = list(self.lines(flat.setup))
         if self.guarded:
             lines += [
                 f"on_{owner} = " + " or ".join(f"{name} != 0.0" for name in names)
                 for owner, names in flat.switches.items()
             ]
-        return [*lines, *self.lines(flat.setup), *_LIMITS]
+            for owners, name in self.groups.items():
+                lines.append(f"{name} = " + " or ".join(f"on_{owner}" for owner in owners))
+        return [*lines, *setup, *_LIMITS]
 
     def slots(self) -> Iterator[tuple[int, str]]:
         every = [(s[0], s[1]) for s in self.flat.states] + list(self.flat.memory)

@@ -42,21 +42,20 @@ def run_text(flat: Flat) -> str:
     -1 - k that fault k was raised, at ``row``.
     """
     text = Printer(flat, dropped=set(), guarded=True)
+    rows = [
+        "before = row - 1 if row > 0 else 0",
+        "t = times[before]",
+        "size = times[row] - t",
+        *(f"{name}_in = inputs[before, {i}]" for i, name in enumerate(flat.inputs)),
+        *text.communication_step(unrolled=False),
+        *(f"out[row, {i}] = {name}" for i, name in enumerate(flat.outputs)),
+        *text.checks("row"),
+    ]
     body = [
         *text.unpack(),
         *text.load(),
         "for row in range(len(times)):",
-        *indent(
-            [
-                "before = row - 1 if row > 0 else 0",
-                "t = times[before]",
-                "size = times[row] - t",
-                *(f"{name}_in = inputs[before, {i}]" for i, name in enumerate(flat.inputs)),
-                *text.communication_step(unrolled=False),
-                *(f"out[row, {i}] = {name}" for i, name in enumerate(flat.outputs)),
-                *text.checks("row"),
-            ]
-        ),
+        *indent(rows),
         *text.store(),
         "return 0, len(times)",
     ]

@@ -131,8 +131,8 @@ def _candidate(
             sizes, shown = [*sizes, *seen], len(seen)
     ripple = (switches[0].name, phase) if phase else None
     logged = any(wire in log.outputs for log in logs)
-    if shown and logged:
-        narrow = near_to(sizes[-shown:])
+    if logged and effect == "quantisation":
+        narrow = near_to(sizes[-shown:] if shown else sizes)  # what else a histogram would show
     else:
         narrow = fine(effect, switches[0], _whole(model, logs, effect, wire))
     fastest = _fastest(logs) if inertia else 0.0

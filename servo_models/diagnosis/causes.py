@@ -118,7 +118,7 @@ def find_causes(
         least = min(it.loss for it in (*singles, *couples))
         singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
     taken = _taken(bench, retuned, singles, couples)
-    more = further(bench, taken, near, say) if len(taken.effects) > 1 else []
+    more = further(bench, taken, couples, near, say) if len(taken.effects) > 1 else []
     taken = more[0] if more else taken
     if taken is not retuned:
         say(f"fitting {' and '.join(taken.effects)} to the end")

@@ -8,13 +8,21 @@ Source: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, best_of_each, settled, side_by_side
-from servo_models.diagnosis.pairing import added, promising, seen_beside, swapped, without
-from servo_models.diagnosis.worth import earns
+from servo_models.diagnosis.pairing import (
+    added,
+    promising,
+    seen_beside,
+    stairs_seen,
+    swapped,
+    without,
+)
+from servo_models.diagnosis.worth import WORTH, earns
 
 MOST = 5
 """Effects in an explanation."""
@@ -23,39 +31,77 @@ THIRD = 0.2
 many effects together imitate what is none of them."""
 ADDED = 4
 """Effects that are fitted beside those that were taken."""
+RIVAL, RIVALS = 1.25, 1
+"""Loss of a pair of quite other effects over that of the pair taken, up to which further effects
+are sought beside it as well, and how many such pairs."""
 
 
 def further(
-    bench: Bench, taken: Explanation, every: Sequence[Candidate], say: Tell
+    bench: Bench,
+    taken: Explanation,
+    couples: Sequence[Explanation],
+    every: Sequence[Candidate],
+    say: Tell,
 ) -> list[Explanation]:
     """Return explanations by more effects than ``taken``, the one that earns its place first.
 
-    None where no further effect does.  All have as many effects as the first.
+    None where no further effect does.  All have as many effects as the first.  Of ``couples``, one
+    that leaves little more by quite other effects gets a third as well: that of two look-alikes
+    which is closer to the cause gains more by what both lack.
     """
-    tried: list[Explanation] = []
-    fewer = taken
+    others = (_grown(bench, one, every, say) for one in _rivals(taken, couples))
+    ends = [it for it in others if it and _belongs(bench, it.taken, taken, WORTH)]
+    own = _grown(bench, taken, every, say)
+    ends += [own] if own else []
+    if not ends:
+        return []
+    end = min(ends, key=lambda it: it.taken.loss)
+    every_one = best_of_each([end.taken, *end.tried, *swapped(bench, end.taken, every, say)])
+    alike = [it for it in every_one if len(it.effects) == len(end.taken.effects)]
+    names = frozenset(end.taken.effects)
+    first = next(
+        it for it in alike if frozenset(it.effects) == names or _belongs(bench, it, end.fewer)
+    )
+    return [first, *(it for it in alike if it is not first)]
+
+
+def _rivals(taken: Explanation, couples: Sequence[Explanation]) -> list[Explanation]:
+    others = [it for it in couples if not set(it.effects) & set(taken.effects)]
+    return [it for it in others if it.loss < RIVAL * taken.loss][:RIVALS]
+
+
+class _Grown(NamedTuple):
+    """An explanation, that by one effect fewer, and what else was tried in the last step."""
+
+    taken: Explanation
+    fewer: Explanation
+    tried: list[Explanation]
+
+
+def _grown(
+    bench: Bench, taken: Explanation, every: Sequence[Candidate], say: Tell
+) -> _Grown | None:
+    """Add effects to an explanation as long as they earn their place."""
+    grown: _Grown | None = None
     while len(taken.effects) < MOST and not settled(taken):
-        seen = promising(seen_beside(taken, every), (1.0 - THIRD) * taken.cost, ADDED)
-        tasks = [added(taken, name, own) for name, own in seen]
+        seen = [*seen_beside(taken, every), *stairs_seen(bench, taken, every)]
+        seen.sort(key=lambda sight: sight.left)
+        likely = promising(seen, (1.0 - THIRD) * taken.cost, ADDED)
+        tasks = [added(taken, name, own) for name, own in likely]
         found = best_of_each(side_by_side(bench, tasks, say))
         better = next((it for it in found if _belongs(bench, it, taken)), None)
         if better is None:
             break
         needed = _needed(bench, better)
         # less is left after every step, so that no two of them take turns
-        fewer, taken, tried = taken, needed if needed.loss < taken.loss else better, found
-    if taken is fewer:
-        return []
-    every_one = best_of_each([taken, *tried, *swapped(bench, taken, every, say)])
-    alike = [it for it in every_one if len(it.effects) == len(taken.effects)]
-    names = frozenset(taken.effects)
-    first = next(it for it in alike if frozenset(it.effects) == names or _belongs(bench, it, fewer))
-    return [first, *(it for it in alike if it is not first)]
+        grown = _Grown(needed if needed.loss < taken.loss else better, taken, found)
+        taken = grown.taken
+    return grown
 
 
-def _belongs(bench: Bench, more: Explanation, fewer: Explanation) -> bool:
-    """Whether one effect more earns its place, under conditions left out as well."""
-    return earns(more, fewer, THIRD) and carried_over(bench, more) <= carried_over(bench, fewer)
+def _belongs(bench: Bench, more: Explanation, fewer: Explanation, worth: float = THIRD) -> bool:
+    """Whether further effects earn their place, under conditions left out as well."""
+    return earns(more, fewer, worth) and carried_over(bench, more) <= carried_over(bench, fewer)
 
 
 def _needed(bench: Bench, found: Explanation) -> Explanation:

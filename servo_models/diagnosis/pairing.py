@@ -89,10 +89,15 @@ def _stairs_beside(
     bench: Bench, first: Explanation, every: Iterable[Candidate], say: Tell
 ) -> Iterator[Explanation]:
     """Fits of staircases beside an effect, at the sizes that look best there."""
-    stairs = [one for one in every if one.fine]
-    closer = look((first.view,), shortlist(bench, first, stairs, seen_beside(first, stairs)))[0]
-    likely = promising(closer, PROMISING * first.cost, SECONDS)
+    likely = promising(stairs_seen(bench, first, every), PROMISING * first.cost, SECONDS)
     return side_by_side(bench, [added(first, name, own) for name, own in likely], say)
+
+
+def stairs_seen(bench: Bench, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+    """What is seen of staircases beside some effects after a closer look, best first."""
+    stairs = [one for one in every if one.fine]
+    short = shortlist(bench, first, stairs, seen_beside(first, stairs))
+    return look((first.view,), short)[0]
 
 
 def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:

@@ -21,9 +21,14 @@ from servo_models.diagnosis.stepwise import delays_of, staircases_of
 from servo_models.diagnosis.view import view
 from servo_models.recording import Log
 
-HELD, LONG = 1000, 5000
-"""Samples of the parts of the logs that are looked at first, of a hold and of every staircase: the
-more periods of a hold there are, the narrower is what a size has to meet."""
+BRIEF, LONG = 1000, 5000
+"""Samples of the parts of the logs in which every size is looked at, and the best of them closer:
+the longer a log, the narrower is what a size has to meet."""
+SHOWING = 0.1
+"""Mean square of what is left to explain in the shorter part over that in the longer one, from
+which it shows enough of it."""
+HUNDREDS = 150
+"""Sizes that are looked at in the longer part after that."""
 DOZENS, CLOSER = 40, (-0.0005, 0.0, 0.0005)
 """Sizes that are worth a closer look, and how far from each other, relative to it."""
 APART = 0.005
@@ -45,15 +50,18 @@ def shortlist(
     """Return the staircases among some effects, with the sizes that look best beside ``first``.
 
     What was ``seen`` of them tells how much a size moves.  A hold after a free delay is found
-    alone beside anything but another staircase, and not sought again.
+    alone beside any one effect but another staircase, and not sought again.
     """
-    smooth = first.effects and not staircases_of(first.problem)
+    smooth = len(first.effects) == 1 and not staircases_of(first.problem)
     delayed = smooth and delays_of(first.problem)
     stairs = [one for one in every if one.fine and one.name not in first.effects]
     stairs = [one for one in stairs if not (one.late and delayed)]
+    if seen:
+        moving = {it.candidate.name for it in seen}
+        stairs = [one for one in stairs if one.name in moving]
     if not stairs:
         return ()
-    parts = {samples: _Part(bench, first, samples) for samples in (HELD, LONG)}
+    parts = {samples: _Part(bench, first, samples) for samples in (BRIEF, LONG)}
     return tuple(_listed(one, parts, seen, bool(first.effects)) for one in stairs)
 
 
@@ -76,8 +84,8 @@ def _listed(
     full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Sight], beside: bool
 ) -> Candidate:
     """A staircase with the sizes that look best, ``beside`` effects or alone."""
-    name, part = full.name, parts[HELD if full.late else LONG]
-    every = part.candidates[name].fine
+    name, part = full.name, _showing(parts)
+    every = parts[BRIEF if full.late else LONG].candidates[name].fine
     likely = _fitting(every, name, seen, REST if beside else ALONE)
     thinned = not full.late and not beside
     grid = [*full.sizes, *(_thinned(likely) if thinned else likely)]
@@ -86,12 +94,21 @@ def _listed(
         nearer = _about(sights[0].settings, every)
         grid += nearer
         sights = sorted([*sights, *part.look(name, nearer)], key=lambda it: it.left)
+    if not full.late and part is not parts[LONG]:
+        sights = parts[LONG].look(name, [it.settings for it in sights[:HUNDREDS]])
     closer = [it for sight in sights[:DOZENS] for it in _around(sight.settings)]
     sights = parts[LONG].look(name, closer, corrected=True)
     best = [it.settings for it in sights[:LISTED]]
     near = [it for size in best for it in _between(full.fine, grid, size)]
     sizes = {tuple(it.items()): it for it in (*best, *near)}
     return replace(full, sizes=tuple(sizes.values()))
+
+
+def _showing(parts: Mapping[int, _Part]) -> _Part:
+    """The shorter part, if what is left to explain shows there."""
+    brief, long = (parts[samples].view for samples in (BRIEF, LONG))
+    least = SHOWING * long.left / long.problem.samples
+    return parts[BRIEF] if brief.left > least * brief.problem.samples else parts[LONG]
 
 
 def _around(best: Settings) -> list[Settings]:
@@ -137,16 +154,18 @@ def _fitting(
 
 
 def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
-    """Return the first parts of some logs, the same share of each; all where that is too little.
+    """Return the first parts of some logs, the same share of each; more of each, twice as much at
+    a time, where a fit may see too little of them.
 
     A simulation can only begin where a log does.
     """
     share = samples / sum(len(log.times) for log in logs)
-    if share >= 1.0:
-        return tuple(logs)
-    found = tuple(_first(log, max(2, int(share * len(log.times)))) for log in logs)
-    fitted = sum(int(log.fitted.sum()) for log in found)
-    return found if fitted > 0.5 * samples else tuple(logs)
+    while share < 1.0:
+        found = tuple(_first(log, max(2, int(share * len(log.times)))) for log in logs)
+        if sum(int(log.fitted.sum()) for log in found) > 0.5 * samples:
+            return found
+        share *= 2.0
+    return tuple(logs)
 
 
 def _first(log: Log, count: int) -> Log:

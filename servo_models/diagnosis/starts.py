@@ -49,6 +49,6 @@ def _start(sights: Sequence[Sight], scales: Sequence[float]) -> Start:
     found = []
     for shares in dict.fromkeys((tuple(full), (1.0,) * len(sights), (0.0,) * len(sights))):
         whole = np.sum([share * it.whole for it, share in zip(sights, shares)], axis=0)
-        values = seen.start(whole)
-        found.append(Start(tuple(sights), free, values, seen.cost({**values, **own})))
+        for values in (seen.start(whole), seen.near_start(whole)):
+            found.append(Start(tuple(sights), free, values, seen.cost({**values, **own})))
     return min(found, key=lambda it: it.cost)

@@ -187,7 +187,7 @@ def motor_lag(
     stall_torque: float,
 ) -> float:
     """Torque [N m] on the output; over the equivalent inertia it is (F - omega) / (24 T)."""
-    return stall_torque * (free_speed - motor_speed) / no_load_speed
+    return stall_torque / no_load_speed * (free_speed - motor_speed)
 
 
 @block(source=f"{PAPER} sec. 6: rad/s over 24, counted as degrees/s")
