@@ -129,7 +129,7 @@ def names_of(sights: Iterable[Sight]) -> list[str]:
     return list(dict.fromkeys(sight.candidate.name for sight in sights))
 
 
-def starts_of(sights: Sequence[Sight], count: int) -> Iterator[Seen]:
+def starts_of(sights: Sequence[Sight], count: int | None = None) -> Iterator[Seen]:
     """The effects seen first, each with the sizes from which its fit begins."""
     for name in names_of(sights)[:count]:
         yield name, [sight for sight in sights if sight.candidate.name == name][:TRIED]

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
@@ -28,6 +30,8 @@ FIRSTS, SECONDS, PAIRS = 3, 4, 4
 """Effects that get a second one beside them, how many of those, and pairs seen together."""
 PROMISING = 0.95
 """Squared errors of a pair, as a look predicts them, over those of one effect."""
+SAME = 0.99
+"""Cosine between changes of the response from which they are the same."""
 KEPT = 6
 """Sizes at which an effect is seen again beside another one."""
 SHOWN = 40
@@ -75,9 +79,27 @@ def couples_of(
     return found
 
 
-def promising(seen: Iterable[Sight], enough: float, count: int) -> Iterator[Seen]:
-    """Effects that promise to leave less than enough, and sizes to begin from."""
-    yield from starts_of([it for it in seen if it.left < enough], count)
+def promising(
+    seen: Iterable[Sight], enough: float, count: int, unlike: bool = True
+) -> Iterator[Seen]:
+    """Effects that promise to leave less than enough, and sizes to begin from.
+
+    Those that are to be ``unlike`` each other do not change the response alike: of some that do,
+    only the first is worth a fit while the others' places may be taken by the cause.
+    """
+    chosen: list[Sight] = []
+    for name, own in starts_of([it for it in seen if it.left < enough]):
+        if len(chosen) == count:
+            break
+        if not (unlike and any(_same(own[0], it) for it in chosen)):
+            chosen.append(own[0])
+            yield name, own
+
+
+def _same(one: Sight, other: Sight) -> bool:
+    """Whether two effects change the response alike, beside what parameters imitate."""
+    a, b = one.difference, other.difference
+    return abs(float(a @ b)) > SAME * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
@@ -120,7 +142,7 @@ def swapped(
     for name in found.effects:
         stays = bench.unfit(*_without(found, name), found.values)
         nearer = [_nearer(one, found) for one in others]
-        likely = promising(seen_beside(stays, nearer), enough * found.cost, count)
+        likely = promising(seen_beside(stays, nearer), enough * found.cost, count, unlike=not done)
         tasks += [added(stays, other, own) for other, own in likely]
     return list(side_by_side(bench, tasks, say))
 
@@ -155,14 +177,14 @@ def halves_of(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]
 def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candidate]:
     """Of the many sizes of each effect, those that were promising once.
 
-    The few that a code histogram shows are good beside any other effect.
+    The few that a code histogram shows are good beside any other effect.  A ripple is looked for
+    at every count: alone it takes one that imitates the other effect as well.
     """
     found = []
     for one in every:
-        phase = one.ripple[1] if one.ripple else None
         own = [sight.settings for sight in sights if sight.candidate.name == one.name]
-        bare = ({key: value for key, value in it.items() if key != phase} for it in own)
-        sizes = list({tuple(it.items()): it for it in bare}.values())[:KEPT] or one.sizes
+        kept = list({tuple(it.items()): it for it in own}.values())[:KEPT]
+        sizes = one.sizes if one.ripple else kept or one.sizes
         shown = one.fine if len(one.fine) <= SHOWN else ()
         found.append(replace(one, sizes=(*sizes, *shown)))
     return found
