@@ -36,6 +36,25 @@ def test_logs_whose_first_part_is_held_out_are_taken_whole() -> None:
     assert shortened([late], 400)[0] is late
 
 
+def test_of_a_log_with_few_samples_that_count_more_is_taken() -> None:
+    (log,) = made({})[0].logs
+    sparse = replace(log, held_out=np.arange(len(log.times)) % 3 > 0)
+    (part,) = shortened([sparse], 300)
+    assert part.fitted.sum() > 150
+    assert len(part.times) < len(log.times)
+    (plenty,) = shortened([log], 300)
+    assert len(plenty.times) < len(part.times)
+
+
+def test_an_effect_that_moves_nothing_is_not_on_the_list() -> None:
+    bench, every = made({"command_quantisation.step": 3.0})
+    retuned = bench.fit((), ())
+    stairs = [every["command_quantisation"], every["sample_hold"]]
+    seen = look((retuned.view,), stairs)[0]
+    other = [it for it in seen if it.candidate.name == "sample_hold"]
+    assert [it.name for it in shortlist(bench, retuned, stairs, other)] == ["sample_hold"]
+
+
 def test_an_effect_that_is_on_is_not_on_the_list() -> None:
     bench, every = made({"command_quantisation.step": 3.0})
     one = every["command_quantisation"]

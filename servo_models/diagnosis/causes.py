@@ -106,7 +106,7 @@ def find_causes(
         plain.insert(0, bench.unfit((), (), nominal))
     sights, reach = look([it.view for it in plain], every)
     if open_question:
-        singles, sights = _singles(bench, plain, sights, every, say)
+        singles, sights = _singles(bench, retuned, sights, every, say)
     else:
         singles = _fitted(bench, retuned, starts_of(sights, QUIET), say)
     near = narrowed(every, sights)
@@ -128,17 +128,15 @@ def find_causes(
 
 def _singles(
     bench: Bench,
-    plain: Sequence[Explanation],
+    retuned: Explanation,
     sights: list[Sight],
     every: Sequence[Candidate],
     say: Tell,
 ) -> tuple[list[Explanation], list[Sight]]:
     """Fits of the most promising effects, best first, and all that was seen of any.
 
-    Where one leaves noise only, the others are fitted if they may be its look-alikes.  What is
-    there without effects is ``plain``, as it is and with its parameters re-tuned.
+    Where one leaves noise only, the others are fitted if they may be its look-alikes.
     """
-    retuned = plain[-1]
     smooth = list(starts_of([it for it in sights if not it.candidate.fine], SINGLES))
     found = _fitted(bench, retuned, smooth[:FIRST], say)
     found += _fitted(bench, retuned, _likely(smooth[FIRST:], retuned, found), say)

@@ -1,0 +1,81 @@
+"""A second effect beside a first one: which are tried, from where, and which pairs get a third."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.diagnosis.fits import TRIED, beside
+from servo_models.diagnosis.further import RIVAL, RIVALS, _rivals
+from servo_models.diagnosis.pairing import narrowed, promising, seen_beside
+from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.view import View
+from servo_models.simulate import Array
+from tests.test_search_of_causes import made
+
+
+def test_effects_that_change_the_response_alike_take_one_place() -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    one = every["coulomb_friction"]
+    twins = [one, replace(one, name="first twin"), replace(one, name="second twin")]
+    seen = look((bench.fit((), ()).view,), [*twins, every["cogging"], every["sensor_offset"]])[0]
+    chosen = [name for name, _ in promising(seen, np.inf, 2)]
+    assert len(chosen) == 2
+    assert len({"coulomb_friction", "first twin", "second twin"} & set(chosen)) == 1
+    alike = [name for name, _ in promising(seen, np.inf, 3, unlike=False)]
+    assert set(alike) == {"coulomb_friction", "first twin", "second twin"}
+
+
+def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
+    """Alone it takes a count that imitates the friction as well."""
+    true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
+    bench, every = made({**true, "stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1})
+    sights = look((bench.fit((), ()).view,), list(every.values()))[0]
+    near = narrowed(every.values(), sights)
+    (ripple,) = [one for one in near if one.name == "cogging"]
+    assert ripple.sizes == every["cogging"].sizes
+    friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
+    first = bench.fit(("stribeck_friction",), friction)
+    own = [it for it in seen_beside(first, near) if it.candidate.name == "cogging"]
+    found = beside(bench, first, own[:TRIED]).values
+    assert found["cogging.count"] == pytest.approx(200.0, rel=0.01)
+    assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
+
+
+@given(st.integers(0, 10**6), st.floats(1e-9, 1.0))
+def test_a_near_start_weighs_parameters_as_a_library_does(seed: int, apart: float) -> None:
+    """Two slopes may be as good as the same: then neither parameter goes far."""
+    bench, _ = made({"coulomb_friction.level": 2e-3})
+    problem = bench.problem()
+    random = np.random.default_rng(seed)
+    m = problem.samples + len(problem.free)
+    one, other, errors, whole = random.standard_normal((4, m))
+    slopes = np.column_stack([one, one + apart * other])
+    seen = View(problem, problem.nominal, errors, slopes)
+    heavy = np.sqrt(np.mean(errors**2)) * np.eye(2)
+    wanted = -np.concatenate([errors + whole, np.zeros(2)])
+    step = np.linalg.lstsq(np.vstack([slopes, heavy]), wanted, rcond=None)[0]
+    low, high = problem.bounds
+    vector: Array = problem.nominal + step
+    if np.all((low < vector) & (vector < high)):
+        found = seen.near_start(whole)
+        expected = problem.values(vector)
+        scales = dict(zip(expected, problem.scales))
+        assert all(abs(found[k] - expected[k]) < 1e-6 * scales[k] for k in expected)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["ab", "ac", "cd", "ce", "de"]), st.floats(0.5, 2.0))))
+def test_a_rival_is_a_pair_of_quite_other_effects_that_leaves_little_more(
+    pairs: list[tuple[str, float]],
+) -> None:
+    taken: Any = SimpleNamespace(effects=("a", "b"), loss=1.0)
+    couples: list[Any] = [SimpleNamespace(effects=tuple(it), loss=loss) for it, loss in pairs]
+    found = _rivals(taken, couples)
+    possible = [it for it in couples if it.loss < RIVAL and set("cde") >= set(it.effects)]
+    assert found == possible[:RIVALS]
