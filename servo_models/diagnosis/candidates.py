@@ -16,6 +16,7 @@ from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,
     LEAST,
+    LIMITING,
     NEAR,
     RESONANT,
     STAIRS,
@@ -55,6 +56,7 @@ class Candidate:
         fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
             have too few samples in a period, and it is slow to simulate.
         late: whether its size is a period, by a part of which it is late.
+        limiting: whether it does the more the smaller its size is.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Candidate:
     ripple: tuple[str, str] | None = None
     fastest: float = 0.0
     late: bool = False
+    limiting: bool = False
 
     @property
     def trials(self) -> int:
@@ -129,15 +132,22 @@ def _candidate(
         if effect == "quantisation":
             seen = quanta(switches[0], plant.wire[wire].unit, plant, logs)
             sizes, shown = [*sizes, *seen], len(seen)
-    ripple = (switches[0].name, phase) if phase else None
     logged = any(wire in log.outputs for log in logs)
     if logged and effect == "quantisation":
         narrow = near_to(sizes[-shown:] if shown else sizes)  # what else a histogram would show
     else:
         narrow = fine(effect, switches[0], _whole(model, logs, effect, wire))
-    fastest = _fastest(logs) if inertia else 0.0
-    late = effect == "sample_hold"
-    return Candidate(name, wire, tuple(free), tuple(sizes), tuple(narrow), ripple, fastest, late)
+    return Candidate(
+        name=name,
+        wire=wire,
+        free=tuple(free),
+        sizes=tuple(sizes),
+        fine=tuple(narrow),
+        ripple=(switches[0].name, phase) if phase else None,
+        fastest=_fastest(logs) if inertia else 0.0,
+        late=effect == "sample_hold",
+        limiting=effect in LIMITING,
+    )
 
 
 def _whole(model: Model, logs: Sequence[Log], effect: str, wire: str) -> float:

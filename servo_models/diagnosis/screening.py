@@ -26,8 +26,9 @@ from servo_models.identification.problem import map_on
 
 Array = NDArray[np.float64]
 
-STRETCH = 1.6
-"""A difference counts up to this much larger than simulated, since sizes are a grid."""
+STRETCH, LEAST = 1.6, 0.5
+"""A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
+limit at least as little: a small part of what a tight one does is nothing that any limit does."""
 LARGEST = 10.0
 """The same for a ripple, of which one size is looked at."""
 EACH = 3
@@ -62,7 +63,8 @@ class Sight:
         return self.share * self.change
 
     def at(self, scale: float) -> dict[str, float]:
-        """Return the settings with the size so many times as large, inside its bounds."""
+        """Return the settings with so many times the effect, its size inside its bounds."""
+        scale = 1.0 / scale if self.candidate.limiting else scale
         switches = {
             free.name: free
             for free in self.candidate.free
@@ -138,7 +140,9 @@ def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[tuple[float, int
     columns = np.column_stack([seen.slopes, *(sights[k].change for k in own)])
     gram, towards, p = columns.T @ columns, columns.T @ seen.errors, seen.slopes.shape[1]
     chosen = np.column_stack([np.tile(np.arange(p), (len(i), 1)), p + i, p + j])
-    low, high = (np.append(it, [end, end]) for it, end in zip(seen.room, (0.0, STRETCH)))
+    least = np.array([LEAST if sights[k].candidate.limiting else 0.0 for k in own])
+    ends = np.column_stack([least[i], least[j]]), np.full((len(i), 2), STRETCH)
+    low, high = (np.hstack([np.tile(it, (len(i), 1)), end]) for it, end in zip(seen.room, ends))
     both = gram[chosen[:, :, None], chosen[:, None, :]]
     remains, _ = _remains(seen, both, towards[chosen], low, high)
     return [(float(left), own[k], own[m]) for left, k, m in zip(remains, i, j)]
@@ -171,6 +175,8 @@ def _shares(one: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
     if one.ripple:
         return -LARGEST, LARGEST
+    if one.limiting:
+        return LEAST, STRETCH
     return (1.0, 1.0) if one.fine else (0.0, STRETCH)
 
 
