@@ -56,7 +56,7 @@ class Candidate:
         fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
             have too few samples in a period, and it is slow to simulate.
         late: whether its size is a period, by a part of which it is late.
-        limiting: whether it does the more the smaller its size is.
+        limiting: whether it does the more the smaller its size is, at sizes near each other.
     """
 
     name: str

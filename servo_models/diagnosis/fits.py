@@ -24,6 +24,8 @@ TRIED, STARTS = 5, 2
 which its fit begins, while it leaves more than was promised."""
 PROMISED = 1.1
 """Squared errors over those that a look has promised, above which another start is made."""
+FAR = 2.0
+"""Squared errors of a start over those without the effect, above which no second fit is made."""
 AGAIN, HALF, SLOWLY = 4, 0.5, 0.98
 """Fits of a staircase or a resonance at most, the share of the squared errors from which those of
 a staircase are worth it, and that from which another one is not."""
@@ -41,6 +43,8 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
     best: Explanation | None = None
     begins = sorted((best_start([sight]) for sight in own), key=lambda it: it.cost)
     for begin in begins[:STARTS]:
+        if best and begin.cost > FAR * first.cost:
+            break
         (sight,) = begin.sights
         found = bench.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
         if found.cost < first.cost:

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 STRETCH, LEAST = 1.6, 0.5
 """A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
-limit at least as little: a small part of what a tight one does is nothing that any limit does."""
+limit on a rate at least this part: a small part of what a tight one does is what none does."""
 LARGEST = 10.0
 """The same for a ripple, of which one size is looked at."""
 EACH = 3

@@ -29,8 +29,9 @@ LIMITS = (0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 2.
 RATES = tuple(0.03 * 1.35**k for k in range(28))
 OWN = {"saturation": LIMITS, "end_stops": LIMITS, "rate_limit": RATES}
 """Those of limits, which act below the largest value that occurs, or not at all."""
-LIMITING = (*OWN, "supply_limit")
-"""Effects that do the more the smaller their size is."""
+LIMITING = ("rate_limit",)
+"""Those that do the more the smaller their size is, and over a wide range: they are looked at so
+near each other that a part of what one does is no better known than what the next one does."""
 STAIRS = {"quantisation": (0.2, 150.0), "sample_hold": (0.15, 10.0), "dead_band": (0.05, 10.0)}
 """Least and largest of those of which a response is a staircase, which no slope leads to."""
 STEPWISE = tuple(STAIRS)
