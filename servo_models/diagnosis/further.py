@@ -66,6 +66,7 @@ def further(
 
 
 def _rivals(taken: Explanation, couples: Sequence[Explanation]) -> list[Explanation]:
+    """Pairs without any effect of the one that is taken, which leave little more."""
     others = [it for it in couples if not set(it.effects) & set(taken.effects)]
     return [it for it in others if it.loss < RIVAL * taken.loss][:RIVALS]
 
