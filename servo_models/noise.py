@@ -14,6 +14,9 @@ LAGS = 25
 ORDERS = 20
 LONGEST = 2000
 """Lags that an autocovariance has at most."""
+PREDICTED = 1e-8
+"""Part of the variance that a past leaves unpredicted, below which it is what rounding makes of
+none: orders from there on may be unstable."""
 FAINT = 1e-3
 """Part of its variance below which it has died out."""
 
@@ -72,7 +75,9 @@ def autocovariance(residuals: Array) -> Array:
     best, least = np.zeros(0), np.inf
     for order in range(min(ORDERS, n // 10) + 1):
         phi = solve_toeplitz(r[:order], r[1 : order + 1]) if order else np.zeros(0)
-        left = max(1.0 - float(phi @ r[1 : order + 1]) / r[0], 1e-12)
+        left = 1.0 - float(phi @ r[1 : order + 1]) / r[0]
+        if left < PREDICTED:
+            break
         criterion = n * np.log(left) + order * np.log(n)
         if criterion < least:
             best, least = phi, criterion

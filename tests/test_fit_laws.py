@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from test_identification import TRUE, log_of, noisy, nominal, prbs, rig
 
 from servo_models.identification.covariance import covariance
+from servo_models.identification.estimate import spread_of
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.run import Run
@@ -86,14 +88,31 @@ def test_smooth_errors_have_a_covariance() -> None:
     free = [free_parameter(chosen.plant.parameters["stiffness"], 1.1, None)]
     problem = Problem(chosen, [log], free)
     slopes = problem.jacobian(problem.start)
-    for width in (20.0, 40.0, 80.0):
-        bump = np.exp(-(((np.arange(600) - 300.0) / width) ** 2))
+    for width, height in product(np.arange(20.0, 80.0, 5.0), (1.0, 3.0, 7.0)):
+        bump = height * np.exp(-(((np.arange(600) - 300.0) / width) ** 2))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             found = covariance(problem, slopes, bump)
         white = covariance(problem, slopes, np.random.default_rng(1).permutation(bump))
         assert np.isfinite(found).all()
         assert found[0, 0] > 1.5 * white[0, 0]
+
+
+def test_a_parameter_that_moves_nothing_but_rounding_has_no_standard_error() -> None:
+    """As a delay of which a hold after it shows nothing."""
+    chosen = nominal()
+    voltage = prbs(600, 1)
+    names = ("stiffness", "torque_constant")
+    free = [free_parameter(chosen.plant.parameters[name], TRUE[name], None) for name in names]
+    problem = Problem(chosen, [log_of(voltage, rig(TRUE, voltage))], free)
+    slopes = problem.jacobian(problem.start)
+    alone = spread_of(problem, problem.start, slopes * [0.0, 1.0])
+    rounding = 1e-15 * np.random.default_rng(1).standard_normal(len(slopes))
+    slopes[:, 0] = np.abs(slopes).max() * rounding
+    found = spread_of(problem, problem.start, slopes)
+    assert found.slopes[0] == 0.0
+    assert found.standard_errors[0] == np.inf
+    assert found.standard_errors[1] == alone.standard_errors[1]
 
 
 # What is printed

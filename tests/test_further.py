@@ -55,6 +55,7 @@ def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(
         begin = best_start([sight])
         as_seen = {**sight.settings, **sight.seen.start(sight.whole)}
         assert begin.cost <= seen.cost(as_seen)
+        assert begin.cost <= seen.cost(sight.settings)  # the others as they are
         own = {free.name: free.start for free in begin.free}
         assert begin.cost == seen.cost({**begin.values, **own})
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.diagnosis.fits import TRIED, beside
+from servo_models.diagnosis.fits import TRIED, beside, settled
 from servo_models.diagnosis.further import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.pairing import narrowed, promising, seen_beside
+from servo_models.diagnosis.pairing import lookalikes, narrowed, promising, seen_beside
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.view import View
 from servo_models.simulate import Array
@@ -30,6 +30,18 @@ def test_effects_that_change_the_response_alike_take_one_place() -> None:
     assert len({"coulomb_friction", "first twin", "second twin"} & set(chosen)) == 1
     alike = [name for name, _ in promising(seen, np.inf, 3, unlike=False)]
     assert set(alike) == {"coulomb_friction", "first twin", "second twin"}
+
+
+def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
+    """Under a constant load, friction in proportion to it is Coulomb friction."""
+    load = {"coulomb_friction.level": 1.5e-3, "constant_load.torque": 4e-3}
+    bench, every = made({**load, "cogging.torque": 3e-4, "cogging.count": 200.0})
+    names = ("coulomb_friction", "constant_load")
+    found = bench.fit(names, [free for name in names for free in every[name].at(load)])
+    assert not settled(found)
+    alike = lookalikes(bench, found, list(every.values()), lambda _: None)
+    twin = next(it for it in alike if set(it.effects) == {"constant_load", "load_friction"})
+    assert twin.cost == pytest.approx(found.cost, rel=1e-3)
 
 
 def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:

@@ -16,6 +16,7 @@ from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, best_of_each, settled, side_by_side
 from servo_models.diagnosis.pairing import (
     added,
+    lookalikes,
     promising,
     seen_beside,
     stairs_seen,
@@ -57,6 +58,8 @@ def further(
         return []
     end = min(ends, key=lambda it: it.taken.loss)
     every_one = best_of_each([end.taken, *end.tried, *swapped(bench, end.taken, every, say)])
+    if not settled(every_one[0]):
+        every_one = best_of_each([*every_one, *lookalikes(bench, every_one[0], every, say)])
     alike = [it for it in every_one if len(it.effects) == len(end.taken.effects)]
     names = frozenset(end.taken.effects)
     first = next(

@@ -133,16 +133,40 @@ def swapped(
     """Explanations in which one effect is sought again, the others kept as they are.
 
     Beside them it may look different: another size, or another effect.  Where nothing is left to
-    explain, those that do as well belong to the set that cannot be told apart.
+    explain, only those that do as well are sought.
     """
-    done = settled(found)
-    enough, count = (ALIKE, LOOKALIKES) if done else (PROMISING, SWAPS)
-    others = [one for one in every if not done or one.name not in found.effects]
+    if settled(found):
+        return lookalikes(bench, found, every, say)
+    return _sought(bench, found, every, PROMISING, SWAPS, say)
+
+
+def lookalikes(
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell
+) -> list[Explanation]:
+    """Explanations in which another effect takes the place of one, and may do as well.
+
+    They belong to the set that cannot be told apart.
+    """
+    others = [one for one in every if one.name not in found.effects]
+    return _sought(bench, found, others, ALIKE, LOOKALIKES, say, unlike=False)
+
+
+def _sought(
+    bench: Bench,
+    found: Explanation,
+    every: Sequence[Candidate],
+    enough: float,
+    count: int,
+    say: Tell,
+    unlike: bool = True,
+) -> list[Explanation]:
+    """Explanations with each effect in turn taken out, and another one of ``every`` fitted in its
+    place: at most ``count``, which promise to leave less than ``enough`` times as much."""
     tasks: list[Task] = []
     for name in found.effects:
         stays = bench.unfit(*_without(found, name), found.values)
-        nearer = [_nearer(one, found) for one in others]
-        likely = promising(seen_beside(stays, nearer), enough * found.cost, count, unlike=not done)
+        nearer = [_nearer(one, found) for one in every]
+        likely = promising(seen_beside(stays, nearer), enough * found.cost, count, unlike)
         tasks += [added(stays, other, own) for other, own in likely]
     return list(side_by_side(bench, tasks, say))
 

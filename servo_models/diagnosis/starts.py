@@ -46,7 +46,8 @@ def _start(sights: Sequence[Sight], scales: Sequence[float]) -> Start:
     free = tuple(one for it, scale in zip(sights, scales) for one in it.candidate.at(it.at(scale)))
     own = {it.name: it.start for it in free}
     full = [scale / it.share if it.share else 0.0 for it, scale in zip(sights, scales)]
-    found = []
+    stays = seen.problem.values(seen.vector)
+    found = [Start(tuple(sights), free, stays, seen.cost(own))]
     for shares in dict.fromkeys((tuple(full), (1.0,) * len(sights), (0.0,) * len(sights))):
         whole = np.sum([share * it.whole for it, share in zip(sights, shares)], axis=0)
         for values in (seen.start(whole), seen.near_start(whole)):

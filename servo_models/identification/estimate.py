@@ -22,6 +22,8 @@ ILL_CONDITIONED = 1e3
 """Ratio of the largest to the smallest singular value of the slopes with unit columns."""
 NOTHING = 1e-6
 """Share of the largest singular value below which the data say nothing of a combination."""
+ROUNDING = 1e-12
+"""Slope over the largest one, up to which it is what rounding makes of none."""
 UNDETERMINED = 0.5
 """Standard error over the value from which a log does not determine a parameter."""
 PRIOR_ONLY = 0.8
@@ -78,6 +80,7 @@ def spread_of(problem: Problem, vector: Array, jacobian: Array) -> Spread:
     p = len(vector)
     errors, correlations = np.full(p, np.nan), np.full((p, p), np.nan)
     slopes = np.sqrt(np.sum(jacobian[: problem.samples] ** 2, axis=0))
+    slopes[slopes <= ROUNDING * np.max(slopes, initial=0.0)] = 0.0
     condition = 1.0
     moving = inner & (slopes > 0.0)
     if moving.any():
