@@ -10,14 +10,26 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
+from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.fits import TRIED, beside, settled
 from servo_models.diagnosis.further import RIVAL, RIVALS, _rivals
 from servo_models.diagnosis.pairing import lookalikes, narrowed, promising, seen_beside
-from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.screening import Sight, left_beside, look
+from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.diagnosis.view import View
 from servo_models.simulate import Array
 from tests.test_search_of_causes import made
+
+SHARED = {
+    "drive_saturation": (0.0, 1.6),
+    "rate_limit": (0.5, 1.6),
+    "cogging": (-10.0, 10.0),
+    "coulomb_friction": (0.0, 1.6),
+}
+"""Between which shares of what was simulated an effect may change the response."""
+PAIR = {"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0}
 
 
 def test_effects_that_change_the_response_alike_take_one_place() -> None:
@@ -80,6 +92,53 @@ def test_a_near_start_weighs_parameters_as_a_library_does(seed: int, apart: floa
     expected = problem.values(vector)
     scales = dict(zip(expected, problem.scales))
     assert all(abs(found[k] - expected[k]) < 1e-6 * scales[k] for k in expected)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 4))
+def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
+    seed: int, count: int, others: int
+) -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    problem = bench.problem()
+    random = np.random.default_rng(seed)
+    m = problem.samples + len(problem.free)
+    seen = View(problem, problem.nominal, random.standard_normal(m), random.standard_normal((m, 2)))
+
+    def sight(name: str) -> Sight:
+        change = random.standard_normal(m) * random.uniform(0.1, 3.0)
+        return Sight(seen, every[name], {}, 1.0, change, seen.without(change), 0.0)
+
+    sights = [sight("sample_hold") for _ in range(count)]
+    beside_them = [sight(name) for name in list(SHARED)[:others]]
+    found = left_beside(sights, beside_them)
+    for one, left in zip(sights, found):
+        rest = seen.without(seen.errors + one.change)
+        expected = min(
+            2.0 * lsq_linear(it.difference[:, None], -rest, SHARED[it.candidate.name]).cost
+            for it in beside_them
+        )
+        assert left == pytest.approx(expected, rel=1e-6)
+
+
+def test_smooth_pairs_spare_the_search_for_staircases() -> None:
+    """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
+    heard: list[str] = []
+    causes = find_causes(made(PAIR)[0], tell=heard.append)
+    assert set(causes.taken.effects) == {name.partition(".")[0] for name in PAIR}
+    assert not any("staircases" in it for it in heard)
+    heard.clear()
+    hold = {"coulomb_friction.level": 2e-3, "sample_hold.period": 2.43e-3}
+    causes = find_causes(made(hold, 2e-4, sweep=50.0)[0], tell=heard.append)
+    assert set(causes.taken.effects) == {"coulomb_friction", "sample_hold"}
+    assert any("staircases" in it for it in heard)
+
+
+@pytest.mark.parametrize("kept", [(), ("dead_band",), ("cogging",)])
+def test_where_hardly_any_effect_is_left_the_gap_is_outside(kept: tuple[str, ...]) -> None:
+    bench, every = made(PAIR)
+    causes = find_causes(bench, left_out=[name for name in every if name not in kept])
+    assert set(causes.taken.effects) <= set(kept)
+    assert decide(causes).kind == OUTSIDE
 
 
 @given(st.lists(st.tuples(st.sampled_from(["ab", "ac", "cd", "ce", "de"]), st.floats(0.5, 2.0))))

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.diagnosis.fits import beside
+from servo_models.diagnosis.pairing import stairs_seen
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.diagnosis.staircases import shortened, shortlist
@@ -76,6 +79,39 @@ def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stai
     change = 1.0 - sizes[1:] / sizes[:-1]
     assert np.all((change * whole / sizes[:-1] < 1.01 * NEEDLE) | (change < 1.01 * NEAREST[effect]))
     assert np.all(change < 1.01 * WIDEST)
+
+
+SECONDS = {
+    "coulomb_friction": {"coulomb_friction.level": 2e-3},
+    "drive_saturation": {"drive_saturation.limit": 15.0},
+    "transport_delay": {"transport_delay.time": 1e-3},
+}
+
+
+@pytest.mark.parametrize("period", [1.7e-3, 2.43e-3, 3.11e-3])
+@pytest.mark.parametrize("second", SECONDS)
+def test_a_fit_from_the_size_of_a_hold_does_not_leave_it(second: str, period: float) -> None:
+    """While the other parameters are wrong, another size may leave less."""
+    bench, every = made({"sample_hold.period": period, **SECONDS[second]}, 2e-4, sweep=50.0)
+    begin = {name: 0.6 * value for name, value in SECONDS[second].items()}
+    begin["sample_hold.period"] = 1.0002 * period
+    names = (second, "sample_hold")
+    found = bench.fit(names, [free for name in names for free in every[name].at(begin)])
+    assert found.values["sample_hold.period"] == pytest.approx(period, rel=1e-3)
+    assert found.evidence.rms == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("period", [1.7e-3, 2.43e-3, 3.11e-3])
+def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
+    """Its needle is narrower than the sizes that are looked at first are apart."""
+    truth = {"sample_hold.period": period, **SECONDS["coulomb_friction"]}
+    bench, every = made(truth, 2e-4, sweep=50.0)
+    retuned = bench.finish(bench.fit((), ()))
+    friction = look((retuned.view,), [every["coulomb_friction"]])[0]
+    first = beside(bench, retuned, friction[:2])
+    seen = stairs_seen(bench, first, [every["sample_hold"]])
+    best = [it.settings["sample_hold.period"] for it in seen[:4]]
+    assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
 
 
 def test_an_effect_without_stairs_has_no_list_of_sizes() -> None:

@@ -6,40 +6,24 @@ each half has to earn its place, also under conditions that were left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from math import log
+from math import inf, log
 
-import numpy as np
-
-from servo_models.diagnosis.candidates import Candidate, candidates
+from servo_models.diagnosis.attempts import attempts
+from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.evidence import Evidence
 from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.fits import (
-    Seen,
-    Tell,
-    beside,
-    best_of_each,
-    settled,
-    side_by_side,
-    starts_of,
-)
+from servo_models.diagnosis.fits import Tell, beside_each, best_of_each, settled, starts_of
 from servo_models.diagnosis.further import further
-from servo_models.diagnosis.pairing import LESS, couples_of, halves_of, narrowed
-from servo_models.diagnosis.screening import Sight, look
-from servo_models.diagnosis.staircases import shortlist
+from servo_models.diagnosis.pairing import LESS, halves_of, narrowed
+from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.worth import earns
 
-SINGLES, FIRST, QUIET = 10, 4, 4
-"""Effects fitted in full, those of them that are fitted first, and all of them where nominal
-parameters leave noise only."""
-PART = 0.5
-"""Part of what an effect closes that leaves noise only, which a look-alike has to promise."""
-STAIRCASES = 4
-"""Those fitted of which the response is a staircase of the size, after a closer look."""
-FINALISTS, NEARLY = 5, 2.0
+QUIET = 4
+"""Effects that are fitted where nominal parameters leave noise only."""
+FINALISTS, NEARLY = 3, 1.5
 """Explanations that are fitted on, if they leave less than this over the best."""
 FINER, LONGER = 1e-6, 60
 """Relative tolerance and steps of these fits."""
@@ -106,16 +90,15 @@ def find_causes(
         plain.insert(0, bench.unfit((), (), nominal))
     sights, reach = look([it.view for it in plain], every)
     if open_question:
-        singles, sights = _singles(bench, retuned, sights, every, say)
+        singles, couples, near = attempts(bench, retuned, sights, every, say)
     else:
-        singles = _fitted(bench, retuned, starts_of(sights, QUIET), say)
-    near = narrowed(every, sights)
-    couples = couples_of(bench, singles, sights, near, say) if open_question else []
+        singles, couples = beside_each(bench, retuned, starts_of(sights, QUIET), say), []
+        near = narrowed(every, sights)
     better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
     singles = best_of_each([*singles, *halves_of(bench, better)])
     if open_question:
         say("fitting the best to the end")
-        least = min(it.loss for it in (*singles, *couples))
+        least = min((it.loss for it in (*singles, *couples)), default=inf)
         singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
     taken = _taken(bench, retuned, singles, couples)
     more = further(bench, taken, couples, near, say) if len(taken.effects) > 1 else []
@@ -124,64 +107,6 @@ def find_causes(
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
     return Causes(before, retuned, singles, couples, more, taken, reach)
-
-
-def _singles(
-    bench: Bench,
-    retuned: Explanation,
-    sights: list[Sight],
-    every: Sequence[Candidate],
-    say: Tell,
-) -> tuple[list[Explanation], list[Sight]]:
-    """Fits of the most promising effects, best first, and all that was seen of any.
-
-    Where one leaves noise only, the others are fitted if they may be its look-alikes.
-    """
-    smooth = list(starts_of([it for it in sights if not it.candidate.fine], SINGLES))
-    found = _fitted(bench, retuned, smooth[:FIRST], say)
-    found += _fitted(bench, retuned, _likely(smooth[FIRST:], retuned, found), say)
-    if any(map(settled, found)):
-        stairs = starts_of([it for it in sights if it.candidate.fine], STAIRCASES)
-        found += _fitted(bench, retuned, _likely(stairs, retuned, found), say)
-    else:
-        say("looking closer at staircases")
-        best = min([retuned, *found], key=lambda it: it.loss)
-        beside_it = bench.unfit((), (), best.values)
-        closer = _closer(bench, (retuned, beside_it), sights, every)
-        found += _fitted(bench, retuned, starts_of(closer, STAIRCASES), say)
-        sights = sorted([*sights, *closer], key=lambda sight: sight.left)
-    return best_of_each(found), sights
-
-
-def _closer(
-    bench: Bench,
-    plain: tuple[Explanation, Explanation],
-    sights: Sequence[Sight],
-    every: Sequence[Candidate],
-) -> list[Sight]:
-    """What is seen of staircases from the first and second of ``plain``, at the sizes that look
-    best from the second, best first."""
-    first, second = plain
-    near = [it for it in sights if it.seen is first.view]
-    short = shortlist(bench, second, every, near)
-    return look((first.view, second.view), short)[0]
-
-
-def _likely(
-    starts: Iterable[Seen], retuned: Explanation, found: Sequence[Explanation]
-) -> Iterator[Seen]:
-    """Effects that promise enough to be a look-alike of one that leaves noise only."""
-    least = min((one.cost for one in found if settled(one)), default=-np.inf)
-    enough = retuned.cost + PART * (least - retuned.cost) if np.isfinite(least) else np.inf
-    return ((name, own) for name, own in starts if own[0].left < enough)
-
-
-def _fitted(
-    bench: Bench, retuned: Explanation, starts: Iterable[Seen], say: Tell
-) -> list[Explanation]:
-    """Fits of some effects, best first."""
-    tasks = [(name, partial(beside, first=retuned, own=own)) for name, own in starts]
-    return best_of_each(side_by_side(bench, tasks, say))
 
 
 def _finals(bench: Bench, found: Sequence[Explanation], least: float) -> list[Explanation]:

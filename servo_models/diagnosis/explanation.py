@@ -236,10 +236,15 @@ class Bench:
         limit: int,
         known: Array | None = None,
     ) -> tuple[Array, bool, Array | None]:
-        """Least squares; sizes on which the response is a staircase are tried out beside it."""
+        """Least squares; sizes on which the response is a staircase are tried out beside it.
+
+        They stay until the other parameters are where such a size needs them: before, a wrong
+        one may leave less.
+        """
         widths, stepwise = self.widths(problem), staircases_of(problem)
         vector = np.clip(start, *problem.bounds)
         if stepwise:
+            vector = self._others_first(problem, vector, stepwise, tolerance, limit)
             vector, known = sharpened(problem, vector, stepwise, widths, WIDE), None
         vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
         for _ in range(SHIFTED):
@@ -253,6 +258,26 @@ class Bench:
         if stepwise:
             return sharpened(problem, vector, stepwise, widths, NARROW), met, None
         return vector, met, slopes
+
+    def _others_first(
+        self,
+        problem: Problem,
+        vector: Array,
+        stepwise: Sequence[int],
+        tolerance: float,
+        limit: int,
+    ) -> Array:
+        """Least squares by the other parameters alone."""
+        widths, values = self.widths(problem), problem.values(vector)
+        others = [i for i in range(len(vector)) if i not in stepwise]
+        free = [problem.free[i] for i in others]
+        sizes = {problem.free[i].name: values[problem.free[i].name] for i in stepwise}
+        model = replace(problem.model, values={**problem.model.values, **sizes})
+        rest = Problem(model, problem.logs, free, sigma=dict(self.floors), jobs=problem.jobs)
+        found = vector.copy()
+        over = None if widths is None else widths[others]
+        found[others], _, _ = descend(rest, vector[others], tolerance, limit, over)
+        return found
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
@@ -106,6 +107,14 @@ def side_by_side(bench: Bench, tasks: Sequence[Task], say: Tell) -> Iterator[Exp
         if best is None or one.loss < best.loss:
             best = one
         yield one
+
+
+def beside_each(
+    bench: Bench, first: Explanation, starts: Iterable[Seen], say: Tell
+) -> list[Explanation]:
+    """Fits of some effects, each beside those of ``first``, best first."""
+    tasks = [(name, partial(beside, first=first, own=own)) for name, own in starts]
+    return best_of_each(side_by_side(bench, tasks, say))
 
 
 def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:

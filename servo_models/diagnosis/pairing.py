@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -26,7 +26,7 @@ from servo_models.diagnosis.screening import Sight, look, pairs
 from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free
 
-FIRSTS, SECONDS, PAIRS = 3, 4, 4
+FIRSTS, SECONDS, PAIRS = 3, 4, 6
 """Effects that get a second one beside them, how many of those, and pairs seen together."""
 PROMISING = 0.95
 """Squared errors of a pair, as a look predicts them, over those of one effect."""
@@ -49,34 +49,49 @@ FEW = 5
 """Second effects fitted where nothing is left to explain."""
 
 
-def couples_of(
+def paired(
     bench: Bench,
     singles: Sequence[Explanation],
     sights: Sequence[Sight],
     every: Sequence[Candidate],
     say: Tell,
+    known: Iterable[Explanation] = (),
 ) -> list[Explanation]:
     """Pairs seen together from the start, and second effects seen beside the best first ones.
 
-    One that explains everything already needs no long search for a second.
+    One effect, or a pair seen together, that explains everything needs no long search for another.
+    Pairs ``known`` are not fitted again.
     """
-    explained = settled(singles[0])
-    seen = [] if explained else pairs(sights, PROMISING * singles[0].cost)[:PAIRS]
+    if not singles:
+        return []
+    old = {frozenset(it.effects): it for it in known}
+    if settled(singles[0]):
+        more = _seconds(singles[:1], every, LESS, FEW, old)
+        return best_of_each([*old.values(), *side_by_side(bench, more, say)])
+    seen = pairs(sights, PROMISING * singles[0].cost)[:PAIRS]
+    new = [pair for pair in seen if frozenset(names_of(pair)) not in old]
+    tasks = [(" and ".join(names_of(pair)), partial(together, pair=pair)) for pair in new]
+    found = best_of_each([*old.values(), *side_by_side(bench, tasks, say)])
+    if any(map(settled, found)):
+        return found
+    fitted = {frozenset(it.effects) for it in found}
+    more = _seconds(singles[:FIRSTS], every, PROMISING, SECONDS, fitted)
+    return best_of_each([*found, *side_by_side(bench, more, say)])
+
+
+def _seconds(
+    firsts: Iterable[Explanation],
+    every: Sequence[Candidate],
+    share: float,
+    count: int,
+    known: Collection[frozenset[str]],
+) -> list[Task]:
+    """Fits of so many effects beside each first one, which promise to leave less than a share."""
     tasks: dict[frozenset[str], Task] = {}
-    for pair in seen:
-        names = names_of(pair)
-        tasks[frozenset(names)] = " and ".join(names), partial(together, pair=pair)
-    share, count = (LESS, FEW) if explained else (PROMISING, SECONDS)
-    for first in singles[: 1 if explained else FIRSTS]:
+    for first in firsts:
         for name, own in promising(seen_beside(first, every), share * first.cost, count):
             tasks.setdefault(frozenset((*first.effects, name)), added(first, name, own))
-    found = best_of_each(side_by_side(bench, list(tasks.values()), say))
-    if not explained and not any(map(settled, found)):
-        say(f"looking closer at staircases beside {singles[0].effects[0]}")
-        found = best_of_each([*found, *_stairs_beside(bench, singles[0], every, say)])
-    if found and found[0].loss < LESS * singles[0].loss:
-        found = best_of_each([*found, *swapped(bench, found[0], every, say)])
-    return found
+    return [task for names, task in tasks.items() if names not in known]
 
 
 def promising(
@@ -107,10 +122,11 @@ def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
     return look((first.view,), [one for one in every if one.name not in first.effects])[0]
 
 
-def _stairs_beside(
+def stairs_beside(
     bench: Bench, first: Explanation, every: Iterable[Candidate], say: Tell
 ) -> Iterator[Explanation]:
     """Fits of staircases beside an effect, at the sizes that look best there."""
+    say(f"looking closer at staircases beside {' and '.join(first.effects)}")
     likely = promising(stairs_seen(bench, first, every), PROMISING * first.cost, SECONDS)
     return side_by_side(bench, [added(first, name, own) for name, own in likely], say)
 

@@ -107,17 +107,11 @@ def look(
 def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, Sight]]:
     """Return pairs of different effects by what both would leave together, best first.
 
-    Each effect takes part with the sizes that leave least alone; pairs that leave more than
-    ``enough`` squared errors are none.
+    Pairs that leave more than ``enough`` squared errors are none.
     """
     scored: list[tuple[float, int, int]] = []
     for seen in dict.fromkeys(sight.seen for sight in sights):
-        taken: dict[str, list[int]] = {}
-        for i, sight in enumerate(sights):
-            if sight.seen is seen:
-                taken.setdefault(sight.candidate.name, []).append(i)
-        own = [i for group in taken.values() for i in group[:EACH]]
-        scored += _pairs(sights, own)
+        scored += _pairs(sights, _taking_part(sights, seen))
     best: dict[frozenset[str], tuple[Sight, Sight]] = {}
     for left, i, j in sorted(scored):
         if left > enough:
@@ -125,6 +119,38 @@ def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, 
         names = frozenset((sights[i].candidate.name, sights[j].candidate.name))
         best.setdefault(names, (sights[i], sights[j]))
     return list(best.values())
+
+
+def _taking_part(sights: Sequence[Sight], seen: View) -> list[int]:
+    """Which sights from a view take part in pairs: of each effect those that leave least alone, and
+    of a staircase those that leave least beside a smooth one."""
+    groups: dict[str, list[int]] = {}
+    for i, sight in enumerate(sights):
+        if sight.seen is seen:
+            groups.setdefault(sight.candidate.name, []).append(i)
+    found = [i for group in groups.values() for i in group[:EACH]]
+    smooth = [sights[i] for i in found if not sights[i].candidate.fine]
+    for group in groups.values():
+        if smooth and sights[group[0]].candidate.fine:
+            left = left_beside([sights[i] for i in group], smooth)
+            found += [group[k] for k in np.argsort(left)[:EACH] if group[k] not in found]
+    return found
+
+
+def left_beside(sights: Sequence[Sight], others: Sequence[Sight]) -> Array:
+    """Return the squared errors that each of some sights leaves beside the best of the others.
+
+    All are from the same view.  Shape (sights,).
+    """
+    seen = sights[0].seen
+    rest = seen.without(np.column_stack([seen.errors + it.change for it in sights]))
+    columns = np.column_stack([it.difference for it in others])
+    low, high = np.array([_shares(it.candidate) for it in others]).T[..., None]
+    power, along = np.sum(columns**2, axis=0)[:, None], columns.T @ rest
+    share: Array = np.clip(-along / power, low, high)
+    return np.asarray(
+        np.sum(rest**2, axis=0) + np.min(share * (2.0 * along + share * power), axis=0)
+    )
 
 
 def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[tuple[float, int, int]]:

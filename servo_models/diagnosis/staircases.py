@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import log, sqrt
 
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.screening import Sight, look
+from servo_models.diagnosis.screening import Sight, left_beside, look
 from servo_models.diagnosis.sizes import Settings
-from servo_models.diagnosis.stepwise import delays_of, staircases_of
 from servo_models.diagnosis.view import view
 from servo_models.recording import Log
 
@@ -31,6 +31,8 @@ HUNDREDS = 150
 """Sizes that are looked at in the longer part after that."""
 DOZENS, CLOSER = 40, (-0.0005, 0.0, 0.0005)
 """Sizes that are worth a closer look, and how far from each other, relative to it."""
+CLOSEST = (-0.00075, -0.0005, -0.00025, 0.0, 0.00025, 0.0005, 0.00075)
+"""The same of a hold: where a log is over, a period so much longer is a sample late."""
 APART = 0.005
 """Relative distance of the sizes that are looked at first, at least.  A hold, and any staircase
 beside effects that hide it no longer, is looked for at all sizes that logs tell apart."""
@@ -49,13 +51,9 @@ def shortlist(
 ) -> tuple[Candidate, ...]:
     """Return the staircases among some effects, with the sizes that look best beside ``first``.
 
-    What was ``seen`` of them tells how much a size moves.  A hold after a free delay is found
-    alone beside any one effect but another staircase, and not sought again.
+    What was ``seen`` of them tells how much a size moves.
     """
-    smooth = len(first.effects) == 1 and not staircases_of(first.problem)
-    delayed = smooth and delays_of(first.problem)
     stairs = [one for one in every if one.fine and one.name not in first.effects]
-    stairs = [one for one in stairs if not (one.late and delayed)]
     if seen:
         moving = {it.candidate.name for it in seen}
         stairs = [one for one in stairs if one.name in moving]
@@ -79,6 +77,19 @@ class _Part:
         one = replace(self.candidates[name], sizes=tuple(sizes))
         return look((self.view,), [one], corrected)[0]
 
+    @cached_property
+    def smooth(self) -> list[Sight]:
+        """What is seen of smooth effects."""
+        return look((self.view,), [one for one in self.candidates.values() if not one.fine])[0]
+
+    def best(self, sights: Sequence[Sight], count: int) -> list[Sight]:
+        """So many that leave least alone, and half as many that do beside a smooth effect: that
+        may hide the size as nominal parameters do."""
+        if not sights or not self.smooth:
+            return list(sights[:count])
+        order = np.argsort(left_beside(sights, self.smooth))[: count // 2]
+        return [*sights[:count], *(sights[i] for i in order if i >= count)]
+
 
 def _listed(
     full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Sight], beside: bool
@@ -95,10 +106,12 @@ def _listed(
         grid += nearer
         sights = sorted([*sights, *part.look(name, nearer)], key=lambda it: it.left)
     if not full.late and part is not parts[LONG]:
-        sights = parts[LONG].look(name, [it.settings for it in sights[:HUNDREDS]])
-    closer = [it for sight in sights[:DOZENS] for it in _around(sight.settings)]
+        sights = parts[LONG].look(name, [it.settings for it in part.best(sights, HUNDREDS)])
+        part = parts[LONG]
+    apart = CLOSEST if full.late else CLOSER
+    closer = [it for sight in part.best(sights, DOZENS) for it in _around(sight.settings, apart)]
     sights = parts[LONG].look(name, closer, corrected=True)
-    best = [it.settings for it in sights[:LISTED]]
+    best = [it.settings for it in parts[LONG].best(sights, LISTED)]
     near = [it for size in best for it in _between(full.fine, grid, size)]
     sizes = {tuple(it.items()): it for it in (*best, *near)}
     return replace(full, sizes=tuple(sizes.values()))
@@ -111,9 +124,9 @@ def _showing(parts: Mapping[int, _Part]) -> _Part:
     return parts[BRIEF] if brief.left > least * brief.problem.samples else parts[LONG]
 
 
-def _around(best: Settings) -> list[Settings]:
+def _around(best: Settings, apart: Iterable[float]) -> list[Settings]:
     """A size, and those a little smaller and larger: a needle is narrower than sizes are apart."""
-    return [{switch: size * (1.0 + it)} for switch, size in best.items() for it in CLOSER]
+    return [{switch: size * (1.0 + it)} for switch, size in best.items() for it in apart]
 
 
 def _about(best: Settings, every: Sequence[Settings]) -> list[Settings]:

@@ -1,0 +1,140 @@
+"""What is fitted to explain a gap, and in which order: the smooth effects before staircases.
+
+A staircase is looked for in thousands of simulations.  So these are spent only where no smooth
+effect, and no pair of them, leaves noise only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from servo_models.diagnosis.candidates import Candidate
+from servo_models.diagnosis.explanation import Bench, Explanation
+from servo_models.diagnosis.fits import (
+    Seen,
+    Tell,
+    beside_each,
+    best_of_each,
+    settled,
+    starts_of,
+)
+from servo_models.diagnosis.pairing import LESS, narrowed, paired, stairs_beside, swapped
+from servo_models.diagnosis.screening import Sight, look
+from servo_models.diagnosis.staircases import shortlist
+
+SINGLES, FIRST = 10, 4
+"""Smooth effects fitted in full, and those of them that are fitted first."""
+STAIRCASES = 4
+"""Those fitted of which the response is a staircase of the size."""
+PART = 0.5
+"""Part of what an effect closes that leaves noise only, which a look-alike has to promise."""
+PAIRED = 0.5
+"""Loss of a pair over that of the best effect, from which staircases are not sought beside that."""
+
+
+class Attempts(NamedTuple):
+    """Explanations by one and by two effects, best first, and every effect at promising sizes."""
+
+    singles: list[Explanation]
+    couples: list[Explanation]
+    near: list[Candidate]
+
+
+def attempts(
+    bench: Bench,
+    retuned: Explanation,
+    sights: Sequence[Sight],
+    every: Sequence[Candidate],
+    say: Tell,
+) -> Attempts:
+    """Return fits of the most promising effects, one and two at a time.
+
+    Where one explanation leaves noise only, others are fitted if they may be its look-alikes.
+
+    Args:
+        bench: model, logs, priors and floors.
+        retuned: nominal parameters alone.
+        sights: what was seen of ``every`` effect, from the nominal model and from there.
+        say: is told what goes on.
+    """
+    smooth = [it for it in sights if not it.candidate.fine]
+    singles, near = _smooth(bench, retuned, smooth, say), narrowed(every, sights)
+    if any(map(settled, singles)):
+        singles = _with_likely_stairs(bench, retuned, sights, singles, singles, say)
+        couples = paired(bench, singles, sights, near, say)
+    else:
+        plain = [one for one in near if not one.fine]
+        couples = paired(bench, singles, smooth, plain, say)
+        if any(map(settled, couples)):
+            singles = _with_likely_stairs(bench, retuned, sights, singles, couples, say)
+        else:
+            closer = _closer(bench, retuned, singles, sights, every, say)
+            stairs = beside_each(bench, retuned, starts_of(closer, STAIRCASES), say)
+            singles = best_of_each([*singles, *stairs])
+            sights = sorted([*sights, *closer], key=lambda sight: sight.left)
+            near = narrowed(every, sights)
+            couples = paired(bench, singles, sights, near, say, couples)
+            if singles and not _paired_well(singles[0], couples):
+                couples = best_of_each([*couples, *stairs_beside(bench, singles[0], near, say)])
+    if couples and couples[0].loss < LESS * singles[0].loss:
+        couples = best_of_each([*couples, *swapped(bench, couples[0], near, say)])
+    return Attempts(singles, couples, near)
+
+
+def _paired_well(single: Explanation, couples: Sequence[Explanation]) -> bool:
+    """Whether a pair leaves so much less than one effect that no other need be sought beside it."""
+    return any(it.loss < PAIRED * single.loss or settled(it) for it in couples)
+
+
+def _smooth(
+    bench: Bench, retuned: Explanation, sights: Sequence[Sight], say: Tell
+) -> list[Explanation]:
+    """Fits of the most promising smooth effects, best first."""
+    starts = list(starts_of(sights, SINGLES))
+    found = beside_each(bench, retuned, starts[:FIRST], say)
+    more = _likely(starts[FIRST:], retuned, found)
+    return best_of_each([*found, *beside_each(bench, retuned, more, say)])
+
+
+def _with_likely_stairs(
+    bench: Bench,
+    retuned: Explanation,
+    sights: Iterable[Sight],
+    singles: Sequence[Explanation],
+    found: Sequence[Explanation],
+    say: Tell,
+) -> list[Explanation]:
+    """Single effects with the staircases that may do what one of those ``found`` does."""
+    stairs = starts_of([it for it in sights if it.candidate.fine], STAIRCASES)
+    likely = _likely(stairs, retuned, found)
+    return best_of_each([*singles, *beside_each(bench, retuned, likely, say)])
+
+
+def _closer(
+    bench: Bench,
+    retuned: Explanation,
+    singles: Sequence[Explanation],
+    sights: Sequence[Sight],
+    every: Sequence[Candidate],
+    say: Tell,
+) -> list[Sight]:
+    """What is seen of staircases at the sizes that look best where the best fit has put the
+    nominal parameters, from there and from where these alone go."""
+    say("looking closer at staircases")
+    best = min([retuned, *singles], key=lambda it: it.loss)
+    beside_it = bench.unfit((), (), best.values)
+    near = [it for it in sights if it.seen is retuned.view]
+    short = shortlist(bench, beside_it, every, near)
+    return look((retuned.view, beside_it.view), short)[0]
+
+
+def _likely(
+    starts: Iterable[Seen], retuned: Explanation, found: Sequence[Explanation]
+) -> Iterator[Seen]:
+    """Effects that promise enough to be a look-alike of one that leaves noise only."""
+    least = min((one.cost for one in found if settled(one)), default=-np.inf)
+    enough = retuned.cost + PART * (least - retuned.cost) if np.isfinite(least) else np.inf
+    return ((name, own) for name, own in starts if own[0].left < enough)
