@@ -14,6 +14,7 @@ from servo_models.diagnosis.pairing import stairs_seen
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.diagnosis.staircases import shortened, shortlist
+from servo_models.diagnosis.stepwise import shifted
 from servo_models.simulate import Array, model
 from tests.test_search_of_causes import made
 
@@ -109,9 +110,28 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     retuned = bench.finish(bench.fit((), ()))
     friction = look((retuned.view,), [every["coulomb_friction"]])[0]
     first = beside(bench, retuned, friction[:2])
-    seen = stairs_seen(bench, first, [every["sample_hold"]])
+    others = [one for one in every.values() if not one.fine]
+    seen = stairs_seen(bench, first, [*others, every["sample_hold"]])
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
+
+
+def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
+    """Between two ticks nothing depends on it, so slopes say nothing."""
+    truth = {"transport_delay.time": 1e-3, "sample_hold.period": 4e-3}
+    bench, every = made(truth, sweep=50.0)
+    extra = [free for name in ("transport_delay", "sample_hold") for free in every[name].at(truth)]
+    problem = bench.problem(extra)
+    true = {**bench.model.values, **truth, "torque_constant": 5.5}
+    late = {**true, "transport_delay.time": 2.2e-3}
+    found, begin = (np.array([it[f.name] for f in problem.free]) for it in (true, late))
+    least, before = problem.costs([found / problem.scales, begin / problem.scales])
+    assert before > 10.0 * least
+    vector: Array | None = begin / problem.scales
+    while vector is not None:
+        (after,) = problem.costs([vector])
+        vector = shifted(problem, vector)
+    assert after < 1.1 * least
 
 
 def test_an_effect_without_stairs_has_no_list_of_sizes() -> None:

@@ -133,8 +133,8 @@ def stairs_beside(
 
 def stairs_seen(bench: Bench, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
     """What is seen of staircases beside some effects after a closer look, best first."""
-    stairs = [one for one in every if one.fine]
-    short = shortlist(bench, first, stairs, seen_beside(first, stairs))
+    every = list(every)
+    short = shortlist(bench, first, every, seen_beside(first, every))
     return look((first.view,), short)[0]
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from math import log, sqrt
 
 import numpy as np
@@ -29,10 +28,11 @@ SHOWING = 0.1
 which it shows enough of it."""
 HUNDREDS = 150
 """Sizes that are looked at in the longer part after that."""
-DOZENS, CLOSER = 40, (-0.0005, 0.0, 0.0005)
-"""Sizes that are worth a closer look, and how far from each other, relative to it."""
-CLOSEST = (-0.00075, -0.0005, -0.00025, 0.0, 0.00025, 0.0005, 0.00075)
-"""The same of a hold: where a log is over, a period so much longer is a sample late."""
+DOZENS, CLOSER = 40, (-0.0005, 0.0005)
+"""Sizes that are worth a closer look, and how far from half of them others are looked at, relative
+to it."""
+CLOSEST = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
+"""The same from a period of a hold: where a log is over, one so much longer is a sample late."""
 APART = 0.005
 """Relative distance of the sizes that are looked at first, at least.  A hold, and any staircase
 beside effects that hide it no longer, is looked for at all sizes that logs tell apart."""
@@ -51,7 +51,8 @@ def shortlist(
 ) -> tuple[Candidate, ...]:
     """Return the staircases among some effects, with the sizes that look best beside ``first``.
 
-    What was ``seen`` of them tells how much a size moves.
+    What was ``seen`` of them, with the whole logs, tells how much a size moves, and of smooth
+    effects what these may do beside it.
     """
     stairs = [one for one in every if one.fine and one.name not in first.effects]
     if seen:
@@ -59,28 +60,39 @@ def shortlist(
         stairs = [one for one in stairs if one.name in moving]
     if not stairs:
         return ()
-    parts = {samples: _Part(bench, first, samples) for samples in (BRIEF, LONG)}
+    smooth = [it for it in seen if not it.candidate.fine]
+    parts = {samples: _Part(bench, first, samples, smooth) for samples in (BRIEF, LONG)}
     return tuple(_listed(one, parts, seen, bool(first.effects)) for one in stairs)
 
 
 class _Part:
     """The first part of some logs, seen from a fit."""
 
-    def __init__(self, bench: Bench, first: Explanation, samples: int) -> None:
+    def __init__(
+        self, bench: Bench, first: Explanation, samples: int, smooth: Iterable[Sight] = ()
+    ) -> None:
         brief = replace(bench, logs=shortened(bench.logs, samples))
         problem = brief.problem([free for free in first.problem.free if free.prior is None])
         self.view = view(problem, first.evidence.vector, first.widths)
         self.candidates = {one.name: one for one in candidates(bench.model, brief.logs)}
+        cut = [self._cut(it) for it in smooth]
+        self.smooth = [it for it in cut if it.difference.any()]
 
     def look(self, name: str, sizes: Iterable[Settings], corrected: bool = False) -> list[Sight]:
         """What is seen of a staircase at some sizes, best first."""
         one = replace(self.candidates[name], sizes=tuple(sizes))
         return look((self.view,), [one], corrected)[0]
 
-    @cached_property
-    def smooth(self) -> list[Sight]:
-        """What is seen of smooth effects."""
-        return look((self.view,), [one for one in self.candidates.values() if not one.fine])[0]
+    def _cut(self, sight: Sight) -> Sight:
+        """What was seen of an effect with the whole logs, as far as this part goes."""
+        whole, rows, start = sight.seen.problem, [], 0
+        for full, part in zip(whole.logs, self.view.problem.logs):
+            for _ in full.outputs:
+                rows.append(start + np.arange(part.fitted.sum()))
+                start += int(full.fitted.sum())
+        change = np.zeros(len(self.view.errors))
+        change[: self.view.problem.samples] = sight.change[np.concatenate(rows)]
+        return replace(sight, seen=self.view, change=change, difference=self.view.without(change))
 
     def best(self, sights: Sequence[Sight], count: int) -> list[Sight]:
         """So many that leave least alone, and half as many that do beside a smooth effect: that
@@ -95,26 +107,51 @@ def _listed(
     full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Sight], beside: bool
 ) -> Candidate:
     """A staircase with the sizes that look best, ``beside`` effects or alone."""
-    name, part = full.name, _showing(parts)
-    every = parts[BRIEF if full.late else LONG].candidates[name].fine
-    likely = _fitting(every, name, seen, REST if beside else ALONE)
-    thinned = not full.late and not beside
-    grid = [*full.sizes, *(_thinned(likely) if thinned else likely)]
-    sights = part.look(name, grid)
-    if thinned and sights and sights[0].left < SHOWN * part.view.left:
-        nearer = _about(sights[0].settings, every)
-        grid += nearer
-        sights = sorted([*sights, *part.look(name, nearer)], key=lambda it: it.left)
-    if not full.late and part is not parts[LONG]:
-        sights = parts[LONG].look(name, [it.settings for it in part.best(sights, HUNDREDS)])
-        part = parts[LONG]
-    apart = CLOSEST if full.late else CLOSER
-    closer = [it for sight in part.best(sights, DOZENS) for it in _around(sight.settings, apart)]
-    sights = parts[LONG].look(name, closer, corrected=True)
-    best = [it.settings for it in parts[LONG].best(sights, LISTED)]
+    part, long = _showing(parts), parts[LONG]
+    every = parts[BRIEF if full.late else LONG].candidates[full.name].fine
+    likely = _fitting(every, full.name, seen, REST if beside else ALONE)
+    grid, sights = _over_all(full, part, every, likely, beside)
+    if not full.late and part is not long:
+        sights = long.look(full.name, [it.settings for it in part.best(sights, HUNDREDS)])
+        part = long
+    sights = _closer(full, long, [it.settings for it in part.best(sights, DOZENS)])
+    best = [it.settings for it in long.best(sights, LISTED)]
     near = [it for size in best for it in _between(full.fine, grid, size)]
     sizes = {tuple(it.items()): it for it in (*best, *near)}
     return replace(full, sizes=tuple(sizes.values()))
+
+
+def _over_all(
+    full: Candidate,
+    part: _Part,
+    every: Sequence[Settings],
+    likely: Sequence[Settings],
+    beside: bool,
+) -> tuple[list[Settings], list[Sight]]:
+    """The sizes that are looked at in a part of the logs, and what is seen there, best first."""
+    if full.late:
+        grid = [*full.sizes, *likely]
+        return grid, part.look(full.name, grid)
+    if beside:  # a closer look finds those between
+        grid = [*full.sizes, *likely[::2]]
+        return grid, part.look(full.name, grid)
+    grid = [*full.sizes, *_thinned(likely)]
+    sights = part.look(full.name, grid)
+    if sights and sights[0].left < SHOWN * part.view.left:
+        nearer = _about(sights[0].settings, every)
+        grid += nearer
+        sights = sorted([*sights, *part.look(full.name, nearer)], key=lambda it: it.left)
+    return grid, sights
+
+
+def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Sight]:
+    """What is seen of some sizes and of those around the best half, other parameters corrected."""
+    sights = part.look(full.name, best, corrected=True)
+    apart = CLOSEST if full.late else CLOSER
+    half = part.best(sights, DOZENS // 2)
+    closer = [it for sight in half for it in _around(sight.settings, apart)]
+    more = part.look(full.name, closer, corrected=True)
+    return sorted([*sights, *more], key=lambda it: it.left)
 
 
 def _showing(parts: Mapping[int, _Part]) -> _Part:
@@ -125,7 +162,7 @@ def _showing(parts: Mapping[int, _Part]) -> _Part:
 
 
 def _around(best: Settings, apart: Iterable[float]) -> list[Settings]:
-    """A size, and those a little smaller and larger: a needle is narrower than sizes are apart."""
+    """Sizes a little smaller and larger: a needle is narrower than sizes are apart."""
     return [{switch: size * (1.0 + it)} for switch, size in best.items() for it in apart]
 
 

@@ -19,6 +19,8 @@ JUMP = 0.2
 sample more puts the jump between two other ones."""
 SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
 """Samples by which such a delay is moved."""
+PARTS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
+"""Parts of its period by which a delay before a hold is moved."""
 WORTH, SHIFTED = 0.98, 8
 """Cost over that before from which a move is taken, and how often."""
 
@@ -66,13 +68,14 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     """Return a vector with a delay moved by a few samples, if that is surely better.
 
     Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
-    between two of them, and no slope leads on.
+    between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
+    the next tick, and the delay is such a staircase too.
     """
-    interval = _jumping(problem)
-    delays = delays_of(problem) if interval else []
+    moves = [it * _jumping(problem) for it in SAMPLES]
+    moves += [it * period for period in _periods(problem, vector) for it in PARTS]
     trials = []
-    for i in delays:
-        for move in (sign * it * interval for it in SAMPLES for sign in (-1.0, 1.0)):
+    for i in delays_of(problem):
+        for move in (sign * it for it in moves if it for sign in (-1.0, 1.0)):
             trial = vector.copy()
             trial[i] += move / problem.free[i].scale
             trials.append(np.clip(trial, *problem.bounds))
@@ -104,6 +107,21 @@ def delays_of(problem: Problem) -> list[int]:
         for i, owner in enumerate(owners)
         if owner and plant.placements[owner][0].effect.name == "transport_delay"
     ]
+
+
+def _periods(problem: Problem, vector: Array) -> list[float]:
+    """Periods [s] of the holds that are on."""
+    plant = problem.model.plant
+    values = {**problem.model.values, **problem.values(vector)}
+    owners = {name: plant.parameters[name].owner for name in values}
+    switches = [
+        name
+        for name, owner in owners.items()
+        if owner
+        and plant.placements[owner][0].effect.name == "sample_hold"
+        and plant.parameters[name].param.switch
+    ]
+    return [values[name] for name in switches if values[name] > 0.0]
 
 
 def _jumping(problem: Problem) -> float:
