@@ -116,6 +116,15 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
 
 
+def test_a_staircase_is_fitted_without_any_other_parameter() -> None:
+    bench, every = made({"command_quantisation.step": 3.137})
+    known = replace(bench.model, values={**bench.model.values, "torque_constant": 5.5})
+    name = "command_quantisation"
+    extra = every[name].at({f"{name}.step": 3.13})
+    found = replace(bench, nominal=(), model=known).fit((name,), extra)
+    assert found.values[f"{name}.step"] == pytest.approx(3.137, rel=1e-3)
+
+
 def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
     """Between two ticks nothing depends on it, so slopes say nothing."""
     truth = {"transport_delay.time": 1e-3, "sample_hold.period": 4e-3}
