@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,15 +11,12 @@ import numpy as np
 import pytest
 from conftest import Run
 from fmu_host import Host
-from hypothesis import given
-from hypothesis import strategies as st
 from jsonschema import Draft202012Validator, ValidationError
 
 from servo_models import diagnosis
 from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.diagnosis import experiment, explanation
-from servo_models.interchange import command, finite_json
 from servo_models.parameter_set import read_parameters
 from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
 from servo_models.simulate import model, simulate
@@ -344,43 +340,3 @@ def test_a_log_of_something_else_is_doubted(run: Run, tmp_path: Path) -> None:
     floor = document["gap"]["outputs"]["angle"]["floor"]
     assert floor == pytest.approx(np.deg2rad(1.0), rel=0.1)
     assert any("hardly anything of 'angle'" in text for text in document["warnings"])
-
-
-documents = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-    max_leaves=20,
-)
-
-
-@given(documents)
-def test_json_has_no_infinity_and_keeps_everything_else(document: object) -> None:
-    def refuse(constant: str) -> None:
-        raise AssertionError(constant)
-
-    back = json.loads(finite_json(document), parse_constant=refuse)
-
-    def same(one: object, other: object) -> bool:
-        if isinstance(one, float) and not math.isfinite(one):
-            return other is None
-        if isinstance(one, list) and isinstance(other, list):
-            return len(one) == len(other) and all(map(same, one, other))
-        if isinstance(one, dict) and isinstance(other, dict):
-            return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
-        return one == other
-
-    assert same(document, back)
-
-
-@given(st.text(), st.text())
-def test_a_workflow_command_is_one_line_that_reads_back(title: str, message: str) -> None:
-    def back(text: str) -> str:
-        for code, plain in (("%3A", ":"), ("%2C", ","), ("%0D", "\r"), ("%0A", "\n")):
-            text = text.replace(code, plain)
-        return text.replace("%25", "%")
-
-    text = command("error", title, message)
-    assert "\n" not in text
-    assert "\r" not in text
-    head, _, rest = text.removeprefix("::error title=").partition("::")
-    assert (back(head), back(rest)) == (title, message)

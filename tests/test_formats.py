@@ -1,8 +1,9 @@
-"""How a validation is printed: text, JSON, GitHub annotations, JUnit XML, and exit codes."""
+"""What programs read: a validation as text, JSON, GitHub annotations, JUnit XML, exit codes."""
 
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,8 +11,11 @@ from xml.etree import ElementTree
 
 import pytest
 from conftest import Run
+from hypothesis import given
+from hypothesis import strategies as st
 
 import servo_models.validate  # noqa: F401  (its function is replaced below)
+from servo_models.interchange import command, finite_json
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Row, Validation
 
 GOOD = Row(IMPLEMENTATION, "sg90", "linear", "1 ms", "angle", 0.0, 1e-12, "1", True)
@@ -97,3 +101,43 @@ def test_a_missing_fmu_could_not_run(run: Run) -> None:
     assert (code, out) == (2, "")
     assert "absent.fmu" in err
     assert err.count("\n") == 1
+
+
+documents = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=20,
+)
+
+
+@given(documents)
+def test_json_has_no_infinity_and_keeps_everything_else(document: object) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    back = json.loads(finite_json(document), parse_constant=refuse)
+
+    def same(one: object, other: object) -> bool:
+        if isinstance(one, float) and not math.isfinite(one):
+            return other is None
+        if isinstance(one, list) and isinstance(other, list):
+            return len(one) == len(other) and all(map(same, one, other))
+        if isinstance(one, dict) and isinstance(other, dict):
+            return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
+        return one == other
+
+    assert same(document, back)
+
+
+@given(st.text(), st.text())
+def test_a_workflow_command_is_one_line_that_reads_back(title: str, message: str) -> None:
+    def back(text: str) -> str:
+        for code, plain in (("%3A", ":"), ("%2C", ","), ("%0D", "\r"), ("%0A", "\n")):
+            text = text.replace(code, plain)
+        return text.replace("%25", "%")
+
+    text = command("error", title, message)
+    assert "\n" not in text
+    assert "\r" not in text
+    head, _, rest = text.removeprefix("::error title=").partition("::")
+    assert (back(head), back(rest)) == (title, message)

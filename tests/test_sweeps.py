@@ -8,10 +8,16 @@ import numpy as np
 import polars as pl
 import pytest
 
-from servo_models import UserError
+from servo_models import UserError, simulate
 from servo_models.actuators.torque_motor import EQ_12_DELAY
 from servo_models.toml_file import read_toml
-from servo_models.transfer import Structure, identify_transfer, raw_records, read_sweeps
+from servo_models.transfer import (
+    Structure,
+    identify_transfer,
+    raw_records,
+    read_sweeps,
+    sweep_of_sines,
+)
 from tests.test_transfer import DT, EQUATION_12, MOTOR, log
 
 SWEEP = """
@@ -95,3 +101,18 @@ def test_raw_records_of_a_sweep_are_named_in_the_description(tmp_path: Path) -> 
     assert raw_records(document) == set(names)
     with pytest.raises(UserError, match="logs: unknown log '5 Hz'"):
         read_sweeps(document, tmp_path, MOTOR.plant, logs[1:])
+
+
+def test_gain_and_phase_of_sine_records_are_those_of_the_function() -> None:
+    rng = np.random.default_rng(9)
+    hertz = np.array([5.0, 20.0, 60.0, 150.0, 188.0, 300.0])
+    logs = []
+    for f in hertz:
+        times = np.arange(0.0, max(0.3, 8.0 / f), DT)
+        u = 20.0 * np.sin(2.0 * np.pi * f * times)
+        angle = simulate(MOTOR, times, {"voltage": u})["angle"]
+        logs.append(log(f"{f:g} Hz", times, u, angle + 1e-4 * rng.standard_normal(len(times))))
+    sweep = sweep_of_sines(logs, "voltage", "angle")
+    assert sweep.frequencies == pytest.approx(2.0 * np.pi * hertz, rel=1e-6)
+    error = np.abs(sweep.response / EQUATION_12.response(sweep.frequencies) - 1.0)
+    assert np.all(error < 4.0 * sweep.spread + 1e-3)

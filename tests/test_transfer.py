@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import chirp, lsim
-from scipy.stats import binom
 
 from servo_models import UserError, model, simulate
 from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
-from servo_models.noise import dependence, inflation, whiteness
 from servo_models.recording import Log
 from servo_models.reference.inputs import changes
 from servo_models.reference.linear import LinearSystem
@@ -27,7 +25,6 @@ from servo_models.transfer import (
     TransferResult,
     identify_transfer,
     sheet,
-    sweep_of_sines,
 )
 from servo_models.transfer.evidence import Point
 from servo_models.transfer.fit import Fit, fit
@@ -330,53 +327,6 @@ def test_a_zero_on_a_pole_cancels_within_its_uncertainty() -> None:
         found = surplus_zero(Fit(function, Structure(2, 1), covariance, (1.0,)))
         assert said in found
         assert bool(found) == bool(said)
-
-
-def test_residual_tests_reject_noise_at_their_nominal_rate() -> None:
-    u = np.sign(np.sin(np.arange(1000) / 20.0))
-    runs, level = 400, 0.05
-    for test in (whiteness, lambda e: dependence(e, u)):
-        false = sum(
-            test(np.random.default_rng(k).standard_normal(1000)) < level for k in range(runs)
-        )
-        assert false <= binom.ppf(1.0 - 1e-4, runs, level)
-    assert sum(
-        whiteness(np.random.default_rng(k).standard_normal(1000)) < level for k in range(runs)
-    ) >= binom.ppf(1e-4, runs, level)
-
-
-def test_residual_tests_see_correlation_and_what_the_input_left() -> None:
-    rng = np.random.default_rng(0)
-    u = np.sign(np.sin(np.arange(2000) / 20.0))
-    white = rng.standard_normal(2000)
-    coloured = lsim(([1.0], [1.0, 0.2]), white, np.arange(2000), interp=False)[1]
-    assert whiteness(coloured) < 1e-6
-    assert dependence(coloured, u) > 1e-3
-    assert dependence(white + 0.3 * np.roll(u, 3), u) < 1e-6
-
-
-def test_correlated_noise_counts_as_fewer_samples() -> None:
-    """An AR(1) process of correlation r has (1 + r) / (1 - r) samples to each independent one."""
-    rng, r = np.random.default_rng(1), 0.8
-    noise = np.zeros(20000)
-    for k in range(1, len(noise)):
-        noise[k] = r * noise[k - 1] + rng.standard_normal()
-    assert inflation(noise) == pytest.approx((1.0 + r) / (1.0 - r), rel=0.25)
-
-
-def test_gain_and_phase_of_sine_records_are_those_of_the_function() -> None:
-    rng = np.random.default_rng(9)
-    hertz = np.array([5.0, 20.0, 60.0, 150.0, 188.0, 300.0])
-    logs = []
-    for f in hertz:
-        times = np.arange(0.0, max(0.3, 8.0 / f), DT)
-        u = 20.0 * np.sin(2.0 * np.pi * f * times)
-        angle = simulate(MOTOR, times, {"voltage": u})["angle"]
-        logs.append(log(f"{f:g} Hz", times, u, angle + 1e-4 * rng.standard_normal(len(times))))
-    sweep = sweep_of_sines(logs, "voltage", "angle")
-    assert sweep.frequencies == pytest.approx(2.0 * np.pi * hertz, rel=1e-6)
-    error = np.abs(sweep.response / EQUATION_12.response(sweep.frequencies) - 1.0)
-    assert np.all(error < 4.0 * sweep.spread + 1e-3)
 
 
 def test_the_phase_has_no_jumps_and_is_that_of_the_response() -> None:

@@ -72,21 +72,32 @@ def attempts(
             singles = _with_likely_stairs(bench, retuned, sights, singles, couples, say)
         else:
             closer = _closer(bench, retuned, singles, sights, every, say)
-            stairs = beside_each(bench, retuned, starts_of(closer, STAIRCASES), say)
-            singles = best_of_each([*singles, *stairs])
             sights = sorted([*sights, *closer], key=lambda sight: sight.left)
             near = narrowed(every, sights)
-            couples = paired(bench, singles, sights, near, say, couples)
-            if singles and not _paired_well(singles[0], couples):
-                couples = best_of_each([*couples, *stairs_beside(bench, singles[0], near, say)])
+            stairs = beside_each(bench, retuned, starts_of(closer, STAIRCASES), say)
+            singles = best_of_each([*singles, *stairs])
+            couples = _paired_with_stairs(bench, singles, couples, sights, near, say)
     if couples and couples[0].loss < LESS * singles[0].loss:
         couples = best_of_each([*couples, *swapped(bench, couples[0], near, say)])
     return Attempts(singles, couples, near)
 
 
-def _paired_well(single: Explanation, couples: Sequence[Explanation]) -> bool:
-    """Whether a pair leaves so much less than one effect that no other need be sought beside it."""
-    return any(it.loss < PAIRED * single.loss or settled(it) for it in couples)
+def _paired_with_stairs(
+    bench: Bench,
+    singles: Sequence[Explanation],
+    known: Sequence[Explanation],
+    sights: Sequence[Sight],
+    near: Sequence[Candidate],
+    say: Tell,
+) -> list[Explanation]:
+    """Pairs with staircases too; these are sought anew beside the best effect, unless some pair
+    leaves so much less that none beside it need be."""
+    couples = paired(bench, singles, sights, near, say, known)
+    if not singles:
+        return couples
+    if any(it.loss < PAIRED * singles[0].loss or settled(it) for it in couples):
+        return couples
+    return best_of_each([*couples, *stairs_beside(bench, singles[0], near, say)])
 
 
 def _smooth(

@@ -19,6 +19,7 @@ from servo_models.diagnosis.stepwise import (
     NARROW,
     SHIFTED,
     WIDE,
+    others_first,
     sharpened,
     shifted,
     staircases_of,
@@ -244,7 +245,8 @@ class Bench:
         widths, stepwise = self.widths(problem), staircases_of(problem)
         vector = np.clip(start, *problem.bounds)
         if stepwise:
-            vector = self._others_first(problem, vector, stepwise, tolerance, limit)
+            assert widths is not None  # a staircase has no small slopes
+            vector = others_first(problem, vector, stepwise, widths, tolerance, limit)
             vector, known = sharpened(problem, vector, stepwise, widths, WIDE), None
         vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
         for _ in range(SHIFTED):
@@ -258,26 +260,6 @@ class Bench:
         if stepwise:
             return sharpened(problem, vector, stepwise, widths, NARROW), met, None
         return vector, met, slopes
-
-    def _others_first(
-        self,
-        problem: Problem,
-        vector: Array,
-        stepwise: Sequence[int],
-        tolerance: float,
-        limit: int,
-    ) -> Array:
-        """Least squares by the other parameters alone."""
-        widths, values = self.widths(problem), problem.values(vector)
-        others = [i for i in range(len(vector)) if i not in stepwise]
-        free = [problem.free[i] for i in others]
-        sizes = {problem.free[i].name: values[problem.free[i].name] for i in stepwise}
-        model = replace(problem.model, values={**problem.model.values, **sizes})
-        rest = Problem(model, problem.logs, free, sigma=dict(self.floors), jobs=problem.jobs)
-        found = vector.copy()
-        over = None if widths is None else widths[others]
-        found[others], _, _ = descend(rest, vector[others], tolerance, limit, over)
-        return found
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:

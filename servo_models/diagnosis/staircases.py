@@ -12,6 +12,7 @@ from dataclasses import replace
 from math import log, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.explanation import Bench, Explanation
@@ -75,7 +76,8 @@ class _Part:
         problem = brief.problem([free for free in first.problem.free if free.prior is None])
         self.view = view(problem, first.evidence.vector, first.widths)
         self.candidates = {one.name: one for one in candidates(bench.model, brief.logs)}
-        cut = [self._cut(it) for it in smooth]
+        rows = _rows(bench.logs, brief.logs)
+        cut = [self._cut(it, rows) for it in smooth]
         self.smooth = [it for it in cut if it.difference.any()]
 
     def look(self, name: str, sizes: Iterable[Settings], corrected: bool = False) -> list[Sight]:
@@ -83,15 +85,10 @@ class _Part:
         one = replace(self.candidates[name], sizes=tuple(sizes))
         return look((self.view,), [one], corrected)[0]
 
-    def _cut(self, sight: Sight) -> Sight:
+    def _cut(self, sight: Sight, rows: NDArray[np.int_]) -> Sight:
         """What was seen of an effect with the whole logs, as far as this part goes."""
-        whole, rows, start = sight.seen.problem, [], 0
-        for full, part in zip(whole.logs, self.view.problem.logs):
-            for _ in full.outputs:
-                rows.append(start + np.arange(part.fitted.sum()))
-                start += int(full.fitted.sum())
         change = np.zeros(len(self.view.errors))
-        change[: self.view.problem.samples] = sight.change[np.concatenate(rows)]
+        change[: len(rows)] = sight.change[rows]
         return replace(sight, seen=self.view, change=change, difference=self.view.without(change))
 
     def best(self, sights: Sequence[Sight], count: int) -> list[Sight]:
@@ -101,6 +98,16 @@ class _Part:
             return list(sights[:count])
         order = np.argsort(left_beside(sights, self.smooth))[: count // 2]
         return [*sights[:count], *(sights[i] for i in order if i >= count)]
+
+
+def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
+    """Which errors of whole logs are those of their first parts."""
+    found, start = [np.empty(0, dtype=int)], 0
+    for full, part in zip(whole, parts):
+        for _ in full.outputs:
+            found.append(start + np.arange(part.fitted.sum()))
+            start += int(full.fitted.sum())
+    return np.concatenate(found)
 
 
 def _listed(
@@ -129,15 +136,11 @@ def _over_all(
     beside: bool,
 ) -> tuple[list[Settings], list[Sight]]:
     """The sizes that are looked at in a part of the logs, and what is seen there, best first."""
-    if full.late:
-        grid = [*full.sizes, *likely]
-        return grid, part.look(full.name, grid)
-    if beside:  # a closer look finds those between
-        grid = [*full.sizes, *likely[::2]]
-        return grid, part.look(full.name, grid)
-    grid = [*full.sizes, *_thinned(likely)]
+    chosen = likely if full.late else likely[::2] if beside else _thinned(likely)
+    grid = [*full.sizes, *chosen]  # a closer look finds those between
     sights = part.look(full.name, grid)
-    if sights and sights[0].left < SHOWN * part.view.left:
+    alone = not full.late and not beside
+    if alone and sights and sights[0].left < SHOWN * part.view.left:
         nearer = _about(sights[0].settings, every)
         grid += nearer
         sights = sorted([*sights, *part.look(full.name, nearer)], key=lambda it: it.left)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.diagnosis.descent import descend
 from servo_models.diagnosis.sizes import PHASE, STEPWISE
 from servo_models.identification.problem import Problem
 
@@ -27,12 +29,40 @@ WORTH, SHIFTED = 0.98, 8
 
 def staircases_of(problem: Problem) -> list[int]:
     """Which free parameters are sizes on which the response is a staircase."""
-    plant, found = problem.model.plant, []
-    for i, free in enumerate(problem.free):
-        owner = plant.parameters[free.name].owner
-        placed = owner and plant.placements[owner][0].effect.name in STEPWISE
-        if placed and free.prior is None and plant.parameters[free.name].param.switch:
-            found.append(i)
+    known = problem.model.plant.parameters
+    return [
+        i
+        for i, free in enumerate(problem.free)
+        if _effect(problem, free.name) in STEPWISE
+        and free.prior is None
+        and known[free.name].param.switch
+    ]
+
+
+def _effect(problem: Problem, name: str) -> str:
+    """The effect of which a parameter is, "" where it is the actuator's own."""
+    plant = problem.model.plant
+    owner = plant.parameters[name].owner
+    return plant.placements[owner][0].effect.name if owner else ""
+
+
+def others_first(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array,
+    tolerance: float,
+    limit: int,
+) -> Array:
+    """Least squares by the other parameters alone, see ``descend``."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    values = problem.values(vector)
+    sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
+    model = replace(problem.model, values={**problem.model.values, **sizes})
+    free = [problem.free[i] for i in others]
+    rest = Problem(model, problem.logs, free, sigma=problem.sigma, jobs=problem.jobs)
+    found = vector.copy()
+    found[others], _, _ = descend(rest, vector[others], tolerance, limit, widths[others])
     return found
 
 
@@ -65,7 +95,8 @@ def sharpened(
 
 
 def shifted(problem: Problem, vector: Array) -> Array | None:
-    """Return a vector with a delay moved by a few samples, if that is surely better.
+    """Return a vector with a delay moved by a few samples, or by parts of the period of a hold, if
+    that is surely better.
 
     Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
     between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
@@ -100,28 +131,16 @@ def turned(problem: Problem, vector: Array) -> Array | None:
 
 def delays_of(problem: Problem) -> list[int]:
     """Which free parameters are times of a transport delay."""
-    plant = problem.model.plant
-    owners = [plant.parameters[free.name].owner for free in problem.free]
-    return [
-        i
-        for i, owner in enumerate(owners)
-        if owner and plant.placements[owner][0].effect.name == "transport_delay"
-    ]
+    names = [free.name for free in problem.free]
+    return [i for i, name in enumerate(names) if _effect(problem, name) == "transport_delay"]
 
 
 def _periods(problem: Problem, vector: Array) -> list[float]:
     """Periods [s] of the holds that are on."""
-    plant = problem.model.plant
+    known = problem.model.plant.parameters
     values = {**problem.model.values, **problem.values(vector)}
-    owners = {name: plant.parameters[name].owner for name in values}
-    switches = [
-        name
-        for name, owner in owners.items()
-        if owner
-        and plant.placements[owner][0].effect.name == "sample_hold"
-        and plant.parameters[name].param.switch
-    ]
-    return [values[name] for name in switches if values[name] > 0.0]
+    holds = [name for name in values if _effect(problem, name) == "sample_hold"]
+    return [values[name] for name in holds if known[name].param.switch and values[name] > 0.0]
 
 
 def _jumping(problem: Problem) -> float:
