@@ -14,13 +14,20 @@ class Chunk(NamedTuple):
     """The lines of one block.
 
     ``owner`` is the effect they belong to, "" for the plant; ``reads`` and ``writes`` are
-    names in the text, by which the printer finds what a stage needs.
+    names in the text, by which the printer finds what a stage needs; ``serves`` are the effects
+    that lines of the plant are for, none if they are wanted in any case.
     """
 
     owner: str
     lines: list[str]
     reads: list[str]
     writes: list[str]
+    serves: tuple[str, ...] = ()
+
+    @property
+    def needed_by(self) -> tuple[str, ...]:
+        """Effects without all of which the lines may be left out; none: they are needed."""
+        return (self.owner,) if self.owner else self.serves
 
 
 @dataclass(frozen=True)

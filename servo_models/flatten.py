@@ -143,7 +143,7 @@ class _Flattener:
             switches=switches,
             setup=self.sections[0],
             held=self.sections[1],
-            stage=self.sections[2],
+            stage=self.serving(self.sections[2]),
             held_commits=self.commits[1],
             stage_commits=self.commits[2],
             clocks=self.clocks,
@@ -214,6 +214,32 @@ class _Flattener:
                 self.modes.append((text, link.owner))
             elif isinstance(memory, Fault):
                 self.faults.append((text, link.owner, memory.message))
+
+    def serving(self, stage: list[Chunk]) -> list[Chunk]:
+        """The stage chunks with what they serve: a wire that only effects read, such as the
+        current that makes a supply sag, need not be worked out without them.
+
+        An effect that is off passes on what it would have changed, so its writing a wire does
+        not end the need for what stood there before.
+        """
+        needed = {self.text(state.rate, self.now[state.rate]) for state in self.plant.states}
+        needed |= {self.text(wire, self.now[wire]) for wire in self.plant.outputs}
+        needed |= {f"{name}_next" for name, _ in self.memory} | set(self.carried())
+        read_by: dict[str, set[str]] = {}
+        found: list[Chunk] = []
+        for chunk in reversed(stage):
+            readers, serves = {chunk.owner}, set[str]()
+            if not chunk.owner:
+                readers = set().union(*(read_by.pop(wire, ()) for wire in chunk.writes))
+                if needed.isdisjoint(chunk.writes):
+                    serves = readers
+                else:
+                    needed.difference_update(chunk.writes)
+                    needed.update(chunk.reads)
+            for wire in chunk.reads:
+                read_by.setdefault(wire, set()).update(readers)
+            found.append(chunk._replace(serves=tuple(sorted(serves))))
+        return found[::-1]
 
     def carried(self) -> list[str]:
         states = {s.name for s in self.plant.states}

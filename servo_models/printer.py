@@ -6,6 +6,7 @@ Standard library only: it is part of every FMU.
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterable, Iterator
 
 from servo_models.flat import Chunk, Flat
@@ -14,6 +15,7 @@ STAGES = 5
 CREDIT = 8.0
 """Sub-steps that may be thrown away one after the other; 7 halvings locate a jump."""
 
+_NAME = re.compile(r"[A-Za-z_]\w*")
 _LIMITS = ["tolerance = 1e-6 * internal_step", "finest = internal_step / 128.0"]
 
 
@@ -22,7 +24,12 @@ def indent(lines: Iterable[str]) -> list[str]:
 
 
 class Printer:
-    """Prints the sections of one text; with ``guarded`` every effect stands behind an if."""
+    """Prints the sections of one text.
+
+    With ``guarded`` every effect stands behind an if, with what only it needs, and its memory
+    stays in ``x``, what that will be in ``ahead``: variables of effects that are off would be
+    carried from point to point all the same.
+    """
 
     def __init__(self, flat: Flat, dropped: set[str], guarded: bool) -> None:
         self.flat = flat
@@ -35,26 +42,33 @@ class Printer:
 
     def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
         kept = [chunk for chunk in section if chunk.owner not in self.dropped]
-        for owned, chunks in itertools.groupby(kept, key=lambda it: bool(it.owner)):
-            if owned and self.guarded:
+        for guarded, chunks in itertools.groupby(kept, key=lambda it: bool(it.needed_by)):
+            if guarded and self.guarded:
                 yield from self.behind_ifs(chunks)
             else:
                 yield from itertools.chain.from_iterable(it.lines for it in chunks)
 
     def behind_ifs(self, chunks: Iterable[Chunk]) -> Iterator[str]:
-        """Neighbours behind the if of the effect that owns each, and behind one more that passes
-        all of them by: most are off in most runs, and every if costs time."""
+        """Neighbours behind the if of the effects that need each, and behind one more that
+        passes all of them by: most are off in most runs, and every if costs time."""
         lines: list[str] = []
-        owners: dict[str, None] = {}
-        for owner, group in itertools.groupby(chunks, key=lambda it: it.owner):
-            owners[owner] = None
+        every: dict[tuple[str, ...], None] = {}
+        for owners, group in itertools.groupby(chunks, key=lambda it: it.needed_by):
+            every[owners] = None
             own = itertools.chain.from_iterable(it.lines for it in group)
-            lines += [f"if on_{owner}:", *indent(own)]
-        if len(owners) == 1:
+            lines += [f"if {self.any_of(owners)}:", *indent(own)]
+        if len(every) == 1:
             yield from lines
         else:
-            yield f"if {self.groups.setdefault(tuple(owners), f'any_of_{len(self.groups)}')}:"
+            yield f"if {self.any_of(dict.fromkeys(itertools.chain(*every)))}:"
             yield from indent(lines)
+
+    def any_of(self, owners: Iterable[str]) -> str:
+        """The variable that says whether any of these effects is on."""
+        names = tuple(owners)
+        if len(names) == 1:
+            return f"on_{names[0]}"
+        return self.groups.setdefault(names, f"any_of_{len(self.groups)}")
 
     def kept(self, goals: Iterable[str]) -> list[bool]:
         """Which stage chunks the wires and memories ``goals`` depend on."""
@@ -98,10 +112,21 @@ class Printer:
         return [*lines, *setup, *_LIMITS]
 
     def slots(self) -> Iterator[tuple[int, str]]:
-        every = [(s[0], s[1]) for s in self.flat.states] + list(self.flat.memory)
-        for i, (name, owner) in enumerate(every):
-            if owner not in self.dropped:
+        """Places in ``x`` of what lives in variables between the points."""
+        states, memory = self.flat.states, self.flat.memory
+        for i, (name, owner, *_) in enumerate([*states, *memory]):
+            in_place = self.guarded and owner and i >= len(states)
+            if owner not in self.dropped and not in_place:
                 yield i, name
+
+    def placed(self, lines: Iterable[str]) -> list[str]:
+        """Guarded lines with memories of effects where they stay."""
+        places: dict[str, str] = {}
+        for i, (name, owner) in enumerate(self.flat.memory):
+            if owner:
+                places[name] = f"x[{len(self.flat.states) + i}]"
+                places[f"{name}_next"] = f"ahead[{i}]"
+        return [_NAME.sub(lambda found: places.get(found[0], found[0]), line) for line in lines]
 
     def load(self) -> list[str]:
         lines = [f"{name} = x[{i}]" for i, name in self.slots()]

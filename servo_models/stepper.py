@@ -54,12 +54,13 @@ def run_text(flat: Flat) -> str:
     body = [
         *text.unpack(),
         *text.load(),
+        f"ahead = np.zeros({len(flat.memory)})",
         "for row in range(len(times)):",
-        *indent(rows),
+        *indent(text.placed(rows)),
         *text.store(),
         "return 0, len(times)",
     ]
-    head = ["import math", "", "", "def run(p, x, times, inputs, out):"]
+    head = ["import math", "import numpy as np", "", "", "def run(p, x, times, inputs, out):"]
     return "\n".join([*head, *indent(body), ""])
 
 
