@@ -38,6 +38,10 @@ FAST = 0.08
 that is sampled well has several samples, and its corner lies below."""
 MEMORIES: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
 """Correlations of neighbouring samples of noise that are tried, 0 to 0.95."""
+LOUDEST = 7.0
+"""Noise [noise floors] at most.  The audit finds a floor from differences of neighbouring samples,
+and these show a sixth of noise with the longest memory of ``MEMORIES``, give or take a tenth in
+a short log; what is louder is in the simulation alone, such as the hunting of a loop."""
 AROUND: Array = np.linspace(-4.0, 4.0, 33)
 """Powers that are tried for each of them, in standard errors from the fast part's own."""
 SURE = 1.645
@@ -82,6 +86,7 @@ def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
     power = structured = variance = noise = 0.0
     for errors, white in _readings(problem, evidence):
         own, spread = _noise(errors, white)
+        own = min(own, LOUDEST**2)
         power += float(errors @ errors)
         noise += len(errors) * own
         structured += float(errors @ errors) - len(errors) * own
