@@ -19,6 +19,7 @@ from servo_models.diagnosis.stepwise import (
     NARROW,
     SHIFTED,
     WIDE,
+    jumps,
     others_first,
     sharpened,
     shifted,
@@ -44,8 +45,8 @@ PRESSED = 9.0
 BELIEVED = 4.0
 """Prior deviations that a nominal parameter may move."""
 COARSE, GRAIN = 0.02, 0.01
-"""Widths of slopes where an effect makes a staircase of the response: of other parameters in
-scales, and of the stepwise size relative to it."""
+"""Widths of slopes where an effect makes a staircase of the response, or a jump in it: of other
+parameters in scales, and of the stepwise size relative to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +160,10 @@ class Bench:
     def widths(self, problem: Problem) -> Array | None:
         """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
         stepwise = staircases_of(problem)
-        if not self.rough and not stepwise:
+        coarse = bool(stepwise) or jumps(problem)
+        if not self.rough and not coarse:
             return None
-        other = COARSE if stepwise else max(self.rough.values())
+        other = COARSE if coarse else max(self.rough.values())
         widths = [max(other, self.rough.get(free.name, DIFFERENCE)) for free in problem.free]
         for i in stepwise:
             widths[i] = GRAIN * problem.free[i].start / problem.free[i].scale

@@ -9,7 +9,7 @@ from functools import partial
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.screening import Sight
-from servo_models.diagnosis.starts import best_start
+from servo_models.diagnosis.starts import Start, best_start
 from servo_models.diagnosis.structure import left_over
 from servo_models.identification.problem import Free, map_on
 
@@ -37,7 +37,8 @@ SETTLED = 0.3
 def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
     """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
 
-    It begins where least is left, and again from the next while a look has promised less.
+    It begins where least is left, and again from the next while a look has promised less.  Unless
+    nothing is left to explain then, an effect that may jump begins with half of the jump as well.
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
@@ -47,7 +48,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         if best and begin.cost > FAR * first.cost:
             break
         (sight,) = begin.sights
-        found = bench.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
+        found = _begun(bench, effects, kept, begin)
         if found.cost < first.cost:
             found = _followed(bench, found, kept, sight.candidate)
         found = _polished(bench, found, first) if sight.candidate.fine else found
@@ -58,7 +59,21 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         if sight.candidate.fastest and best.cost >= first.cost:
             break  # a resonance is slow to simulate, and from its best start it did nothing
     assert best
+    jump = own[0].candidate.jump
+    if jump and not settled(best):
+        (sight,) = begins[0].sights
+        half = replace(sight, settings={**sight.settings, jump.name: 0.5 * jump.high})
+        begun = _begun(bench, effects, kept, best_start([half]))
+        best = min(best, begun, key=lambda it: it.cost)
     return best
+
+
+def _begun(
+    bench: Bench, effects: tuple[str, ...], kept: Sequence[Free], begin: Start
+) -> Explanation:
+    """Fit an effect from a start, beside others with these parameters."""
+    slopes = begin.sights[0].seen.slopes
+    return bench.fit(effects, [*kept, *begin.free], begin.values, slopes)
 
 
 def _followed(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.descent import descend
-from servo_models.diagnosis.sizes import PHASE, STEPWISE
+from servo_models.diagnosis.sizes import JUMPING, PHASE, STEPWISE
 from servo_models.identification.problem import Problem
 
 Array = NDArray[np.float64]
@@ -37,6 +37,17 @@ def staircases_of(problem: Problem) -> list[int]:
         and free.prior is None
         and known[free.name].param.switch
     ]
+
+
+def jumps(problem: Problem) -> bool:
+    """Whether effects begin with a part of a jump: small changes then move where it comes by a
+    sample, or not at all."""
+    parts = [it for it in problem.free if JUMPING.get(_effect(problem, it.name)) == _last(it.name)]
+    return any(part.start > 0.0 for part in parts)
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
 
 
 def _effect(problem: Problem, name: str) -> str:
@@ -123,7 +134,7 @@ def turned(problem: Problem, vector: Array) -> Array | None:
     """
     sides, found = problem.sides(vector), vector.copy()
     for i, free in enumerate(problem.free):
-        if sides[i] and free.name.rpartition(".")[2] == PHASE:
+        if sides[i] and _last(free.name) == PHASE:
             found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
     found = np.clip(found, *problem.bounds)
     return None if np.array_equal(found, vector) else found
