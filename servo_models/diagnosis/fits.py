@@ -37,8 +37,8 @@ SETTLED = 0.3
 def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
     """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
 
-    It begins where least is left, and again from the next while a look has promised less.  Unless
-    nothing is left to explain then, an effect that may jump begins with half of the jump as well.
+    It begins where least is left, and again from the next while a look has promised less.  An
+    effect that may jump begins with half of the jump as well, while something is left to explain.
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
@@ -59,13 +59,25 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         if sight.candidate.fastest and best.cost >= first.cost:
             break  # a resonance is slow to simulate, and from its best start it did nothing
     assert best
-    jump = own[0].candidate.jump
-    if jump and not settled(best):
-        (sight,) = begins[0].sights
-        half = replace(sight, settings={**sight.settings, jump.name: 0.5 * jump.high})
-        begun = _begun(bench, effects, kept, best_start([half]))
-        best = min(best, begun, key=lambda it: it.cost)
+    for start in _jumping(begins[0], best) if own[0].candidate.jump else ():
+        if settled(best):
+            break
+        best = min(best, _begun(bench, effects, kept, start), key=lambda it: it.cost)
     return best
+
+
+def _jumping(begin: Start, found: Explanation) -> Iterator[Start]:
+    """Starts with half of the jump: where a fit without began, and where it has ended, the size
+    such that as much is lost beyond the jump.  Neither suffices: between the two are ridges."""
+    (sight,) = begin.sights
+    jump = sight.candidate.jump
+    assert jump
+    half = 0.5 * jump.high
+    yield best_start([replace(sight, settings={**sight.settings, jump.name: half})])
+    (switch,) = sight.settings.keys() - {jump.name}
+    lost = found.values[switch] * (1.0 - found.values[jump.name])
+    own = {switch: lost / (1.0 - half), jump.name: half}
+    yield Start((sight,), sight.candidate.at(own), {**found.values, **own}, found.cost)
 
 
 def _begun(
