@@ -18,6 +18,7 @@ from servo_models.effects.gain_error import gain_error
 from servo_models.effects.offset import offset
 from servo_models.flat import Chunk
 from servo_models.flatten import flatten
+from servo_models.printer import Printer
 
 
 @block("doubled")
@@ -165,3 +166,24 @@ def test_only_a_commit_sets_a_memory(actuator: str) -> None:
     }
     assert memories
     assert not memories & stored
+
+
+@pytest.mark.parametrize("actuator", actuators())
+def test_what_only_effects_read_is_what_a_text_without_them_leaves_out(actuator: str) -> None:
+    flat = flatten(actuators()[actuator].plant, actuator)
+    every = set(flat.switches)
+
+    rates = [rate for _, _, rate in flat.states]  # of effects too: guarded text has all states
+
+    def kept(*effects: str) -> list[bool]:
+        printer = Printer(flat, dropped=every.difference(effects), guarded=False)
+        return printer.kept([*rates, *printer.slopes, *printer.memories, *flat.outputs])
+
+    bare, full = kept(), kept(*every)
+    for i, chunk in enumerate(flat.stage):
+        if chunk.owner:
+            assert not chunk.serves
+            continue
+        assert bool(chunk.serves) == (full[i] and not bare[i])
+        assert all(kept(effect)[i] for effect in chunk.serves)
+        assert not chunk.serves or not kept(*every.difference(chunk.serves))[i]
