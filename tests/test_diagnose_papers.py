@@ -65,6 +65,16 @@ def test_parameters_alone_do_not_explain_the_torque_motor(torque_motor: Diagnosi
     assert rms["after"] < 1.5
 
 
+def test_eq_7_lacks_a_dead_zone_before_all(folder: Path) -> None:
+    """The printed servo moves from 0.5 V and from -0.6 V on, and then with a jump (sec. 4.3)."""
+    found = diagnose(folder / "sg90.toml")
+    assert found.causes.taken.effects[0] == "drive_dead_zone"
+    values = {one.name: one.value for one in found.found}
+    # the gain in front of the zone is free as well: the error at which the servo moves counts
+    reach = values["drive_dead_zone.half_width"] / values["amplifier_gain"]
+    assert 0.5 / 7.47 < reach < 0.6 / 7.47
+
+
 def change(folder: Path, without: dict[str, float]) -> float:
     """RMS change of the printed servo's angle in its log, in noise levels."""
     (log,) = read_description(folder / "sg90.toml").logs

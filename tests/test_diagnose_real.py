@@ -73,3 +73,12 @@ def test_sg90_saturates_late_and_its_steps_show_no_dry_friction(diagnosed: Diagn
 def test_sg90_is_met_on_the_steps_held_out(diagnosed: Diagnosed) -> None:
     """A count of its gyro is 7.75 deg/s, see the description."""
     assert held_out(diagnosed("sg90_steps.toml"), "rate_reading") <= 4.5 * np.radians(7.75)
+
+
+def test_wrist_roll_has_a_dead_zone_and_is_met_on_the_motions_held_out(
+    diagnosed: Diagnosed,
+) -> None:
+    """One of the drive's voltage and one of the error differ by what the loop has between them."""
+    found = diagnosed("so101_wrist_roll.toml")
+    assert named(found) >= {"error_dead_zone", "drive_dead_zone"}
+    assert held_out(found, "angle_reading") <= 5.0e-3
