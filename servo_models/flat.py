@@ -15,7 +15,7 @@ class Chunk(NamedTuple):
 
     ``owner`` is the effect they belong to, "" for the plant; ``reads`` and ``writes`` are
     names in the text, by which the printer finds what a stage needs; ``serves`` are the effects
-    that lines of the plant are for, none if they are wanted in any case.
+    that stage lines of the plant are for, none if they are wanted in any case.
     """
 
     owner: str
@@ -26,7 +26,7 @@ class Chunk(NamedTuple):
 
     @property
     def needed_by(self) -> tuple[str, ...]:
-        """Effects without all of which the lines may be left out; none: they are needed."""
+        """Effects of which any needs the lines; none where they are needed in any case."""
         return (self.owner,) if self.owner else self.serves
 
 

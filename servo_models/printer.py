@@ -42,8 +42,8 @@ class Printer:
 
     def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
         kept = [chunk for chunk in section if chunk.owner not in self.dropped]
-        for guarded, chunks in itertools.groupby(kept, key=lambda it: bool(it.needed_by)):
-            if guarded and self.guarded:
+        for optional, chunks in itertools.groupby(kept, key=lambda it: bool(it.needed_by)):
+            if optional and self.guarded:
                 yield from self.behind_ifs(chunks)
             else:
                 yield from itertools.chain.from_iterable(it.lines for it in chunks)
@@ -120,7 +120,7 @@ class Printer:
                 yield i, name
 
     def placed(self, lines: Iterable[str]) -> list[str]:
-        """Guarded lines with memories of effects where they stay."""
+        """Lines with the memories of effects written as places of ``x`` and ``ahead``."""
         places: dict[str, str] = {}
         for i, (name, owner) in enumerate(self.flat.memory):
             if owner:

@@ -39,7 +39,7 @@ def run_text(flat: Flat) -> str:
     ``p`` are the parameters, ``x`` the state (updated), ``times`` the communication
     points, ``inputs[row]`` is held from ``times[row]`` on, ``out[row]`` receives the
     outputs at ``times[row]``.  Code 0 is success; 1 + i says that x[i] is not finite;
-    -1 - k that fault k was raised, at ``row``.
+    -1 - k that fault k was raised, at ``row``; ``x`` is of no use then.
     """
     text = Printer(flat, dropped=set(), guarded=True)
     rows = [

@@ -15,7 +15,7 @@ from servo_models.actuator import Parameter
 from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,
-    JUMPING,
+    JUMP_PARTS,
     LEAST,
     LIMITING,
     NEAR,
@@ -54,7 +54,7 @@ class Candidate:
         fine: many more, where the response is a staircase of the size; for a second look.
         ripple: its switch and its phase, if it has one: each size is then to be looked at
             with a phase of 0 and of a quarter turn.
-        jump: the part of a jump that is in it, if there may be one.
+        jump: the part of a jump that it has, one of its parameters; None of most effects.
         fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
             have too few samples in a period, and it is slow to simulate.
         late: whether its size is a period, by a part of which it is late.
@@ -147,7 +147,7 @@ def _candidate(
         sizes=tuple(sizes),
         fine=tuple(narrow),
         ripple=(switches[0].name, phase) if phase else None,
-        jump=next((it for it in free if it.name == f"{name}.{JUMPING.get(effect)}"), None),
+        jump=next((it for it in free if it.name == f"{name}.{JUMP_PARTS.get(effect)}"), None),
         fastest=_fastest(logs) if inertia else 0.0,
         late=effect == "sample_hold",
         limiting=effect in LIMITING,

@@ -19,7 +19,7 @@ from servo_models.diagnosis.stepwise import (
     NARROW,
     SHIFTED,
     WIDE,
-    jumps,
+    begins_with_jump,
     others_first,
     sharpened,
     shifted,
@@ -45,8 +45,8 @@ PRESSED = 9.0
 BELIEVED = 4.0
 """Prior deviations that a nominal parameter may move."""
 COARSE, GRAIN = 0.02, 0.01
-"""Widths of slopes where an effect makes a staircase of the response, or a jump in it: of other
-parameters in scales, and of the stepwise size relative to it."""
+"""Widths of slopes where an effect makes a staircase of the response, or a jump in it: of the
+parameters in scales, and of a stepwise size relative to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ class Bench:
     def widths(self, problem: Problem) -> Array | None:
         """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
         stepwise = staircases_of(problem)
-        coarse = bool(stepwise) or jumps(problem)
+        coarse = bool(stepwise) or begins_with_jump(problem)
         if not self.rough and not coarse:
             return None
         other = COARSE if coarse else max(self.rough.values())

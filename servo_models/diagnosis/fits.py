@@ -48,7 +48,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         if best and begin.cost > FAR * first.cost:
             break
         (sight,) = begin.sights
-        found = _begun(bench, effects, kept, begin)
+        found = bench.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
         if found.cost < first.cost:
             found = _followed(bench, found, kept, sight.candidate)
         found = _polished(bench, found, first) if sight.candidate.fine else found
@@ -59,33 +59,32 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         if sight.candidate.fastest and best.cost >= first.cost:
             break  # a resonance is slow to simulate, and from its best start it did nothing
     assert best
-    for start in _jumping(begins[0], best) if own[0].candidate.jump else ():
+    for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
         if settled(best):
             break
-        best = min(best, _begun(bench, effects, kept, start), key=lambda it: it.cost)
+        found = bench.fit(effects, [*kept, *free], values, begins[0].sights[0].seen.slopes)
+        best = min(best, found, key=lambda it: it.cost)
     return best
 
 
-def _jumping(begin: Start, found: Explanation) -> Iterator[Start]:
-    """Starts with half of the jump: where a fit without began, and where it has ended, the size
-    such that as much is lost beyond the jump.  Neither suffices: between the two are ridges."""
+def _half_jumps(
+    begin: Start, found: Explanation
+) -> Iterator[tuple[tuple[Free, ...], dict[str, float]]]:
+    """Two starts at half of the jump, as parameters of the effect and values [SI] of the others:
+    at the size that was seen, and at that which loses as much beyond the jump as a fit does.
+
+    Neither suffices: between sizes and parts of a jump are ridges.
+    """
     (sight,) = begin.sights
-    jump = sight.candidate.jump
-    assert jump
-    half = 0.5 * jump.high
-    yield best_start([replace(sight, settings={**sight.settings, jump.name: half})])
-    (switch,) = sight.settings.keys() - {jump.name}
-    lost = found.values[switch] * (1.0 - found.values[jump.name])
-    own = {switch: lost / (1.0 - half), jump.name: half}
-    yield Start((sight,), sight.candidate.at(own), {**found.values, **own}, found.cost)
-
-
-def _begun(
-    bench: Bench, effects: tuple[str, ...], kept: Sequence[Free], begin: Start
-) -> Explanation:
-    """Fit an effect from a start, beside others with these parameters."""
-    slopes = begin.sights[0].seen.slopes
-    return bench.fit(effects, [*kept, *begin.free], begin.values, slopes)
+    one = sight.candidate
+    assert one.jump
+    switch, half = one.free[0], 0.5 * one.jump.high
+    seen = best_start([replace(sight, settings={**sight.settings, one.jump.name: half})])
+    yield seen.free, seen.values
+    lost = found.values[switch.name] * (1.0 - found.values[one.jump.name])
+    size = min(max(lost / (1.0 - half), switch.low), switch.high)
+    own = {switch.name: size, one.jump.name: half}
+    yield one.at(own), {**found.values, **own}
 
 
 def _followed(

@@ -36,8 +36,8 @@ STAIRS = {"quantisation": (0.2, 150.0), "sample_hold": (0.15, 10.0), "dead_band"
 """Least and largest of those of which a response is a staircase, which no slope leads to."""
 STEPWISE = tuple(STAIRS)
 """Effects of which a response is no smooth function."""
-JUMPING = {"dead_zone": "kept"}
-"""Effects with a part of a jump in them, and what that is called: 0 is none, 1 is all of it."""
+JUMP_PARTS = {"dead_zone": "kept"}
+"""Parameters that say which part of a jump an effect has: 0 is none, 1 is all of it."""
 NEAREST = {"quantisation": 0.0015, "sample_hold": 0.0015, "dead_band": 0.005}
 NEEDLE, WIDEST = 0.1, 0.06
 """How far apart such sizes are, relative to each other: so many times one over the stairs of the

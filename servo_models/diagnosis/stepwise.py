@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.descent import descend
-from servo_models.diagnosis.sizes import JUMPING, PHASE, STEPWISE
+from servo_models.diagnosis.sizes import JUMP_PARTS, PHASE, STEPWISE
 from servo_models.identification.problem import Problem
 
 Array = NDArray[np.float64]
@@ -39,10 +39,12 @@ def staircases_of(problem: Problem) -> list[int]:
     ]
 
 
-def jumps(problem: Problem) -> bool:
+def begins_with_jump(problem: Problem) -> bool:
     """Whether effects begin with a part of a jump: small changes then move where it comes by a
     sample, or not at all."""
-    parts = [it for it in problem.free if JUMPING.get(_effect(problem, it.name)) == _last(it.name)]
+    parts = [
+        it for it in problem.free if _last(it.name) == JUMP_PARTS.get(_effect(problem, it.name))
+    ]
     return any(part.start > 0.0 for part in parts)
 
 

@@ -41,7 +41,7 @@ MEMORIES: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
 LOUDEST = 7.0
 """Noise [noise floors] at most.  The audit finds a floor from differences of neighbouring samples,
 and these show a sixth of noise with the longest memory of ``MEMORIES``, give or take a tenth in
-a short log; what is louder is in the simulation alone, such as the hunting of a loop."""
+a log of 200; what is louder is in the simulation alone, such as the hunting of a loop."""
 AROUND: Array = np.linspace(-4.0, 4.0, 33)
 """Powers that are tried for each of them, in standard errors from the fast part's own."""
 SURE = 1.645
@@ -81,12 +81,13 @@ class LeftOver:
 def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
     """Return how much of the errors of a fit is structured, all records and outputs together.
 
-    Readings with fewer than 128 fitted samples count as noise.
+    Readings with fewer than 128 fitted samples count as noise, as far as that may be so loud.
     """
     power = structured = variance = noise = 0.0
     for errors, white in _readings(problem, evidence):
         own, spread = _noise(errors, white)
-        own = min(own, LOUDEST**2)
+        allowed = min(1.0, LOUDEST**2 / max(own, 1e-30))
+        own, spread = allowed * own, allowed * spread
         power += float(errors @ errors)
         noise += len(errors) * own
         structured += float(errors @ errors) - len(errors) * own

@@ -1,0 +1,80 @@
+"""Cases that are kept as rows score as they did."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_blind import MADE
+
+from servo_models.blind.interval import Figure
+from servo_models.blind.oracle import Known
+from servo_models.blind.run import Check
+from servo_models.blind.said import Said
+from servo_models.blind.score import FIGURES, Case, Cases, calibration, confusion
+from servo_models.blind.sheet import document
+from servo_models.blind.table import case_of, row_of
+from servo_models.interchange import finite_json
+
+NAMES = st.lists(st.sampled_from(["a", "b", "sensor_quantisation"]), unique=True, max_size=3)
+SIZE = st.floats(0.0, 1e6)
+KNOWN = st.builds(
+    Known,
+    case=st.just("0"),
+    truth=SIZE,
+    parameters=SIZE,
+    rival=st.one_of(SIZE, st.just(float("inf"))),
+    rival_effects=NAMES,
+    separated=st.booleans(),
+    absorbed=st.booleans(),
+    after=st.one_of(st.none(), SIZE),
+    without=st.sampled_from(["", "effect", "outside-catalogue"]),
+)
+SAID = st.builds(
+    Said,
+    case=st.just("0"),
+    verdict=st.sampled_from(["no-gap", "parameters", "effect", "outside-catalogue", "failed"]),
+    seconds=st.floats(0.0, 100.0),
+    named=NAMES,
+    members=NAMES,
+    chances=st.dictionaries(st.sampled_from(["a", "b"]), st.floats(0.0, 1.0)),
+    before=SIZE,
+    after=SIZE,
+)
+TRUTHS = st.frozensets(st.sampled_from(["a", "b", "sensor_quantisation"]), min_size=1)
+ONE = st.builds(
+    Case,
+    tier=st.just("easy"),
+    actuator=st.just("sg90"),
+    kind=st.sampled_from(["nothing", "one", "two", "foreign"]),
+    truth=TRUTHS,
+    hidden=st.frozensets(st.sampled_from(["c"])),
+    said=SAID,
+    known=st.one_of(st.none(), KNOWN),
+)
+
+
+def kept(cases: Cases) -> Cases:
+    """The cases after a run's JSON and a table."""
+    run: dict[str, Any] = json.loads(
+        finite_json(document(Check(1, ("easy",), "0" * 64, cases), {}))
+    )
+    return [case_of(row_of(case)) for case in run["cases"]]
+
+
+def same(one: Figure, other: Figure) -> bool:
+    pairs = zip((one.value, one.low, one.high), (other.value, other.low, other.high))
+    near = [a == b or (a is not None and a == pytest.approx(b, abs=1e-3)) for a, b in pairs]
+    return one.n == other.n and all(near)
+
+
+@given(st.one_of(st.just(MADE), st.lists(ONE, min_size=1, max_size=12)))
+def test_every_figure_is_that_of_the_run(cases: Cases) -> None:
+    """But for seconds, of which a table holds thousandths."""
+    found = kept(cases)
+    assert all(same(define(found), define(cases)) for define in FIGURES)
+    assert confusion(found) == confusion(cases)
+    assert calibration(found) == calibration(cases)
