@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import ast
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from plants.bench import held_bench, respond, step_constant
 
 from servo_models.actuator import Plant, State, Wire, place
-from servo_models.block import Block, block
+from servo_models.block import Block, Param, block, effect
 from servo_models.catalogue import actuators
+from servo_models.compiled import plain_make
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load
 from servo_models.effects.dead_zone import dead_zone
 from servo_models.effects.gain_error import gain_error
 from servo_models.effects.offset import offset
-from servo_models.flat import Chunk
+from servo_models.flat import Chunk, neutral_effects
 from servo_models.flatten import flatten
 from servo_models.printer import Printer
+from servo_models.stepper import run_text, step_text
 
 
 @block("doubled")
@@ -187,3 +192,84 @@ def test_what_only_effects_read_is_what_a_text_without_them_leaves_out(actuator:
         assert bool(chunk.serves) == (full[i] and not bare[i])
         assert all(kept(effect)[i] for effect in chunk.serves)
         assert not chunk.serves or not kept(*every.difference(chunk.serves))[i]
+
+
+@block("warmth")
+def warming(height: float) -> float:
+    """Read by another block of the plant only, which effects alone read."""
+    return height * height
+
+
+@block("softness")
+def softening(warmth: float) -> float:
+    """Read by effects only."""
+    return 1.0 + warmth
+
+
+@block("weight")
+def weighing(height: float) -> float:
+    """Read by an effect, and in any case."""
+    return 2.0 * height
+
+
+@block("slope")
+def pulled(force: float, weight: float) -> float:
+    """A weight on what pulls it."""
+    return force - weight
+
+
+@block("force")
+def pulling(height: float) -> float:
+    """The force that effects act on."""
+    return 3.0 - height
+
+
+@effect("signal", source="a test")
+def softened(
+    signal: float, by: float, share: Annotated[float, Param("1", "share", high=1.0, switch=True)]
+) -> float:
+    """A part of another wire is taken off."""
+    return signal - share * by
+
+
+SOFT = Plant(
+    inputs=(Wire("u", "1", "input"),),
+    wires=(Wire("force", "1", "wire"), Wire("softness", "1", "wire")),
+    chain=(
+        warming,
+        softening,
+        weighing,
+        pulling,
+        place("first", softened, "force", by="softness"),
+        place("second", softened, "force", by="softness"),
+        place("third", softened, "force", by="weight"),
+        pulled,
+    ),
+    states=(State(Wire("height", "1", "state"), "slope", start=1.0),),
+    outputs=("height",),
+    constants=step_constant(0.05),
+)
+
+
+def test_a_wire_serves_the_effects_that_need_it_however_far_away() -> None:
+    stage = {chunk.writes[0]: chunk for chunk in reversed(flatten(SOFT, "soft").stage)}
+    assert stage["warmth"].serves == stage["softness"].serves == ("first", "second")
+    assert not stage["weight"].serves
+    assert not stage["force"].serves
+
+
+@given(st.tuples(*[st.sampled_from([0.0, 0.3])] * 3))
+def test_what_effects_alone_need_is_there_when_any_is_on(shares: tuple[float, ...]) -> None:
+    """The text with all effects behind ifs against the one without those that are off."""
+    flat = flatten(SOFT, "soft")
+    values = dict(zip(("first_share", "second_share", "third_share"), shares))
+    vector = [values.get(name, 0.05) for name in flat.params]
+    namespace: dict[str, Any] = {}
+    exec(compile(run_text(flat), "<flat text>", "exec"), namespace)
+    make = plain_make(step_text(flat, neutral_effects(flat, vector)))
+    start, step = make(vector)
+    times, x, state = np.linspace(0.0, 1.0, 11), np.array(start()), start()
+    out = np.empty((11, 1))
+    assert namespace["run"](np.array(vector), x, times, np.zeros((11, 1)), out) == (0, 11)
+    steps = [step(state, [0.0], t, s) for t, s in zip([0.0, *times], np.diff(times, prepend=0.0))]
+    np.testing.assert_array_equal(out[:, 0], [found[1][0] for found in steps])
