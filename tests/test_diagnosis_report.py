@@ -286,6 +286,19 @@ def test_small_errors_are_told_with_a_prefix(found: Diagnosis) -> None:
     assert unit_for(found, gap) == ("deg", DEGREE)
 
 
+def test_the_fmu_is_told_in_the_unit_of_the_gap(found: Diagnosis) -> None:
+    (log,) = found.logs
+    radian = replace(log, channels={"angle": Channel("angle", "angle", "rad")})
+    told = replace(found, logs=(radian,))
+    rows = (Accuracy("bench", "angle", "fit", 1400, 4e-3, 3e-3, 99.0, 1.0),)
+    page = Page(diagnosis_page("Bench", told, confirmed=Confirmation(rows, 0.0)))
+    (row,) = _cells(page, "bench")
+    unit, scale = unit_for(told, told.gaps[0])
+    assert unit == row[-1] == "mrad"
+    assert row[4:6] == ["4", "3"]
+    assert scale == 1e-3
+
+
 def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> None:
     """No fit has seen it; its worst sample is told all the same."""
     log = found.logs[0]

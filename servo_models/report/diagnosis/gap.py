@@ -93,7 +93,9 @@ def _fmu(found: Diagnosis, confirmed: Confirmation) -> Table:
     off = confirmed.difference
     same = "the same bits as the simulation" if off == 0.0 else f"off by {number(off, 2)} at most"
     caption = f"The FMU with the diagnosed parameters, run through fmpy: {same}"
-    return accuracy_table(caption, confirmed.rows, found.logs)
+    units = {gap.output: unit_for(found, gap) for gap in found.gaps}
+    own = {(log.name, output): units[output] for log in found.logs for output in log.outputs}
+    return accuracy_table(caption, confirmed.rows, own)
 
 
 def _with_interval(gap: Gap, stage: str, scale: float) -> str:

@@ -44,6 +44,8 @@ WIDE_LABELS = 44
 ROOM = 0.15
 """Space above and below the measured and the judged curve, as a part of their range."""
 
+Units = Mapping[tuple[str, str], tuple[str, float]]
+"""Unit and its size in SI, by log and output."""
 Style = tuple[str, Any, float, float]
 MEASURED: Style = ("muted", "-", 3.0, 0.55)
 NOMINAL: Style = ("orange", "--", 1.1, 1.0)
@@ -61,14 +63,18 @@ def section(found: Identification) -> Section:
         TITLE,
         "RMS errors of the nominal and of the fitted model, in the numbers of the log. Fit: share"
         f" of the measured movement that the fitted model explains. {left}".strip(),
-        (accuracy_table(CAPTION, found.accuracy, found.logs),),
+        (accuracy_table(CAPTION, found.accuracy, units_of(found.logs)),),
         tuple(_picture(reading, f"response-{i}") for i, reading in enumerate(shown)),
     )
 
 
-def accuracy_table(caption: str, rows: Iterable[Accuracy], logs: Iterable[Log]) -> Table:
-    """Return errors by log, output and part, in the numbers of the logs."""
-    units = {(log.name, output): unit_of(log, output) for log in logs for output in log.outputs}
+def units_of(logs: Iterable[Log]) -> Units:
+    """Return those of the numbers in the logs."""
+    return {(log.name, output): unit_of(log, output) for log in logs for output in log.outputs}
+
+
+def accuracy_table(caption: str, rows: Iterable[Accuracy], units: Units) -> Table:
+    """Return errors by log, output and part."""
     lines = tuple(_line(row, *units[row.log, row.output]) for row in rows)
     return Table(caption, COLUMNS, lines, NUMBERS)
 
