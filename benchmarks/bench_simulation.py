@@ -108,10 +108,10 @@ if __name__ == "__main__":
 # identified torque motor; the grid is that of the communication points.
 #
 # actuator         grid   neutral  all active  ratio
-# sg90             20ms   2.56 ms    12.64 ms    4.9
-#                MuJoCo takes 51 times as long for 60 s
-# sg90              1ms   6.64 ms    25.34 ms    3.8
-#                MuJoCo takes 20 times as long for 60 s
-# torque_motor      1ms   3.16 ms    19.52 ms    6.2
-# MuJoCo servo, 60 000 steps of 1 ms: 131 ms
+# sg90             20ms   1.47 ms    12.69 ms    8.6
+#                MuJoCo takes 81 times as long for 60 s
+# sg90              1ms   3.70 ms    22.08 ms    6.0
+#                MuJoCo takes 32 times as long for 60 s
+# torque_motor      1ms   1.76 ms    15.56 ms    8.8
+# MuJoCo servo, 60 000 steps of 1 ms: 119 ms
 # peak memory 186 MiB
