@@ -38,6 +38,8 @@ class Printer:
         self.states = [s for s in flat.states if s[1] not in dropped]
         self.clocks = [c for c in flat.clocks if c[1] not in dropped]
         self.modes = [m for m in flat.modes if m[1] not in dropped]
+        # memories that stay in ``x``, where a variable would be carried through every point
+        self.in_place = {name for name, owner in flat.memory if guarded and owner}
         self.groups: dict[tuple[str, ...], str] = {}
 
     def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
@@ -113,17 +115,15 @@ class Printer:
 
     def slots(self) -> Iterator[tuple[int, str]]:
         """Places in ``x`` of what lives in variables between the points."""
-        states, memory = self.flat.states, self.flat.memory
-        for i, (name, owner, *_) in enumerate([*states, *memory]):
-            in_place = self.guarded and owner and i >= len(states)
-            if owner not in self.dropped and not in_place:
+        for i, (name, owner, *_) in enumerate([*self.flat.states, *self.flat.memory]):
+            if owner not in self.dropped and name not in self.in_place:
                 yield i, name
 
     def placed(self, lines: Iterable[str]) -> list[str]:
         """Lines with the memories of effects written as places of ``x`` and ``ahead``."""
         places: dict[str, str] = {}
-        for i, (name, owner) in enumerate(self.flat.memory):
-            if owner:
+        for i, (name, _) in enumerate(self.flat.memory):
+            if name in self.in_place:
                 places[name] = f"x[{len(self.flat.states) + i}]"
                 places[f"{name}_next"] = f"ahead[{i}]"
         return [_NAME.sub(lambda found: places.get(found[0], found[0]), line) for line in lines]

@@ -125,6 +125,7 @@ def _candidate(
     free += [free_parameter(p, model.values[p.name], None) for p in shape]
     free = [_periodic(it, PERIODS * 2.0 * math.pi / travel(plant, logs)) for it in free]
     phase, shown = ripple_of(name, shape), 0
+    part = JUMP_PARTS.get(effect)
     inertia = [p for p in shape if p.name == f"{name}.{RESONANT[1]}"]
     if phase:
         sizes = ripples(switches[0], shape, plant, logs)
@@ -147,7 +148,7 @@ def _candidate(
         sizes=tuple(sizes),
         fine=tuple(narrow),
         ripple=(switches[0].name, phase) if phase else None,
-        jump=next((it for it in free if it.name == f"{name}.{JUMP_PARTS.get(effect)}"), None),
+        jump=next((it for it in free if part and it.name == f"{name}.{part}"), None),
         fastest=_fastest(logs) if inertia else 0.0,
         late=effect == "sample_hold",
         limiting=effect in LIMITING,
