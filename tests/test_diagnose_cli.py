@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -255,19 +256,47 @@ def test_the_next_experiment_is_told_and_can_be_played(
     times = np.linspace(0.0, 0.3, 61)
     command_ = 5.0 * np.sin(20.0 * times)
     wire = chosen.plant.wire["voltage"]
+    (log,) = read_description(session.folder / "rig.toml").logs
+    plan = replace(log, times=times, inputs={"voltage": command_})
     planned = experiment.Experiment(
-        ("transport_delay",), ("sensor_lag",), "Play a sine.", wire, {}, times, command_, 7.0, 0.2
+        ("transport_delay",), ("sensor_lag",), "Play a sine.", wire, plan, 7.0, 0.2
     )
     monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (planned,))
     words = ("diagnose", session.folder / "rig.toml", "--json", tmp_path / "d.json")
     _, out, _ = run(*words)
-    assert "Play a sine." in out
+    assert "Play a sine. Its table is rig_next_1.csv." in " ".join(out.split())
     document = json.loads((tmp_path / "d.json").read_text())
     check_schema(document)
     (told,) = document["next_experiments"]
     played, signals = read_signals(tmp_path / told["file"], [wire])
     assert np.array_equal(played, times)
     assert np.array_equal(signals["voltage"], command_)
+
+
+def test_without_a_file_no_table_is_promised(
+    session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, out, _ = run("diagnose", session.folder / "rig.toml", "--format", "json")
+    told = json.loads(out)
+    check_schema(told)
+    assert all(one["file"] is None for one in told["next_experiments"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
+    """An offset of the reading shows at rest; there are no amplitudes to split the error by."""
+    times = np.arange(0.0, 0.5, 1.0 / RATE)
+    angle = 1.0 + 3e-3 * np.random.default_rng(6).standard_normal(len(times))
+    rows = np.column_stack([times, np.zeros_like(times), angle])
+    path = describe(tmp_path)
+    np.savetxt(tmp_path / "log.csv", rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
+    file = tmp_path / "d.json"
+    code, _, _ = run("diagnose", path, "--json", file)
+    told = json.loads(file.read_text())
+    check_schema(told)
+    assert code == 1
+    assert "command amplitude" not in [one["dimension"] for one in told["where"]]
 
 
 def test_frozen_parameters_are_warned_of(run: Run, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.commands import FAMILIES, Command
 from servo_models.diagnosis.experiment import Experiment, next_experiments
+from servo_models.diagnosis.experiment_search import Stage
 from servo_models.diagnosis.explanation import Bench
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import free_parameter
@@ -99,9 +100,11 @@ def test_the_set_shrinks_to_the_truth(
 def test_the_instruction_can_be_followed(
     verdict: Verdict, experiments: tuple[Experiment, ...]
 ) -> None:
-    assert len(experiments) == len(verdict.rivals) - 1
-    for one, rival in zip(experiments, verdict.rivals[1:]):
-        assert one.other == rival.effects
+    against_the_likeliest = [
+        one.other for one in experiments if one.one == verdict.rivals[0].effects
+    ]
+    assert against_the_likeliest == [rival.effects for rival in verdict.rivals[1:]]
+    for one in experiments:
         for word in (*one.one, *one.other, "voltage", " V", "log angle every 0.5 ms"):
             assert word in one.text
         assert one.so_far < 0.1 < one.separation
@@ -109,8 +112,8 @@ def test_the_instruction_can_be_followed(
 
 
 def test_the_table_is_ready_to_play(experiments: tuple[Experiment, ...], tmp_path: Path) -> None:
+    replace(experiments[0], file="next.csv").write(tmp_path)
     file = tmp_path / "next.csv"
-    experiments[0].write(file)
     assert file.read_text().splitlines()[0] == "time [s],voltage [V]"
     times, inputs = read_inputs(file, nominal().plant)
     np.testing.assert_array_equal(times, experiments[0].times)
@@ -134,6 +137,28 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     assert found.separation < 0.1
     assert not found.telling
     assert "No command inside the limits" in found.text
+
+
+def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
+    few = replace(verdict, rivals=verdict.rivals[:3])
+    pairs = [{one.one, one.other} for one in next_experiments(few)]
+    one, two, three = (rival.effects for rival in few.rivals)
+    assert pairs == [{one, two}, {one, three}, {two, three}]
+
+
+def test_conditions_of_the_log_are_part_of_the_instruction(first: Log) -> None:
+    loaded = verdict_on(replace(first, constants={"load_torque": 2e-4}))
+    told = next_experiments(replace(loaded, rivals=loaded.rivals[:2]))[0]
+    assert told.constants == {"load_torque": 2e-4}
+    assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text
+
+
+def test_an_experiment_begins_at_rest_where_its_middle_is_none(verdict: Verdict) -> None:
+    """The motor is held there for as long as a step takes."""
+    stage = Stage(verdict.rivals[:2], 0)
+    away = Command("triangle", 5.0, 2.0, 0.01, 0)
+    assert stage.plan(away).settle == pytest.approx(nominal().stop_time)
+    assert stage.plan(replace(away, middle=0.0)).settle == 0.0
 
 
 def test_nothing_to_separate() -> None:

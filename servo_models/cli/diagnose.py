@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,11 @@ def diagnose(
         ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a report with pictures (.html).")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write a report with pictures (.html), commands beside it as well.",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -83,12 +88,15 @@ def diagnose(
         bar(0, 1, "looking for the next experiment")
         next_ = next_experiments(found.verdict, seed)
     places, versions, today = where(found.causes), conditions(), date.today()
-    play = {f"{description.stem}_next_{k}.csv": it for k, it in enumerate(next_, start=1)}
-    told = finite_json(document(found, confirmed, places, play, seed, versions))
+    if folders := {file.parent for file in (json, report) if file}:
+        named = enumerate(next_, start=1)
+        next_ = tuple(replace(it, file=f"{description.stem}_next_{k}.csv") for k, it in named)
+    for folder in folders:
+        for experiment in next_:
+            experiment.write(folder)
+    told = finite_json(document(found, confirmed, places, next_, seed, versions))
     if json:
         write_whole(json, f"{told}\n".encode())
-        for name, experiment in play.items():
-            experiment.write(json.parent / name)
     if report:
         page = diagnosis_page(
             description.stem,

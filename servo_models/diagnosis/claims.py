@@ -8,6 +8,7 @@ import numpy as np
 
 from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.gap import closed
 from servo_models.diagnosis.verdict import Verdict
 from servo_models.identification.estimate import Spread, spread, spread_of
 from servo_models.identification.slopes import steps
@@ -34,7 +35,7 @@ class Claim:
         taken: whether the after figures are with it.
         parameters: of the effect, in the best explanation that has it.
         gap_after: held-out error [noise floors] of that explanation.
-        closed: share of the reducible gap [1] that it closes.
+        closed: share of the reducible gap [1] that it closes, None where there is none.
         converged: False where its fit did not; it is ranked all the same.
         reach: how far it can move the outputs of these logs [noise floors].
     """
@@ -46,7 +47,7 @@ class Claim:
     taken: bool
     parameters: tuple[Value, ...]
     gap_after: float
-    closed: float
+    closed: float | None
     converged: bool
     reach: float
 
@@ -67,8 +68,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
     model = explanation.problem.model
     matters = explanation is causes.taken or explanation in verdict.rivals
     values = estimates(explanation) if matters else _quick_estimates(explanation)
-    before, after = causes.before.rms, explanation.evidence.rms
-    reducible = max(before - 1.0, 1e-9)
+    after = explanation.evidence.rms
     return Claim(
         name=name,
         wire=model.plant.placements[name][0].on[0],
@@ -77,7 +77,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
         taken=name in causes.taken.effects,
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),
         gap_after=after,
-        closed=min((before - after) / reducible, 1.0),
+        closed=closed(causes.before.rms, after, 1.0),
         converged=explanation.converged,
         reach=causes.reach.get(name, 0.0),
     )

@@ -29,7 +29,7 @@ def document(
     found: Diagnosis,
     confirmation: Confirmation,
     breakdowns: Sequence[Breakdown],
-    experiments: Mapping[str, Experiment],
+    experiments: Sequence[Experiment],
     seed: int,
     versions: Mapping[str, str],
 ) -> dict[str, Any]:
@@ -39,8 +39,7 @@ def document(
         found: the diagnosis.
         confirmation: its model run as an FMU.
         breakdowns: where the gap lies.
-        experiments: that would tell apart what these logs cannot, by the name of the table
-            to play.
+        experiments: that would tell apart what these logs cannot.
         seed: of the diagnosis.
         versions: that figures depend on, by name.
     """
@@ -58,7 +57,7 @@ def document(
         "parameters": [_parameter(found, value) for value in found.found],
         "held_out": [asdict(one) for one in found.held_out],
         "where": [asdict(breakdown) for breakdown in breakdowns],
-        "next_experiments": [_experiment(*item) for item in experiments.items()],
+        "next_experiments": [_experiment(one) for one in experiments],
         "warnings": list(words.warnings(found)),
         "seed": seed,
         "versions": dict(versions),
@@ -150,7 +149,7 @@ def _value(found: Diagnosis, value: Value) -> dict[str, Any]:
     return {**asdict(value), "unit": unit}
 
 
-def _experiment(file: str, next_: Experiment) -> dict[str, Any]:
+def _experiment(next_: Experiment) -> dict[str, Any]:
     return {
         "one": list(next_.one),
         "other": list(next_.other),
@@ -161,5 +160,5 @@ def _experiment(file: str, next_: Experiment) -> dict[str, Any]:
         "duration": float(next_.times[-1]),
         "separation": next_.separation,
         "so_far": next_.so_far,
-        "file": file,
+        "file": next_.file or None,
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,11 @@ from servo_models.actuator import Plant, Wire
 from servo_models.diagnosis.commands import Array, in_time
 from servo_models.diagnosis.experiment_search import Stage
 from servo_models.diagnosis.explanation import Explanation
-from servo_models.diagnosis.verdict import Verdict
+from servo_models.diagnosis.verdict import FEW, Verdict
+from servo_models.experiment import display
+from servo_models.explain import display_unit, in_display_unit
 from servo_models.lookalikes import cause, experiment
+from servo_models.recording import Log
 from servo_models.tables import write_signals
 
 TELLING = 1.0
@@ -27,49 +31,74 @@ class Experiment:
     Attributes:
         one, other: effects of the two explanations that it is to tell apart.
         text: instruction in words.
-        wire: the input that is played, and ``constants`` [SI] that hold meanwhile.
-        times: [s], shape (n,).
-        command: [SI], shape (n,).
+        wire: the input that is played.
+        plan: the log to be, in which nothing is measured yet.
         separation: RMS difference of the two fitted models that neither can imitate by its
             parameters, in noise floors.
         so_far: RMS difference of the two fits in the logs that there are, in noise floors.
+        file: name of the table with the command, "" while there is none.
     """
 
     one: tuple[str, ...]
     other: tuple[str, ...]
     text: str
     wire: Wire
-    constants: Mapping[str, float]
-    times: Array
-    command: Array
+    plan: Log
     separation: float
     so_far: float
+    file: str = ""
+
+    @property
+    def times(self) -> Array:
+        """[s], shape (n,)."""
+        return self.plan.times
+
+    @property
+    def command(self) -> Array:
+        """What is played [SI], shape (n,)."""
+        return self.plan.inputs[self.wire.name]
+
+    @property
+    def constants(self) -> Mapping[str, float]:
+        """Inputs and parameters [SI] that hold meanwhile, by name."""
+        return self.plan.constants
+
+    @property
+    def instruction(self) -> str:
+        """What to do, the table to play included."""
+        return f"{self.text} Its table is {self.file}." if self.file else self.text
 
     @property
     def telling(self) -> bool:
         """Whether it is expected to tell the two apart."""
         return self.separation >= TELLING
 
-    def write(self, path: Path) -> None:
-        """Write times and command as a ``.csv`` or ``.parquet`` table ready to play.
+    def write(self, folder: Path) -> None:
+        """Write times and command as ``file`` in a folder, a table ready to play.
 
         Raises:
             UserError: see ``tables.write_signals``.
         """
-        write_signals(path, self.times, {self.wire.name: self.command}, {self.wire.name: self.wire})
+        wires = {self.wire.name: self.wire}
+        write_signals(folder / self.file, self.times, {self.wire.name: self.command}, wires)
 
 
 def next_experiments(verdict: Verdict, seed: int = 0) -> tuple[Experiment, ...]:
-    """Return for the likeliest explanation and each rival left the command that separates them.
+    """Return for each pair of explanations left the command that separates them.
+
+    Of more than ``verdict.FEW`` only the likeliest is told from each other one: what it survives
+    leaves few pairs.
 
     Args:
         verdict: of a diagnosis; without rivals there is nothing to separate.
         seed: of random commands.
     """
-    if len(verdict.rivals) < 2:
+    count = len(verdict.rivals)
+    if count < 2:
         return ()
     stage = Stage(verdict.rivals, seed)
-    return tuple(_experiment(stage, 0, k) for k in range(1, len(verdict.rivals)))
+    every = combinations(range(count), 2)
+    return tuple(_experiment(stage, i, k) for i, k in every if i == 0 or count <= FEW)
 
 
 def _experiment(stage: Stage, i: int, k: int) -> Experiment:
@@ -87,9 +116,12 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
     sentences = [
         f"{telling}, play on {stage.wire.name}: {played};"
         f" {in_time(duration)} long, log {outputs} every {in_time(stage.step)}.",
-        f"The two fitted models then differ by {separation:.2g} noise floors that parameters"
-        f" cannot imitate, by {so_far:.2g} so far.",
+        f"Re-fitted to imitate one another, the two models then still differ by {separation:.2g}"
+        f" noise floors; as they are fitted now, they differ by {so_far:.2g} in these logs.",
     ]
+    plan = stage.plan(command)
+    if plan.constants:
+        sentences.append(f"Meanwhile {_held(plant, plan.constants)}, as in log '{plan.name}'.")
     known = _on_record(plant, one.effects, other.effects)
     if known:
         sentences.append(f"What else separates them: {known}.")
@@ -98,9 +130,7 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
         other.effects,
         " ".join(sentences),
         stage.wire,
-        stage.problem.logs[0].constants,
-        stage.times,
-        command.values(stage.times),
+        plan,
         separation,
         so_far,
     )
@@ -108,6 +138,20 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
 
 def _names(explanation: Explanation) -> str:
     return " with ".join(explanation.effects) or "parameters alone"
+
+
+def _held(plant: Plant, constants: Mapping[str, float]) -> str:
+    """Constants of a log as a person reads them."""
+    parts = []
+    for name, value in constants.items():
+        if name in plant.parameters:
+            parameter = plant.parameters[name]
+            text, unit = in_display_unit(value, parameter), display_unit(parameter)
+        else:
+            scale, unit = display(plant.wire[name])
+            text = f"{scale * value:.6g}"
+        parts.append(f"{name} = {text} {unit}".rstrip())
+    return ", ".join(parts)
 
 
 def _on_record(plant: Plant, one: Sequence[str], other: Sequence[str]) -> str:

@@ -22,6 +22,7 @@ from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.where.samples import moving_input
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
+from servo_models.recording import Log
 
 LENGTH = 5.0
 """Length of an experiment over the actuator's default one."""
@@ -137,21 +138,33 @@ class Stage:
             self._slopes[i, command] = slopes[: problem.samples]
         return self._slopes[i, command]
 
-    def _played(self, i: int, command: Command) -> Problem:
-        """The problem of a rival with a log of this command, in which nothing is measured."""
-        problem, first, n = self.rivals[i].problem, self.problem.logs[0], len(self.times)
+    def plan(self, command: Command) -> Log:
+        """Return the log of a command before it is played: nothing is measured yet.
+
+        It is taken under the conditions of the first log, and begins at rest.
+        """
+        first, n = self.problem.logs[0], len(self.times)
         rests = command.middle == self.wire.rest
-        log = replace(
+        return replace(
             first,
             times=self.times,
             inputs={self.wire.name: command.values(self.times)},
-            outputs={name: np.zeros(n) for name in problem.sigma},
+            outputs={name: np.zeros(n) for name in self.problem.sigma},
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),
             skipped=None,
-            settle=max(first.settle, 0.0 if rests else problem.model.stop_time),
+            settle=max(first.settle, 0.0 if rests else self.problem.model.stop_time),
         )
-        return Problem(problem.model, [log], problem.free, sigma=problem.sigma)
+
+    def _played(self, i: int, command: Command) -> Problem:
+        """The problem of a rival with the log of a command."""
+        return played(self.rivals[i], self.plan(command))
+
+
+def played(rival: Explanation, plan: Log) -> Problem:
+    """Return the problem of a rival with the log of an experiment."""
+    problem = rival.problem
+    return Problem(problem.model, [plan], problem.free, sigma=problem.sigma)
 
 
 def _limits(problem: Problem) -> tuple[Wire, float, float]:

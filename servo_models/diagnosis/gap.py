@@ -139,16 +139,25 @@ def _interval(values: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def closed(before: float, after: float, floor: float) -> float | None:
+    """Return the share of the reducible gap that is closed, at most 1; None for nothing to reduce.
+
+    Args:
+        before, after, floor: RMS errors, in one unit.
+    """
+    return min((before - after) / (before - floor), 1.0) if before > floor else None
+
+
 def _closed(
     rms: dict[str, float], drawn: dict[str, Array], floor: float
 ) -> tuple[float, float, float] | None:
     """(before - after) / (before - floor), and its interval."""
-    if rms["before"] <= floor:
+    share = closed(rms["before"], rms["after"], floor)
+    if share is None:
         return None
-    share = (rms["before"] - rms["after"]) / (rms["before"] - floor)
     beyond = np.maximum(drawn["before"] - floor, 1e-9 * rms["before"])
     low, high = _interval((drawn["before"] - drawn["after"]) / beyond)
-    return min(share, 1.0), min(low, 1.0), min(high, 1.0)
+    return share, min(low, 1.0), min(high, 1.0)
 
 
 def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:

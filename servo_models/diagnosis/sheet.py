@@ -53,7 +53,7 @@ def diagnosis_sheet(
     model = found.model
     warnings = tuple(f"Warning: {text}." for text in words.warnings(found))
     places = tuple((one.dimension, one.sentence) for one in breakdowns)
-    next_ = tuple((str(k), one.text) for k, one in enumerate(experiments, start=1))
+    next_ = tuple((str(k), one.instruction) for k, one in enumerate(experiments, start=1))
     tables = (
         Table("Gap, RMS on blocks that no fit has seen", GAP, tuple(_gaps(found))),
         Table(_confirmed(confirmation), CONFIRMED, tuple(_confirmation(found, confirmation))),
@@ -62,13 +62,18 @@ def diagnosis_sheet(
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
         Table("Parameters", PARAMETERS, tuple(_parameters(found))),
-        Table("Next experiment", ("number", ""), next_),
+        Table(_next(experiments), ("number", ""), next_),
     )
     return Sheet(
         f"{model.actuator.name}, variant {model.variant}: {found.verdict.kind}",
         (words.sentence(found), *warnings),
         tuple(table for table in tables if table.rows),
     )
+
+
+def _next(experiments: Sequence[Experiment]) -> str:
+    written = all(one.file for one in experiments)
+    return f"Next experiment{'' if written else ' (--json or --report writes its table)'}"
 
 
 def _held_out(found: Diagnosis) -> Iterator[tuple[str, ...]]:
@@ -136,7 +141,9 @@ def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
         )
 
 
-def _percent(share: float) -> str:
+def _percent(share: float | None) -> str:
+    if share is None:
+        return ""
     return "<0.1 %" if 0.0 <= share < 0.001 else f"{100.0 * share:.3g} %"
 
 

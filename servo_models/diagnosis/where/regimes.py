@@ -54,11 +54,14 @@ def by_time(samples: Samples) -> Breakdown:
     return _split(samples, "time", "s", edges, at, "during ")
 
 
-def by_amplitude(samples: Samples) -> Breakdown:
-    """Shares of amplitudes of the command: half its range between two reversals of it."""
+def by_amplitude(samples: Samples) -> Breakdown | None:
+    """Shares of amplitudes of the command: half its range between two reversals of it; None
+    where it rests in all logs."""
     scale, unit = display(samples.command)
     values = scale * samples.commanded
     most = values.max()
+    if most == 0.0:
+        return None
     cuts = [REST * most, *(_round(share * most) for share in AMPLITUDES[:-1]), math.inf]
     at = np.searchsorted(cuts, values)
     edges = [("0, held", 0.0, cuts[0])]

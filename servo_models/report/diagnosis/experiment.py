@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.experiment import Experiment
+from servo_models.diagnosis.experiment_search import played
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.experiment import display
-from servo_models.identification.problem import Problem
 from servo_models.report.diagnosis.stages import together
 from servo_models.report.identification.readings import BUCKETS, envelope, unit_among, words
 from servo_models.report.identification.responses import (
@@ -41,14 +40,14 @@ def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | No
         "The command inside the actuator's limits on which the fitted models differ most, their"
         " parameters re-fitted to imitate one another. Log it and diagnose it with the old logs.",
         pictures=tuple(_picture(found, one, f"next-{i}") for i, one in enumerate(experiments)),
-        items=tuple(one.text for one in experiments),
+        items=tuple(one.instruction for one in experiments),
     )
 
 
 def _picture(found: Diagnosis, next_: Experiment, name: str) -> Picture:
     """The command, each output as either explanation predicts it, and how far these differ."""
     rivals = {one.effects: one for one in found.verdict.rivals}
-    told = {together(names): _predicted(rivals[names], next_) for names in (next_.one, next_.other)}
+    told = {together(it): _predicted(rivals[it], next_) for it in (next_.one, next_.other)}
     rows = 2 + len(found.floors)
     with drawing(name, rows=rows, height=0.7 + PANEL * rows) as (figure, panels):
         command, *predicted, difference = panels
@@ -81,14 +80,4 @@ def _picture(found: Diagnosis, next_: Experiment, name: str) -> Picture:
 
 def _predicted(explanation: Explanation, next_: Experiment) -> Mapping[str, Array]:
     """Outputs [SI] that a fitted explanation predicts for an experiment."""
-    problem, n = explanation.problem, len(next_.times)
-    log = replace(
-        problem.logs[0],
-        times=next_.times,
-        inputs={next_.wire.name: next_.command},
-        outputs={name: np.zeros(n) for name in problem.sigma},
-        held_out=np.zeros(n, dtype=bool),
-        skipped=None,
-    )
-    played = Problem(problem.model, [log], problem.free, sigma=problem.sigma)
-    return played.responses(explanation.evidence.vector)[0]
+    return played(explanation, next_.plan).responses(explanation.evidence.vector)[0]
