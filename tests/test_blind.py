@@ -141,6 +141,17 @@ def test_another_check_in_the_same_folder_is_refused(
     assert len(said.splitlines()) == 1
 
 
+def test_what_other_code_began_is_not_gone_on_with(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = copy / "run.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "code": "0" * 64}))
+    assert main(command(copy, copy / "new.json")) == 2
+    said = capsys.readouterr().err
+    assert "begun by another version of servo-models" in said
+    assert not (copy / "new.json").exists()
+
+
 def test_a_folder_with_something_else_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,13 +3,19 @@
 ::
 
     FOLDER/cases, truth, answers.json   by the generator, in a process of its own
-    FOLDER/run.json                     what was asked for, and the seal of the answers
+    FOLDER/run.json                     what was asked for, the seal of the answers, and by which
+                                        code it was begun
     FOLDER/results.jsonl                what was said, one line a case
     FOLDER/oracle.jsonl                 what could have been said, after the answers were opened
+
+The answers lie in plain text beside the cases.  Nothing keeps a person from reading them; a
+diagnosis is given the folder of its case alone, and the seal shows that they are not chosen after
+it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -78,8 +84,8 @@ def run_blind(
         tell: is told what goes on.
 
     Raises:
-        UserError: a folder with something else, a generator that fails, or answers that were
-            changed.
+        UserError: a folder with something else or begun by other code, a generator that fails,
+            or answers that were changed.
     """
     workers = jobs or os.cpu_count() or 1
     seal = _sealed(folder, asked, tell)
@@ -116,20 +122,34 @@ def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
     """The seal of the cases in a folder, which are generated if it is new."""
     path = folder / "run.json"
     wanted = {**asdict(asked), "tiers": list(asked.tiers)}
+    code = _own_code()
     if not folder.exists():
         seal = _generated(folder, asked, tell)
-        write_whole(path, json.dumps({**wanted, "seal": seal}).encode())
+        write_whole(path, json.dumps({**wanted, "seal": seal, "code": code}).encode())
         return seal
     if not path.is_file():
         raise UserError(f"'{folder}' is there and holds no withheld check: name a new folder")
     known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-    seal = str(known.pop("seal"))
+    seal, began = str(known.pop("seal")), known.pop("code", "")
     if known != wanted:
         raise UserError(
             f"'{folder}' holds {known['cases']} cases of seed {known['seed']}, tiers"
             f" {_listed(known['tiers'])}: ask for these to go on, or name a new folder"
         )
+    if began != code:
+        raise UserError(
+            f"'{folder}' was begun by another version of servo-models: go on with that one, or"
+            " name a new folder"
+        )
     return seal
+
+
+def _own_code() -> str:
+    """SHA-256 of this package: what two versions say of cases must not be mixed."""
+    package, found = Path(__file__).parents[1], hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
 
 
 def _listed(tiers: object) -> str:

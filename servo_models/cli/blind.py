@@ -12,13 +12,13 @@ from servo_models.cli.options import check_outputs
 
 
 def blind(
-    cases: Annotated[int, typer.Option(min=1, help="Cases, in turn of every tier.")],
+    cases: Annotated[int, typer.Option(min=1, help="Number of cases, dealt to the tiers in turn.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")],
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write every figure and case (.json).")
     ] = None,
     tiers: Annotated[
-        str, typer.Option(metavar="TIER,TIER", help="Of easy, hard and poor.")
+        str, typer.Option(metavar="TIER,TIER", help="Tiers to draw from: easy, hard, poor.")
     ] = "easy,hard,poor",
     folder: Annotated[
         Path | None,
