@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.description import Description, read_description
+from servo_models import description
+from servo_models.description import Description, log, read_description
 from servo_models.errors import UserError
 from servo_models.parameter_set import Estimate, ParameterSet, write_parameters
 from servo_models.simulate import simulate
 
+PAGE = (Path(__file__).parents[1] / "docs" / "description.md").read_text(encoding="utf-8")
 DEGREE = math.pi / 180.0
 HEAD = 'actuator = "torque_motor"\nvariant = "measured"\n'
 LOG = """
@@ -50,6 +53,27 @@ def complaint(folder: Path, **options: Any) -> str:
         describe(folder, **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
+
+
+def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
+    """Its example, on a log of 25 s whose reading is 2 ms early and whose command is inverted."""
+    example = PAGE.split("```toml\n")[1].split("```")[0]
+    rows = [(20.0 * i, 25.0 + (i % 3), 0.1 * i) for i in range(1250)]
+    found = describe(tmp_path, example, head="", data=text_of(rows, "t,u,angle"))
+    assert found.free == ("torque_constant", "inductance")
+    assert found.model.values["resistance"] == 3650.0
+    assert found.uncertainty["torque_constant"] == 0.25 * found.model.values["torque_constant"]
+    assert found.uncertainty["inductance"] == 4.0
+    (log,) = found.logs
+    assert log.inputs["voltage"][:3] == pytest.approx([0.0, -0.1, -0.2])
+    assert log.outputs["angle"][1] == pytest.approx(0.1 * 0.9 * DEGREE)
+    assert log.constants == {"load_torque": 5e-3}
+    assert log.times[log.held_out][[0, -1]] == pytest.approx([12.0, 20.0])
+
+
+def test_the_page_of_the_format_has_every_key() -> None:
+    named = set(re.findall(r"`(\w+)[`.]", PAGE))
+    assert {*description.KEYS, *description.RECORDS, *log.KEYS, *log.SIGNAL_KEYS} <= named
 
 
 def test_columns_become_signals_in_si(tmp_path: Path) -> None:

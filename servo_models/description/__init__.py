@@ -1,36 +1,6 @@
 """Log descriptions: which actuator, what is known of it, and what the columns of its logs are.
 
-A description is a TOML file beside the logs::
-
-    actuator = "torque_motor"             # or "mine.py", a file that defines ACTUATOR
-    variant = "measured"                  # default: the actuator's first
-    params = "PARAMS.toml"                # values identified before, instead of a variant
-    free = ["torque_constant"]            # what to estimate: parameters, or effects
-    method = "least squares"
-
-    [parameters]                          # overrides, a number in SI or a text with a unit
-    torque_constant = 6.432
-    [uncertainty]                         # standard deviation of nominal values (prior)
-    torque_constant = "25 %"              # of the nominal value, or absolute with a unit
-    null_shift.angle = "0.1 deg"
-
-    [[logs]]
-    file = "log.csv"                      # relative to this file
-    name = "sweep"                        # default: the file's name
-    table = "topic"                       # of a file with several
-    header = false                        # only where it is not found out by itself
-    time = { column = "t", unit = "ms", repeats = "drop" }
-    inputs.voltage = { column = "u", unit = "V", scale = 0.1, offset = 2.5, sign = -1 }
-    outputs.angle = { column = 3, unit = "deg", shift = "2 ms" }  # stamped 2 ms too early
-    constants = { load_torque = "5 mN.m" }  # parameters and inputs that hold in this log only
-    window = ["8 s", "20 s"]              # since the first row of the file, as is held_out
-    held_out = { from = "12 s", to = "20 s" }
-    judged = { input = "voltage", after_change = "0.8 s" }  # nothing else counts in an error
-    settle = "2 s"                        # for which the first row is held before the log
-
-A signal is sign * scale * number + offset, in ``unit``; a column in SI may be given by its
-name alone.  ``held_out`` may also be true, or ``{ input = "voltage", levels = "even" }``:
-every second level of that input, from the moment it is commanded to the next one.
+A description is a TOML file beside the logs; ``docs/description.md`` shows every key.
 """
 
 from __future__ import annotations
