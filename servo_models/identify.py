@@ -40,7 +40,7 @@ class Outcome:
         sheet: for the terminal.
         parameters: for a parameter file; None where nothing became a parameter.
         page: makes the report of a date.
-        converged: False for a search that was stopped, or met no end.
+        converged: False for a search that was stopped, or has not found a best value.
     """
 
     result: Any

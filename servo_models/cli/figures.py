@@ -42,7 +42,7 @@ def figures(
     frequency: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="VALUE", help="Frequency to tell gain and phase lag at; may be repeated."
+            metavar="VALUE", help="Frequency at which gain and phase lag are told; may be repeated."
         ),
     ] = None,
     out: Annotated[

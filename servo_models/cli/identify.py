@@ -54,7 +54,7 @@ def identify(
     servo-models identify mine.toml --free torque_constant,coulomb_friction --search global
 
     Ctrl-C ends the search and keeps the best values so far; exit code 1 then,
-    or where a search met no end.
+    or where a search did not converge.
     """
     from servo_models.cli.console import progress, show
     from servo_models.identify import identify as run

@@ -51,7 +51,7 @@ def published() -> tuple[Variant, ...]:
         ("printed", "nonlinear servo as printed", PRINTED),
         (
             "linear",
-            "linear servo without limits: eq. 7 at K_f = 0.1; the supply does nothing",
+            "linear servo without limits, as eq. 7; the supply does nothing",
             LINEAR,
         ),
     )
