@@ -172,10 +172,14 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
 
 
 def _delay(problem: Problem, name: str, errors: Array) -> float:
-    """Least squares of simulated minus measured on the measured rate; positive: the rig lags."""
+    """Least squares of simulated minus measured on the simulated rate; positive: the rig lags.
+
+    The measured rate would carry the noise, which hides a part of the delay.
+    """
+    responses = problem.responses(problem.nominal)
     rates = [
-        np.gradient(log.outputs[name], log.times)[log.fitted]
-        for log in problem.logs
+        np.gradient(response[name], log.times)[log.fitted]
+        for log, response in zip(problem.logs, responses)
         if name in log.outputs
     ]
     rate = np.concatenate(rates)

@@ -1,0 +1,103 @@
+"""How large a gap is, in figures that are known: errors are put into a log by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.explanation import Bench
+from servo_models.diagnosis.gap import Gap, gaps
+from servo_models.recording import Channel, Log
+from servo_models.simulate import model, simulate
+
+Array = NDArray[np.float64]
+STEP = 1e-3
+COUNT = 1000
+MODEL = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+
+
+def voltage(count: int) -> Array:
+    """A slow sine: two periods a second."""
+    return np.asarray(20.0 * np.sin(2.0 * np.pi * 2.0 * STEP * np.arange(count)))
+
+
+def simulated(count: int = COUNT) -> dict[str, Array]:
+    outputs = simulate(MODEL, STEP * np.arange(count), {"voltage": voltage(count)}).outputs
+    return {name: outputs[name] for name in ("angle", "current")}
+
+
+def log(outputs: dict[str, Array], name: str = "one", kept: int = COUNT) -> Log:
+    """A log of these readings; samples from ``kept`` on are held out."""
+    rows = np.arange(COUNT)
+    times = np.asarray(STEP * rows, dtype=np.float64)
+    channels = {name: Channel(name, name, "1") for name in outputs}
+    inputs = {"voltage": voltage(COUNT)}
+    return Log(name, Path("log.csv"), "", times, inputs, outputs, channels, rows, rows >= kept)
+
+
+def found(*logs: Log) -> dict[str, Gap]:
+    """Gaps of the nominal model, by output."""
+    floors = {name: 1e-5 for log in logs for name in log.outputs}
+    nominal = Bench(MODEL, logs, (), floors, 1).unfitted()
+    causes = Causes(nominal.evidence, nominal, [], [], [], nominal, {})
+    return {gap.output: gap for gap in gaps(causes, floors, dict.fromkeys(floors, ""), 0)}
+
+
+@pytest.mark.parametrize("late", [5, 1, -1, -5])
+def test_a_simulation_that_is_shifted_has_that_delay(late: int) -> None:
+    """Samples by which the rig lags; one that leads has a negative delay."""
+    angle = simulated(COUNT + 5)["angle"]
+    shifted = np.concatenate([np.zeros(max(late, 0)), angle[max(-late, 0) :]])[:COUNT]
+    gap = found(log({"angle": shifted}))["angle"]
+    assert gap.delay == pytest.approx(late * STEP, rel=0.01)
+
+
+def test_noise_hides_no_delay() -> None:
+    """A fifth of the amplitude, white at 1 kHz: its rate is far above that of the motion."""
+    angle = simulated(COUNT)["angle"]
+    late = np.concatenate([np.zeros(10), angle[:-10]])
+    noise = 0.2 * np.abs(angle).max() * np.random.default_rng(3).standard_normal(COUNT)
+    rate = np.gradient(angle, STEP)
+    error = np.std(noise) / np.sqrt(rate @ rate)
+    gap = found(log({"angle": late + noise}))["angle"]
+    assert abs(gap.delay - 10 * STEP) < 4.0 * error < 3.0 * STEP
+
+
+def test_a_wrong_size_is_no_delay() -> None:
+    """Whole periods of a sine and of its rate have nothing in common, but for the start."""
+    (gap,) = found(log({"angle": 1.5 * simulated()["angle"]})).values()
+    assert abs(gap.delay) < 0.1 * STEP
+
+
+def test_nrmse_is_the_error_over_the_measured_range() -> None:
+    """A triangle from -2 to 2 is measured: its range is 4, whatever the simulation does."""
+    triangle = np.interp(np.arange(COUNT), [0, 200, 600, 999], [0.0, 2.0, -2.0, 0.0])
+    gap = found(log({"angle": triangle}))["angle"]
+    error = np.sqrt(np.mean((simulated()["angle"] - triangle) ** 2))
+    assert gap.nrmse == pytest.approx(error / 4.0, rel=1e-9)
+
+
+def test_nrmse_counts_what_is_not_held_out_of_all_logs() -> None:
+    """Errors of 0.01 and 0.03 in half of the samples each have an RMS of sqrt(5) 0.01."""
+    angle = simulated()["angle"]
+    small, large = angle + 0.01, angle - 0.03
+    small[-100:] = large[-100:] = 50.0
+    gap = found(*(log({"angle": it}, kept=COUNT - 100) for it in (small, large)))["angle"]
+    assert gap.full_scale == pytest.approx(np.ptp(angle[:-100]) + 0.04, rel=1e-9)
+    assert gap.nrmse * gap.full_scale == pytest.approx(np.sqrt(5.0) * 0.01, rel=1e-9)
+
+
+@pytest.mark.parametrize(("at", "height"), [(0, 0.5), (437, -0.5), (899, 0.5)])
+def test_the_worst_moment_is_where_a_spike_is(at: int, height: float) -> None:
+    """In the second log; a higher one where samples are held out is not looked at."""
+    plain, spiked = simulated(), simulated()
+    spiked["angle"][at] += height
+    spiked["angle"][950] += 3.0 * height
+    plain["current"][123] += 1.0
+    gap = found(log(plain, kept=900), log(spiked, "other", kept=900))
+    assert gap["angle"].worst == ("other", STEP * at)
+    assert gap["current"].worst == ("one", STEP * 123)
