@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.experiment import next_experiments
+from servo_models.diagnosis.verdict import OUTSIDE
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs" / "diagnosis"
 Diagnosed = Callable[[str], Diagnosis]
@@ -82,3 +84,16 @@ def test_wrist_roll_has_a_dead_zone_and_is_met_on_the_motions_held_out(
     found = diagnosed("so101_wrist_roll.toml")
     assert named(found) >= {"error_dead_zone", "drive_dead_zone"}
     assert held_out(found, "angle_reading") <= 5.0e-3
+    assert [one.log for one in found.held_out if one.worse] == ["backlash_detection"]
+    pairs = [{*one.one, *one.other} for one in next_experiments(found.verdict) if one.telling]
+    assert {"error_dead_zone", "drive_dead_zone"} in pairs
+
+
+def test_xl330_has_friction_that_grows_with_its_load_and_is_not_closed(
+    diagnosed: Diagnosed,
+) -> None:
+    """Its pendulum loads the gears: a level of friction that stays the same is not enough."""
+    found = diagnosed("xl330.toml")
+    assert "load_friction" in named(found)
+    assert found.causes.taken.effects != ("coulomb_friction",)
+    assert found.verdict.kind == OUTSIDE
