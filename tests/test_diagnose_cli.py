@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 from conftest import Run
 from fmu_host import Host
+from html_page import Page
 from jsonschema import Draft202012Validator, ValidationError
 
 from servo_models import diagnosis
 from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.diagnosis import experiment, explanation
+from servo_models.diagnosis.descent import Array, descend
+from servo_models.identification.problem import Problem
 from servo_models.parameter_set import read_parameters
 from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
 from servo_models.simulate import model, simulate
@@ -74,7 +77,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     folder = tmp_path_factory.mktemp("diagnosed")
     path = describe(folder, DESCRIPTION.format('held_out = { from = "0.4 s", to = "0.5 s" }'))
     words = ["diagnose", path, "--json", folder / "d.json", "--out", folder / "found.toml"]
-    code = main([str(word) for word in words])
+    code = main([str(word) for word in [*words, "--report", folder / "d.html"]])
     return Session(folder, code, json.loads((folder / "d.json").read_text()))
 
 
@@ -170,6 +173,26 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_jobs(
     assert (tmp_path / "again.json").read_bytes() == (session.folder / "d.json").read_bytes()
 
 
+def test_another_seed_changes_intervals_and_nothing_else(
+    session: Session, run: Run, tmp_path: Path
+) -> None:
+    run("diagnose", session.folder / "rig.toml", "--seed", "7", "--json", tmp_path / "d.json")
+    other = json.loads((tmp_path / "d.json").read_text())
+    for key in ("verdict", "effects", "ruled_out", "parameters", "warnings"):
+        assert other[key] == session.document[key]
+    gap, before = other["gap"], session.document["gap"]
+    assert gap["after"] == before["after"]
+    assert gap["intervals"]["after"] != before["intervals"]["after"]
+    assert gap["intervals"]["after"] == pytest.approx(before["intervals"]["after"], rel=0.05)
+
+
+def test_the_report_is_one_file_that_needs_no_other(session: Session) -> None:
+    page = Page((session.folder / "d.html").read_text(encoding="utf-8"))
+    page.assert_stands_alone()
+    assert any("explains the gap" in text for text in page.text)
+    assert session.document["logs"][0]["sha256"] in page.source
+
+
 def test_text_tells_it_in_one_screen(session: Session, run: Run) -> None:
     code, out, err = run("diagnose", session.folder / "rig.toml")
     assert (code, err) == (1, "")
@@ -234,19 +257,24 @@ def test_every_effect_is_either_named_or_ruled_out(session: Session) -> None:
 
 
 def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
-    session: Session, run: Run, monkeypatch: pytest.MonkeyPatch
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(explanation, "STEPS", 1)
-    code, out, _ = run("diagnose", session.folder / "rig.toml", "--format", "json")
+    """Every search with a backlash ends after a step, far from its tolerance."""
+
+    def hindered(problem: Problem, start: Array, tolerance: float, limit: int, *rest: Any) -> Any:
+        stuck = any(free.name.startswith("backlash.") for free in problem.free)
+        return descend(problem, start, *((0.0, 1) if stuck else (tolerance, limit)), *rest)
+
+    monkeypatch.setattr(explanation, "descend", hindered)
+    code, out, _ = run("diagnose", describe(tmp_path, seconds=0.2), "--format", "json")
     document = json.loads(out)
     assert code == 1
-    marked = [one["name"] for one in document["effects"] if not one["converged"]]
-    assert marked
-    assert len(document["effects"]) > len(marked) or len(marked) > 1
-    told = [one["reason"] for one in document["ruled_out"] if one["name"] in marked]
-    assert all("did not converge" in why or "cannot show" in why for why in told)
-    taken = [one for one in document["effects"] if one["taken"] and not one["converged"]]
-    assert any("did not converge" in text for text in document["warnings"]) == bool(taken)
+    assert document["verdict"] == "effect"
+    assert [one["name"] for one in document["effects"] if one["taken"]] == ["transport_delay"]
+    assert [one["name"] for one in document["effects"] if not one["converged"]] == ["backlash"]
+    marked = {one["name"]: "did not converge" in one["reason"] for one in document["ruled_out"]}
+    assert [name for name, holds in marked.items() if holds] == ["backlash"]
+    assert not any("did not converge" in text for text in document["warnings"])
 
 
 def test_the_next_experiment_is_told_and_can_be_played(
@@ -299,12 +327,28 @@ def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
     assert "command amplitude" not in [one["dimension"] for one in told["where"]]
 
 
+def frozen(folder: Path) -> Path:
+    """A description without uncertainties."""
+    text = DESCRIPTION.format("").replace("[uncertainty]", "")
+    return describe(folder, text.replace('torque_constant = "5 %"\ninductance = "5 %"\n', ""))
+
+
 def test_frozen_parameters_are_warned_of(run: Run, tmp_path: Path) -> None:
-    text = DESCRIPTION.format("").replace("[uncertainty]", "[ignored]")
-    text = text.replace('torque_constant = "5 %"', "").replace('inductance = "5 %"', "")
-    code, out, _ = run("diagnose", describe(tmp_path, text.replace("[ignored]", "")))
+    code, out, _ = run("diagnose", frozen(tmp_path))
     assert code == 1
     assert "frozen ones invent effects" in out
+
+
+def test_github_is_told_of_no_gap_as_a_notice_and_of_doubts_as_warnings(
+    run: Run, tmp_path: Path
+) -> None:
+    words = ("--tolerance", "1e6", "--format", "github")
+    code, out, _ = run("diagnose", frozen(tmp_path), *words)
+    notice, *warnings = out.splitlines()
+    assert code == 0
+    assert notice.startswith("::notice title=servo-models%3A torque_motor::No gap")
+    assert any("frozen ones invent effects" in text for text in warnings)
+    assert all(text.startswith("::warning title=servo-models") for text in warnings)
 
 
 BAD = {
@@ -352,10 +396,11 @@ def test_a_log_shorter_than_the_slowest_time_constant_is_refused(run: Run, tmp_p
 
 def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:
     path = describe(tmp_path)
-    for option, name in (("--json", "d.txt"), ("--out", "p.json")):
+    for option, name in (("--json", "d.txt"), ("--out", "p.json"), ("--report", "d.pdf")):
         code, _, err = run("diagnose", path, option, tmp_path / name)
         assert code == 2
         assert "let the name end in" in err
+        assert not (tmp_path / name).exists()
 
 
 def test_a_log_of_something_else_is_doubted(run: Run, tmp_path: Path) -> None:
