@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,8 +21,10 @@ from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.diagnosis import experiment, explanation
 from servo_models.diagnosis.descent import Array, descend
+from servo_models.diagnosis.preconditions import check_logs
 from servo_models.identification.problem import Problem
 from servo_models.parameter_set import read_parameters
+from servo_models.reference.linear_drive import G_TAU, K_V
 from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
 from servo_models.simulate import model, simulate
 from servo_models.tables import read_signals
@@ -392,6 +395,59 @@ def test_a_log_shorter_than_the_slowest_time_constant_is_refused(run: Run, tmp_p
     assert "0.00833 s" in err
     assert "'log' lasts 0.00775 s" in err
     assert len(err.splitlines()) == 1
+
+
+class Loop(NamedTuple):
+    """An actuator with the second-order law of its loop: inertia and damping."""
+
+    name: str
+    variant: str
+    input: str
+    output: str
+    inertia: float
+    damping: float
+
+    @property
+    def slowest(self) -> float:
+        """Time constant [s] with which an oscillation dies."""
+        return 2.0 * self.inertia / self.damping
+
+
+STALL_TORQUE, NO_LOAD_SPEED = 19.5 * 0.0980665, 52.0 * 2.0 * np.pi / 60.0
+LOOPS = (
+    Loop("sg90", "measured", "pulse_width", "angle", 0.0347, 1.0),
+    Loop("linear_drive", "simple", "reference", "position", 100.0, 250.0 + G_TAU * K_V),
+    Loop("smart_servo", "sts3215", "goal", "angle_reading", 0.03, STALL_TORQUE / NO_LOAD_SPEED),
+)
+
+
+def describe_loop(folder: Path, loop: Loop, seconds: float) -> Path:
+    """A short log of it: a step at once, and any reading that moves."""
+    rest = {"pulse_width": 1.5e-3}.get(loop.input, 0.0)
+    rows = np.linspace([0.0, rest, 0.0], [seconds, 1.01 * rest + 1e-4, 0.01], 40)
+    np.savetxt(folder / "log.csv", rows, "%.9g", delimiter=",", header="t,u,y", comments="")
+    path = folder / "rig.toml"
+    path.write_text(
+        f'actuator = "{loop.name}"\nvariant = "{loop.variant}"\n[[logs]]\nfile = "log.csv"\n'
+        f'time = "t"\ninputs.{loop.input} = "u"\noutputs.{loop.output} = "y"\n'
+    )
+    return path
+
+
+@pytest.mark.parametrize("loop", LOOPS, ids=lambda it: it.name)
+def test_a_log_shorter_than_what_the_loop_needs_to_settle_is_refused(
+    loop: Loop, run: Run, tmp_path: Path
+) -> None:
+    """A clock of the controller moves its poles a little: by less than a tenth."""
+    path = describe_loop(tmp_path, loop, 0.9 * loop.slowest)
+    code, out, err = run("diagnose", path)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    told = re.search(rf"slowest time constant of '{loop.name}' is (\S+) s", err)
+    assert told
+    assert float(told[1]) == pytest.approx(loop.slowest, rel=0.1)
+    long_enough = read_description(describe_loop(tmp_path, loop, 1.1 * loop.slowest))
+    check_logs(path, long_enough.model, long_enough.logs)
 
 
 def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:
