@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -162,6 +163,19 @@ def test_gap_is_that_of_the_arrays(found: Diagnosis, text: str) -> None:
         assert low <= error <= high
         assert low * DEGREE == pytest.approx(found.gaps[0].intervals[stage][0], rel=6e-3)
     assert float(row[4]) == pytest.approx(0.02, rel=0.1)  # the noise that was added
+
+
+def test_every_dimension_that_divides_the_gap_has_one_picture(found: Diagnosis, text: str) -> None:
+    """A single output makes one part of its kind: a table tells that, and no picture."""
+    pictured = Counter(re.findall(r"<figcaption><strong>By (.*?)\.</strong>", text))
+    tabled = Counter(re.findall(r"<caption><span>By (.*?)</span></caption>", text))
+    parts = {one.dimension: len(one.bins) for one in where(found.causes)}
+    assert parts["signal"] == 1
+    assert pictured == Counter(name for name, count in parts.items() if count > 1)
+    assert tabled == Counter(parts.keys())
+    assert {"time", "frequency", "speed", "position"} <= pictured.keys()
+    drawn = re.findall(r'<svg[^>]* aria-label="By (.*?)"', text)
+    assert Counter(drawn) == pictured
 
 
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
