@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -95,6 +97,56 @@ def test_the_set_shrinks_to_the_truth(
     second = played(DEAD_ZONE, one.times, one.command, 2)
     both = verdict_on(first, second)
     assert both.members == ("drive_dead_zone",)
+
+
+HEAD = """
+actuator = "torque_motor"
+variant = "estimated"
+parameters.end_stops.half_range = 0
+[uncertainty]
+resistance = "1 %"
+stiffness = "1 %"
+rotor_inertia = "1 %"
+"""
+LOG = """
+[[logs]]
+file = "{}"
+time = {{ column = "t", unit = "s" }}
+inputs.voltage = {{ column = "u", unit = "V" }}
+outputs.angle = {{ column = "angle", unit = "rad" }}
+"""
+
+
+def record(file: Path, times: Array, voltage: Array, seed: int) -> str:
+    """Play a command on the rig with its dead zone; returns the lines that describe the log."""
+    rig = model("torque_motor", "estimated", {"end_stops.half_range": 0.0, **DEAD_ZONE})
+    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
+    angle = simulate(rig, times, {"voltage": voltage})["angle"] + noise
+    rows = np.column_stack([times, voltage, angle])
+    np.savetxt(file, rows, "%.12g", delimiter=",", header="t,u,angle", comments="")
+    return LOG.format(file.name)
+
+
+def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Path) -> None:
+    """From a description to a table, from the rig that plays it to a second log of the same."""
+    rig, found = tmp_path / "rig.toml", tmp_path / "d.json"
+    times = STEP * np.arange(float(len(TWO_LEVELS)))
+    text = HEAD + record(tmp_path / "first.csv", times, TWO_LEVELS, 1)
+    rig.write_text(text)
+    assert run("diagnose", rig, "--json", found)[0] == 1
+    document = json.loads(found.read_text())
+    assert document["verdict"] == "not-identifiable"
+    assert {one["name"] for one in document["effects"] if one["in_set"]} >= STATIC
+    told = max(document["next_experiments"], key=lambda it: it["separation"])
+    times, inputs = read_inputs(tmp_path / told["file"], nominal().plant)
+    rig.write_text(text + record(tmp_path / "second.csv", times, inputs["voltage"], 2))
+    assert run("diagnose", rig, "--json", found)[0] == 1
+    document = json.loads(found.read_text())
+    assert document["verdict"] == "effect"
+    (one,) = [one for one in document["effects"] if one["in_set"]]
+    assert (one["name"], one["taken"]) == ("drive_dead_zone", True)
+    width, kept = (value["value"] for value in one["parameters"])
+    assert (1.0 - kept) * width == pytest.approx(1.5, rel=0.01)  # lost beyond the zone
 
 
 def test_the_instruction_can_be_followed(
