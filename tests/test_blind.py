@@ -16,7 +16,7 @@ from jsonschema import Draft202012Validator
 import servo_models.blind as package
 from servo_models.blind.interval import mean, share
 from servo_models.blind.oracle import Known, Question, _logs, rivals, seen
-from servo_models.blind.run import check_tiers
+from servo_models.blind.run import Asked, check_tiers, run_blind
 from servo_models.blind.said import Said, diagnose_case
 from servo_models.blind.score import FIGURES, Case, calibration, confusion
 from servo_models.blind.sheet import BARS, met
@@ -122,6 +122,26 @@ def test_the_seal_is_printed_and_is_of_the_answers(
     assert main(command(copy, copy / "result.json")) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert first == f"seal of the answers, SHA-256: {result(copy)['seal']}"
+
+
+def test_the_seal_is_announced_before_anything_is_diagnosed(tmp_path: Path) -> None:
+    """The only case cannot be read, which is a line of the results too."""
+    results = tmp_path / "results.jsonl"
+    (tmp_path / "cases" / "1").mkdir(parents=True)
+    known = {"cases": 1, "seed": SEED, "tiers": ["easy"], "seal": "of the answers"}
+    (tmp_path / "run.json").write_text(json.dumps(known))
+    (tmp_path / "answers.json").write_text("{}")
+    told: list[tuple[str, bool]] = []
+
+    def announce(seal: str) -> None:
+        told.append((seal, results.exists()))
+
+    def tell(done: int, every: int, doing: str) -> None:
+        told.append((f"{doing} {done}", results.exists()))
+
+    with pytest.raises(UserError, match="not what was sealed"):
+        run_blind(tmp_path, Asked(1, SEED, ("easy",)), 1, announce, tell)
+    assert told == [("of the answers", False), ("diagnosing 0", False), ("diagnosing 1", True)]
 
 
 def test_changed_answers_are_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
