@@ -213,6 +213,20 @@ def test_an_experiment_begins_at_rest_where_its_middle_is_none(verdict: Verdict)
     assert stage.plan(replace(away, middle=0.0)).settle == 0.0
 
 
+def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
+    """Twice the gain is told at once, unless both leave by far what the log has ever measured."""
+    gain = free_parameter(nominal().plant.parameters["gain_error.error"], 0.0, None)
+    told = {}
+    for size in (1.0, 1e-5):
+        log = replace(first, outputs={"angle": size * first.outputs["angle"]})
+        bench = Bench(nominal(), [log], (), {"angle": FLOOR}, 1)
+        other = bench.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
+        stage = Stage((bench.unfit((), (), {}), other), 0)
+        told[size] = stage.difference(Command("triangle", 0.0, 10.0, 0.05, 0), 0, 1)
+    assert told[1.0] > 100.0
+    assert told[1e-5] == 0.0
+
+
 def test_nothing_to_separate() -> None:
     assert next_experiments(Verdict("parameters", {}, (), ())) == ()
 

@@ -30,6 +30,9 @@ SHORTLIST = 2
 """Commands of each family that look best before anything is re-fitted."""
 RATIOS = (1.8, 1.35)
 """Steps of size and pace around the best one."""
+FARTHEST = 1000.0
+"""Outputs over the largest ones of the logs from which a fitted model runs away: its command is no
+experiment."""
 FINEST = 5.0
 """Sampling steps that a pace takes at least."""
 
@@ -42,6 +45,7 @@ class Stage:
         wire: the input that is played.
         low, high: its limits [SI], those of the logs or of the actuator's standard step.
         times: of an experiment [s], shape (n,).
+        farthest: outputs [noise floors] from which a model runs away.
     """
 
     def __init__(self, rivals: Sequence[Explanation], seed: int) -> None:
@@ -52,6 +56,10 @@ class Stage:
         self.step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
         count = round(LENGTH * self.problem.model.stop_time / self.step)
         self.times = self.step * np.arange(count + 1.0)
+        measured = [
+            v / self.problem.sigma[n] for log in self.problem.logs for n, v in log.outputs.items()
+        ]
+        self.farthest = FARTHEST * max(float(np.abs(values).max()) for values in measured)
         self._responses: dict[tuple[int, Command], Array] = {}
         self._slopes: dict[tuple[int, Command], Array] = {}
 
@@ -75,11 +83,15 @@ class Stage:
         return found[most], most
 
     def difference(self, command: Command, one: int, other: int) -> float:
-        """RMS difference [noise floors] of two rivals as they are, 0 where one cannot run."""
+        """RMS difference [noise floors] of two rivals as they are, 0 where one cannot run or runs
+        away."""
         try:
-            change = self._response(one, command) - self._response(other, command)
+            responses = self._response(one, command), self._response(other, command)
         except UserError:
             return 0.0
+        if max(float(np.abs(response).max()) for response in responses) > self.farthest:
+            return 0.0
+        change = responses[0] - responses[1]
         return float(np.sqrt(np.mean(change**2)))
 
     def separation(self, command: Command, one: int, other: int) -> float:

@@ -103,7 +103,8 @@ def _gap(
     seed: int,
 ) -> Gap:
     scale = problem.sigma[name]
-    measured = np.concatenate([log.outputs[name][log.fitted] for log in problem.logs])
+    logs = [log for log in problem.logs if name in log.outputs]
+    measured = np.concatenate([log.outputs[name][log.fitted] for log in logs])
     errors = stages["before"].errors[rows]
     return Gap(
         **vars(_reduction(rows, stages, scale, floor, seed)),
