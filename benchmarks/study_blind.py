@@ -24,6 +24,7 @@ from servo_models.blind.interval import Figure
 from servo_models.blind.score import FIGURES, Case, calibration, confusion
 from servo_models.blind.sheet import BARS, MOST_WANTED, met
 from servo_models.blind.table import Row, case_of, row_of
+from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.files import write_whole
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "blind.md"
@@ -52,7 +53,6 @@ the cause leaves less than half of the rival's error. It is *absorbed* where suc
 confuses it with parameters alone. Intervals are 95 %. Where fewer than {most} cases stand behind a
 figure its bar is met or missed *so far*.
 """
-SHOWN = 15
 
 
 def read(path: Path) -> list[Row]:
@@ -123,19 +123,18 @@ def meanings() -> Iterator[str]:
     yield ""
 
 
-def mistakes(cases: Sequence[Case]) -> Iterator[str]:
-    """Separated single effects that are not at first place, the most frequent first."""
-    wrong = [it for it in cases if it.kind == "one" and it.separated and it.first not in it.truth]
-    rows = [
-        (count, truth, answer)
-        for truth, answers in confusion(wrong).items()
-        for answer, count in answers.items()
-    ]
-    yield "## Single effects not at first place\n"
-    yield "| truth | said | cases |\n|---|---|---|"
-    for count, truth, answer in sorted(rows, reverse=True)[:SHOWN]:
-        yield f"| {truth} | {answer} | {count} |"
-    yield ""
+def confusions(cases: Sequence[Case]) -> Iterator[str]:
+    """What was said of separated single causes: the confusion matrix without its zeros."""
+    yield "## What single causes were taken for\n"
+    yield "Separated ones of all tiers. On the hard tier an effect beside may be the hidden one.\n"
+    for kind, right in (("one", "named alone"), ("foreign", OUTSIDE)):
+        yield f"| truth | cases | {right} | otherwise |\n|---|---|---|---|"
+        own = [case for case in cases if case.kind == kind and case.separated]
+        for truth, answers in confusion(own).items():
+            good = truth if kind == "one" else OUTSIDE
+            others = ", ".join(f"{said} {count}" for said, count in answers.items() if said != good)
+            yield f"| {truth} | {sum(answers.values())} | {answers.get(good, 0)} | {others} |"
+        yield ""
 
 
 def curve(cases: Sequence[Case]) -> Iterator[str]:
@@ -171,7 +170,7 @@ def main(words: Sequence[str]) -> None:
         own = [case for case in cases if case.tier == tier]
         if own:
             lines += figures(tier, own)
-    lines += [*meanings(), *mistakes(cases), *curve(cases), *runs_made(runs)]
+    lines += [*meanings(), *confusions(cases), *curve(cases), *runs_made(runs)]
     lines.append(NOTES.read_text(encoding="utf-8") if NOTES.exists() else "")
     write_whole(PAGE, ("\n".join(lines).rstrip() + "\n").encode())
 
