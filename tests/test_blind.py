@@ -16,7 +16,7 @@ from jsonschema import Draft202012Validator
 import servo_models.blind as package
 from servo_models.blind.interval import mean, share
 from servo_models.blind.oracle import Known, Question, _logs, rivals, seen
-from servo_models.blind.run import Asked, check_tiers, run_blind
+from servo_models.blind.run import Asked, check_tiers, own_code, run_blind
 from servo_models.blind.said import Said, diagnose_case
 from servo_models.blind.score import FIGURES, Case, calibration, confusion
 from servo_models.blind.sheet import BARS, met
@@ -129,7 +129,7 @@ def test_the_seal_is_announced_before_anything_is_diagnosed(tmp_path: Path) -> N
     results = tmp_path / "results.jsonl"
     (tmp_path / "cases" / "1").mkdir(parents=True)
     known = {"cases": 1, "seed": SEED, "tiers": ["easy"], "seal": "of the answers"}
-    (tmp_path / "run.json").write_text(json.dumps(known))
+    (tmp_path / "run.json").write_text(json.dumps({**known, "code": own_code()}))
     (tmp_path / "answers.json").write_text("{}")
     told: list[tuple[str, bool]] = []
 

@@ -122,7 +122,7 @@ def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
     """The seal of the cases in a folder, which are generated if it is new."""
     path = folder / "run.json"
     wanted = {**asdict(asked), "tiers": list(asked.tiers)}
-    code = _own_code()
+    code = own_code()
     if not folder.exists():
         seal = _generated(folder, asked, tell)
         write_whole(path, json.dumps({**wanted, "seal": seal, "code": code}).encode())
@@ -144,8 +144,8 @@ def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
     return seal
 
 
-def _own_code() -> str:
-    """SHA-256 of this package: what two versions say of cases must not be mixed."""
+def own_code() -> str:
+    """Return the SHA-256 of this package: what two versions say of cases must not be mixed."""
     package, found = Path(__file__).parents[1], hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
