@@ -280,28 +280,47 @@ def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
     assert not any("did not converge" in text for text in document["warnings"])
 
 
+VOLTAGE = model("torque_motor").plant.wire["voltage"]
+
+
+def planned(description: Path) -> experiment.Experiment:
+    """A sine to play."""
+    (log,) = read_description(description).logs
+    times = np.linspace(0.0, 0.3, 61)
+    plan = replace(log, times=times, inputs={"voltage": 5.0 * np.sin(20.0 * times)})
+    names = ("transport_delay",), ("sensor_lag",)
+    return experiment.Experiment(*names, "Play a sine.", VOLTAGE, plan, 7.0, 0.2)
+
+
 def test_the_next_experiment_is_told_and_can_be_played(
     session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    chosen = model("torque_motor")
-    times = np.linspace(0.0, 0.3, 61)
-    command_ = 5.0 * np.sin(20.0 * times)
-    wire = chosen.plant.wire["voltage"]
-    (log,) = read_description(session.folder / "rig.toml").logs
-    plan = replace(log, times=times, inputs={"voltage": command_})
-    planned = experiment.Experiment(
-        ("transport_delay",), ("sensor_lag",), "Play a sine.", wire, plan, 7.0, 0.2
-    )
-    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (planned,))
+    sine = planned(session.folder / "rig.toml")
+    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
     words = ("diagnose", session.folder / "rig.toml", "--json", tmp_path / "d.json")
     _, out, _ = run(*words)
     assert "Play a sine. Its table is rig_next_1.csv." in " ".join(out.split())
     document = json.loads((tmp_path / "d.json").read_text())
     check_schema(document)
     (told,) = document["next_experiments"]
-    played, signals = read_signals(tmp_path / told["file"], [wire])
-    assert np.array_equal(played, times)
-    assert np.array_equal(signals["voltage"], command_)
+    played, signals = read_signals(tmp_path / told["file"], [VOLTAGE])
+    assert np.array_equal(played, sine.times)
+    assert np.array_equal(signals["voltage"], sine.command)
+
+
+def test_a_table_that_was_played_and_filled_is_not_written_over(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = describe(tmp_path)
+    log = (tmp_path / "log.csv").rename(tmp_path / "rig_next_1.csv")
+    path.write_text(path.read_text().replace("log.csv", log.name))
+    before, sine = log.read_bytes(), planned(path)
+    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine, sine))
+    run("diagnose", path, "--json", tmp_path / "d.json")
+    document = json.loads((tmp_path / "d.json").read_text())
+    names = [one["file"] for one in document["next_experiments"]]
+    assert names == ["rig_next_2.csv", "rig_next_3.csv"]
+    assert log.read_bytes() == before
 
 
 def test_without_a_file_no_table_is_promised(

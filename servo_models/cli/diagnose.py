@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import date
+from itertools import count
 from pathlib import Path
 from typing import Annotated
 
@@ -89,8 +90,10 @@ def diagnose(
         next_ = next_experiments(found.verdict, seed)
     places, versions, today = where(found.causes), conditions(), date.today()
     if folders := {file.parent for file in (json, report) if file}:
-        named = enumerate(next_, start=1)
-        next_ = tuple(replace(it, file=f"{description.stem}_next_{k}.csv") for k, it in named)
+        logs = {log.path.name for log in found.logs}  # one of them may be an earlier table, played
+        names = (f"{description.stem}_next_{k}.csv" for k in count(1))
+        tables = (name for name in names if name not in logs)
+        next_ = tuple(replace(one, file=name) for one, name in zip(next_, tables))
     for folder in folders:
         for experiment in next_:
             experiment.write(folder)
