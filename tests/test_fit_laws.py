@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from test_identification import TRUE, log_of, noisy, nominal, prbs, rig
 
+from servo_models.diagnosis.descent import descend
 from servo_models.identification.covariance import covariance
 from servo_models.identification.estimate import spread_of
 from servo_models.identification.fit import fit
@@ -168,3 +169,25 @@ def test_logs_all_held_out_cost_no_simulation(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(Run, "errors", errors)
     fit(nominal(), [other, log], ["torque_constant"])
     assert set(counted) == {"rig"}
+
+
+def test_a_parameter_without_room_has_slope_zero_and_is_left_where_it_is() -> None:
+    """As a compliance at its largest value, which a softer spring than logs show may not leave."""
+    chosen = nominal()
+    voltage = prbs(600, 1)
+    stiffness, constant = (
+        free_parameter(chosen.plant.parameters[name], TRUE[name], None)
+        for name in ("stiffness", "torque_constant")
+    )
+    held = replace(stiffness, low=TRUE["stiffness"], high=TRUE["stiffness"])
+    problem = Problem(chosen, [log_of(voltage, rig(TRUE, voltage))], [held, constant])
+    start = problem.start * [1.0, 0.9]
+    widths = np.array([0.1, 0.1])
+    slopes = problem.jacobian(start, widths)
+    assert np.all(slopes[:, 0] == 0.0)
+    assert slopes[:, 1].any()
+    vector, _, _ = descend(problem, start, 1e-9, 50, widths)
+    stiff = replace(chosen, values={**chosen.values, "stiffness": TRUE["stiffness"]})
+    alone = Problem(stiff, problem.logs, [constant])
+    best, _, _ = descend(alone, 0.9 * alone.start, 1e-9, 50, widths[1:])
+    assert vector == pytest.approx([start[0], best[0]], rel=1e-6)

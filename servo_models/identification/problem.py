@@ -242,7 +242,7 @@ class Problem:
 
         They are one-sided and small, or, with ``widths`` in scales of shape (p,), central
         and that wide, as far as the bounds allow; of all parameters or of those named by
-        position.
+        position.  That of a parameter whose bounds leave it no room is 0.
         """
         low, high = self.bounds
         if widths is None:
@@ -262,5 +262,6 @@ class Problem:
             if not np.array_equal(self._latest[0], vector):
                 base = self._all([vector])[0]
             pairs = zip(self._all(points), [base] * len(units))
-        slopes = [(u - d) / (ends - starts)[i] for i, (u, d) in zip(chosen, pairs)]
+        apart = np.where(ends == starts, 1.0, ends - starts)
+        slopes = [(u - d) / apart[i] for i, (u, d) in zip(chosen, pairs)]
         return np.column_stack(slopes) if slopes else np.empty((self.samples, 0))
