@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
 from dataclasses import replace
 from datetime import date
 from itertools import count
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from servo_models.cli.options import Format, check_outputs
+
+if TYPE_CHECKING:
+    from servo_models.diagnosis.experiment import Experiment
 
 GAP_FOUND = 1
 
@@ -90,10 +94,7 @@ def diagnose(
         next_ = next_experiments(found.verdict, seed)
     places, versions, today = where(found.causes), conditions(), date.today()
     if folders := {file.parent for file in (json, report) if file}:
-        logs = {log.path.name for log in found.logs}  # one of them may be an earlier table, played
-        names = (f"{description.stem}_next_{k}.csv" for k in count(1))
-        tables = (name for name in names if name not in logs)
-        next_ = tuple(replace(one, file=name) for one, name in zip(next_, tables))
+        next_ = _with_tables(next_, description.stem, {log.path.name for log in found.logs})
     for folder in folders:
         for experiment in next_:
             experiment.write(folder)
@@ -120,3 +121,13 @@ def diagnose(
     else:
         show(diagnosis_sheet(found, confirmed, places, next_))
     return 0 if found.within_tolerance else GAP_FOUND
+
+
+def _with_tables(
+    experiments: Iterable[Experiment], stem: str, logs: Container[str]
+) -> tuple[Experiment, ...]:
+    """Name a table for each experiment.  None is a log: an earlier table may have been played and
+    filled."""
+    names = (f"{stem}_next_{k}.csv" for k in count(1))
+    free = (name for name in names if name not in logs)
+    return tuple(replace(one, file=name) for one, name in zip(experiments, free))
