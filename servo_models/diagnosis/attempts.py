@@ -21,7 +21,7 @@ from servo_models.diagnosis.fits import (
     settled,
     starts_of,
 )
-from servo_models.diagnosis.pairing import LESS, narrowed, paired, stairs_beside, swapped
+from servo_models.diagnosis.pairing import LESS, Looks, narrowed, paired, stairs_beside, swapped
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.staircases import shortlist
 
@@ -61,13 +61,13 @@ def attempts(
         say: is told what goes on.
     """
     smooth = [it for it in sights if not it.candidate.fine]
-    singles, near = _smooth(bench, retuned, smooth, say), narrowed(every, sights)
+    singles, near, looks = _smooth(bench, retuned, smooth, say), narrowed(every, sights), Looks()
     if any(map(settled, singles)):
         singles = _with_likely_stairs(bench, retuned, sights, singles, singles, say)
-        couples = paired(bench, singles, sights, near, say)
+        couples = paired(bench, singles, sights, near, looks, say)
     else:
         plain = [one for one in near if not one.fine]
-        couples = paired(bench, singles, smooth, plain, say)
+        couples = paired(bench, singles, smooth, plain, looks, say)
         if any(map(settled, couples)):
             singles = _with_likely_stairs(bench, retuned, sights, singles, couples, say)
         else:
@@ -76,7 +76,7 @@ def attempts(
             near = narrowed(every, sights)
             stairs = beside_each(bench, retuned, starts_of(closer, STAIRCASES), say)
             singles = best_of_each([*singles, *stairs])
-            couples = _paired_with_stairs(bench, singles, couples, sights, near, say)
+            couples = _paired_with_stairs(bench, singles, couples, sights, near, looks, say)
     if couples and couples[0].loss < LESS * singles[0].loss:
         couples = best_of_each([*couples, *swapped(bench, couples[0], near, say)])
     return Attempts(singles, couples, near)
@@ -88,16 +88,17 @@ def _paired_with_stairs(
     known: Sequence[Explanation],
     sights: Sequence[Sight],
     near: Sequence[Candidate],
+    looks: Looks,
     say: Tell,
 ) -> list[Explanation]:
     """Pairs with staircases too; these are sought anew beside the best effect, unless some pair
     leaves so much less that none beside it need be."""
-    couples = paired(bench, singles, sights, near, say, known)
+    couples = paired(bench, singles, sights, near, looks, say, known)
     if not singles:
         return couples
     if any(it.loss < PAIRED * singles[0].loss or settled(it) for it in couples):
         return couples
-    return best_of_each([*couples, *stairs_beside(bench, singles[0], near, say)])
+    return best_of_each([*couples, *stairs_beside(bench, singles[0], near, looks, say)])
 
 
 def _smooth(

@@ -51,7 +51,8 @@ class Candidate:
         wire: on which it acts.
         free: its parameters, switches first.
         sizes: settings [SI] to look at first.
-        fine: many more, where the response is a staircase of the size; for a second look.
+        stairs: whether the response is a staircase of the size, which no slope leads to.
+        fine: of a staircase that nothing but a search finds, many more sizes for a second look.
         ripple: its switch and its phase, if it has one: each size is then to be looked at
             with a phase of 0 and of a quarter turn.
         jump: the part of a jump that it has, one of its parameters; None of most effects.
@@ -65,6 +66,7 @@ class Candidate:
     wire: str
     free: tuple[Free, ...]
     sizes: tuple[Settings, ...]
+    stairs: bool = False
     fine: tuple[Settings, ...] = ()
     ripple: tuple[str, str] | None = None
     jump: Free | None = None
@@ -124,7 +126,7 @@ def _candidate(
     free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
     free += [free_parameter(p, model.values[p.name], None) for p in shape]
     free = [_periodic(it, PERIODS * 2.0 * math.pi / travel(plant, logs)) for it in free]
-    phase, shown = ripple_of(name, shape), 0
+    phase = ripple_of(name, shape)
     part = JUMP_PARTS.get(effect)
     inertia = [p for p in shape if p.name == f"{name}.{RESONANT[1]}"]
     if phase:
@@ -133,20 +135,22 @@ def _candidate(
         sizes = resonances(switches[0], inertia[0])
     else:
         sizes = shares(effect, switches, shape)
-        if effect == "quantisation":
-            seen = quanta(switches[0], plant.wire[wire].unit, plant, logs)
-            sizes, shown = [*sizes, *seen], len(seen)
-    logged = any(wire in log.outputs for log in logs)
-    if logged and effect == "quantisation":
-        narrow = near_to(sizes[-shown:] if shown else sizes)  # what else a histogram would show
-    else:
-        narrow = fine(effect, switches[0], _whole(model, logs, effect, wire))
+    # codes of the very signal show its step, those of others in its unit may be of it
+    logged = effect == "quantisation" and any(wire in log.outputs for log in logs)
+    if logged:
+        sizes += near_to(switches[0], quanta(switches[0], [wire], logs))
+    elif effect == "quantisation":
+        alike = [it for it in plant.outputs if plant.wire[it].unit == plant.wire[wire].unit]
+        sizes += [{switches[0].name: it.size} for it in quanta(switches[0], alike, logs)]
+    searched = effect in STAIRS and not logged
+    whole = _whole(model, logs, effect, wire) if searched else 0.0
     return Candidate(
         name=name,
         wire=wire,
         free=tuple(free),
         sizes=tuple(sizes),
-        fine=tuple(narrow),
+        stairs=effect in STAIRS,
+        fine=tuple(fine(effect, switches[0], whole)) if searched else (),
         ripple=(switches[0].name, phase) if phase else None,
         jump=next((it for it in free if part and it.name == f"{name}.{part}"), None),
         fastest=_fastest(logs) if inertia else 0.0,
@@ -156,11 +160,9 @@ def _candidate(
 
 
 def _whole(model: Model, logs: Sequence[Log], effect: str, wire: str) -> float:
-    """What the stairs of an effect divide [SI]; 0 of one with none, infinity where unknown."""
+    """What the stairs of an effect divide [SI], infinity where unknown."""
     if effect == "sample_hold":
         return max((log.duration + log.settle for log in logs), default=math.inf)
-    if effect not in STAIRS:
-        return 0.0
     return max((_range(model, log, wire) for log in logs), default=math.inf)
 
 

@@ -31,7 +31,7 @@ first look it is half of it, which is as often among the best sizes."""
 def neighbours(one: Candidate) -> list[list[Settings]]:
     """Sizes of an effect that are simulated one after another: those of a staircase that are
     near each other, since one tells where the other parameters are at the next."""
-    if not one.fine:
+    if not one.stairs:
         return [[size] for size in one.sizes]
     found: list[list[Settings]] = []
     for size in sorted(one.sizes, key=lambda it: max(it.values())):
@@ -56,7 +56,7 @@ def corrected_changes(
 ) -> list[Array]:
     """The same, other parameters corrected beside a staircase."""
     one, sizes = task
-    if not one.fine:
+    if not one.stairs:
         return changes(seen, base, task)
     if one.late and _delay(seen):
         return _held(seen, base, sizes, SOONER)

@@ -88,7 +88,8 @@ def _grown(
     """Add effects to an explanation as long as they earn their place."""
     grown: _Grown | None = None
     while len(taken.effects) < MOST and not settled(taken):
-        seen = [*seen_beside(taken, every), *stairs_seen(bench, taken, every)]
+        seen = seen_beside(taken, every)
+        seen += stairs_seen(bench, taken, every, seen)
         seen.sort(key=lambda sight: sight.left)
         likely = promising(seen, (1.0 - THIRD) * taken.cost, ADDED)
         tasks = [added(taken, name, own) for name, own in likely]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
+    TRIED,
     Seen,
     Task,
     Tell,
@@ -33,9 +35,7 @@ PROMISING = 0.95
 SAME = 0.99
 """Cosine between changes of the response from which they are the same."""
 KEPT = 6
-"""Sizes at which an effect is seen again beside another one."""
-SHOWN = 40
-"""Sizes of a staircase that are all looked at."""
+"""Sizes at which a staircase is seen again beside another effect."""
 LESS = 0.98
 """Loss of a pair over that of one effect, from which the pair is worth more fits."""
 ABOUT = tuple(k * 4e-4 for k in range(-6, 7))
@@ -54,6 +54,7 @@ def paired(
     singles: Sequence[Explanation],
     sights: Sequence[Sight],
     every: Sequence[Candidate],
+    looks: Looks,
     say: Tell,
     known: Iterable[Explanation] = (),
 ) -> list[Explanation]:
@@ -66,7 +67,7 @@ def paired(
         return []
     old = {frozenset(it.effects): it for it in known}
     if settled(singles[0]):
-        more = _seconds(singles[:1], every, LESS, FEW, old)
+        more = _seconds(singles[:1], every, LESS, FEW, looks, old)
         return best_of_each([*old.values(), *side_by_side(bench, more, say)])
     seen = pairs(sights, PROMISING * singles[0].cost)[:PAIRS]
     new = [pair for pair in seen if frozenset(names_of(pair)) not in old]
@@ -75,7 +76,7 @@ def paired(
     if any(map(settled, found)):
         return found
     fitted = {frozenset(it.effects) for it in found}
-    more = _seconds(singles[:FIRSTS], every, PROMISING, SECONDS, fitted)
+    more = _seconds(singles[:FIRSTS], every, PROMISING, SECONDS, looks, fitted)
     return best_of_each([*found, *side_by_side(bench, more, say)])
 
 
@@ -84,12 +85,13 @@ def _seconds(
     every: Sequence[Candidate],
     share: float,
     count: int,
+    looks: Looks,
     known: Collection[frozenset[str]],
 ) -> list[Task]:
     """Fits of so many effects beside each first one, which promise to leave less than a share."""
     tasks: dict[frozenset[str], Task] = {}
     for first in firsts:
-        for name, own in promising(seen_beside(first, every), share * first.cost, count):
+        for name, own in promising(looks.beside(first, every), share * first.cost, count):
             tasks.setdefault(frozenset((*first.effects, name)), added(first, name, own))
     return [task for names, task in tasks.items() if names not in known]
 
@@ -122,20 +124,51 @@ def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
     return look((first.view,), [one for one in every if one.name not in first.effects])[0]
 
 
+class Looks:
+    """What is seen of effects beside explanations, at the same sizes only once.
+
+    Of smooth effects the sizes are kept from which a fit may begin: every one holds a response.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, list[Sight]] = {}
+
+    def beside(self, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+        """The same as ``seen_beside``."""
+        keys = {_key(first, one): one for one in every if one.name not in first.effects}
+        new = {one.name: key for key, one in keys.items() if key not in self._known}
+        self._known |= {key: [] for key in new.values()}
+        for sight in look((first.view,), [keys[key] for key in new.values()])[0]:
+            own = self._known[new[sight.candidate.name]]
+            if sight.candidate.stairs or len(own) < TRIED:
+                own.append(sight)
+        known = chain.from_iterable(self._known[key] for key in keys)
+        return sorted(known, key=lambda sight: sight.left)
+
+
+def _key(first: Explanation, one: Candidate) -> Hashable:
+    """An effect at its sizes, seen from a fit."""
+    return first, one.name, tuple(tuple(size.items()) for size in one.sizes)
+
+
 def stairs_beside(
-    bench: Bench, first: Explanation, every: Iterable[Candidate], say: Tell
+    bench: Bench, first: Explanation, every: Sequence[Candidate], looks: Looks, say: Tell
 ) -> Iterator[Explanation]:
     """Fits of staircases beside an effect, at the sizes that look best there."""
     say(f"looking closer at staircases beside {' and '.join(first.effects)}")
-    likely = promising(stairs_seen(bench, first, every), PROMISING * first.cost, SECONDS)
+    stairs = stairs_seen(bench, first, every, looks.beside(first, every))
+    likely = promising(stairs, PROMISING * first.cost, SECONDS)
     return side_by_side(bench, [added(first, name, own) for name, own in likely], say)
 
 
-def stairs_seen(bench: Bench, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
-    """What is seen of staircases beside some effects after a closer look, best first."""
-    every = list(every)
-    short = shortlist(bench, first, every, seen_beside(first, every))
-    return look((first.view,), short)[0]
+def stairs_seen(
+    bench: Bench, first: Explanation, every: Sequence[Candidate], seen: Sequence[Sight]
+) -> list[Sight]:
+    """What is seen of staircases beside some effects after a closer look, best first.
+
+    ``seen`` is what is seen of all effects there before.
+    """
+    return look((first.view,), shortlist(bench, first, every, seen))[0]
 
 
 def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
@@ -190,7 +223,7 @@ def _sought(
 def _nearer(one: Candidate, found: Explanation) -> Candidate:
     """A staircase with sizes very near that of a fit, if it is part of it: beside another effect
     the needle may lie next to where it was found alone."""
-    if not one.fine or one.name not in found.effects:
+    if not one.stairs or one.name not in found.effects:
         return one
     switch = one.free[0].name
     size = found.values[switch]
@@ -215,16 +248,14 @@ def halves_of(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]
 
 
 def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candidate]:
-    """Of the many sizes of each effect, those that were promising once.
+    """Of the thousands of sizes of a staircase, those that were promising once.
 
-    The few that a code histogram shows are good beside any other effect.  A ripple is looked for
-    at every count: alone it takes one that imitates the other effect as well.
+    Other effects are looked at in all sizes beside any one: alone, each takes the size that
+    imitates what is missing as well.
     """
     found = []
     for one in every:
         own = [sight.settings for sight in sights if sight.candidate.name == one.name]
         kept = list({tuple(it.items()): it for it in own}.values())[:KEPT]
-        sizes = one.sizes if one.ripple else kept or one.sizes
-        shown = one.fine if len(one.fine) <= SHOWN else ()
-        found.append(replace(one, sizes=(*sizes, *shown)))
+        found.append(replace(one, sizes=tuple(kept)) if one.fine and kept else one)
     return found

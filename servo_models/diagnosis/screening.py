@@ -129,9 +129,9 @@ def _taking_part(sights: Sequence[Sight], seen: View) -> list[int]:
         if sight.seen is seen:
             groups.setdefault(sight.candidate.name, []).append(i)
     found = [i for group in groups.values() for i in group[:EACH]]
-    smooth = [sights[i] for i in found if not sights[i].candidate.fine]
+    smooth = [sights[i] for i in found if not sights[i].candidate.stairs]
     for group in groups.values():
-        if smooth and sights[group[0]].candidate.fine:
+        if smooth and sights[group[0]].candidate.stairs:
             left = left_beside([sights[i] for i in group], smooth)
             found += [group[k] for k in np.argsort(left)[:EACH] if group[k] not in found]
     return found
@@ -203,7 +203,7 @@ def _shares(one: Candidate) -> tuple[float, float]:
         return -LARGEST, LARGEST
     if one.limiting:
         return LEAST, STRETCH
-    return (1.0, 1.0) if one.fine else (0.0, STRETCH)
+    return (1.0, 1.0) if one.stairs else (0.0, STRETCH)
 
 
 def _sight(

@@ -3,8 +3,6 @@
 Sizes are shares of the typical one, of both signs where the bounds allow.  Where a response
 is a staircase of the size, or a comb, no slope leads to the best one: there they lie close to
 each other, and what the logs themselves show of a quantum is among them.
-Source: Widrow, Kollar, Quantization Noise (2008), ch. 4: the characteristic function of
-quantised values has peaks at multiples of 1 / step, whatever little noise comes after.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import Parameter, Plant
+from servo_models.diagnosis.codes import Step, hidden_steps
 from servo_models.recording import Log
 
 Array = NDArray[np.float64]
@@ -60,16 +59,9 @@ RIPPLE = 0.3
 """Size of a ripple that is looked at, over the typical one."""
 LEAST = 0.01
 """Least size in a fit, over the typical one: a smaller effect is none, and may be slow."""
-BINS, CODES = 4096, (1.5, 600)
-"""Bins of a code histogram, and codes over the range of a reading that it can show."""
-TUNED, MULTIPLES, ENOUGH = 41, 5, 1000
-"""Frequencies about a peak that are tried, at so many multiples each, and samples that do."""
-WHOLE, HIGH = 0.03, 0.9
-"""Deviation of a multiple of a peak, relative to its number, and height that is as high."""
-PEAKS = 3
-"""Quanta taken from a code histogram."""
-PRECISE, AROUND = 0.001, 4
-"""How precise they are, and steps of that to either side at which an effect is looked at."""
+PRECISE, ERRORS, AROUND = 0.001, 3.0, 4
+"""Relative distance at least of sizes about a step that a code histogram shows, standard errors of
+it that they cover, and sizes to either side."""
 
 Settings = dict[str, float]
 
@@ -127,13 +119,11 @@ def _wanted(switch: Parameter, shape: Sequence[Parameter]) -> tuple[float, ...]:
 
 
 def fine(effect: str, switch: Parameter, whole: float) -> list[Settings]:
-    """Return the many sizes of a switch on which a response is a staircase, else none.
+    """Return the many sizes of a switch on which a response is a staircase.
 
     ``whole`` [SI] is divided into stairs of that size: the range of a quantised signal, or the
     duration of a log.  The more there are, the narrower is what a size has to meet.
     """
-    if effect not in STAIRS:
-        return []
     low, high = (share * switch.param.typical for share in STAIRS[effect])
     low, size, found = max(low, switch.param.low), min(high, switch.param.high), []
     while size >= low:
@@ -143,71 +133,21 @@ def fine(effect: str, switch: Parameter, whole: float) -> list[Settings]:
     return found
 
 
-def quanta(switch: Parameter, unit: str, plant: Plant, logs: Iterable[Log]) -> list[Settings]:
-    """Return the steps [SI] that code histograms of readings in the unit of a wire suggest."""
-    readings: dict[str, list[Array]] = {}
-    for log in logs:
-        for name, values in log.outputs.items():
-            if plant.wire[name].unit == unit:
-                readings.setdefault(name, []).append(values)
-    found = [step for values in readings.values() for step in hidden_steps(values)]
+def quanta(switch: Parameter, readings: Iterable[str], logs: Sequence[Log]) -> list[Step]:
+    """Return the steps that code histograms of some readings suggest."""
+    records = ([log.outputs[name] for log in logs if name in log.outputs] for name in readings)
+    found = [step for values in records if values for step in hidden_steps(values)]
     least = LEAST * switch.param.typical
-    return [{switch.name: step} for step in found if least <= step <= switch.param.high]
+    return [step for step in found if least <= step.size <= switch.param.high]
 
 
-def near_to(shown: Iterable[Settings]) -> list[Settings]:
-    """Return the sizes about those that a code histogram of the quantised signal itself shows."""
+def near_to(switch: Parameter, steps: Iterable[Step]) -> list[Settings]:
+    """Return the sizes about the steps that a code histogram of the quantised signal shows."""
     return [
-        {switch: size * (1.0 + k * PRECISE)}
-        for settings in shown
-        for switch, size in settings.items()
+        {switch.name: size + k * max(PRECISE * size, ERRORS * error / AROUND)}
+        for size, error in steps
         for k in range(-AROUND, AROUND + 1)
     ]
-
-
-def hidden_steps(records: Sequence[Array]) -> list[float]:
-    """Return the likeliest steps of a quantiser whose codes carry a little noise, best first.
-
-    ``records`` are of one signal; no step is a whole fraction of a better one.
-    """
-    longest = max(records, key=np.ptp)
-    if float(np.ptp(longest)) == 0.0:
-        return []
-    rates, heights = _peaks(longest)
-    found: list[float] = []
-    while len(rates) and len(found) < PEAKS:
-        # a noise-free quantiser has all multiples as high: the slowest is the step's own
-        rate = float(np.min(rates[heights > HIGH * heights.max()]))
-        found.append(1.0 / _tuned(records, rate))
-        numbers = np.maximum(np.round(rates * found[-1]), 1.0)
-        apart = np.abs(rates * found[-1] - numbers) > WHOLE * numbers
-        rates, heights = rates[apart], heights[apart]
-    return found
-
-
-def _peaks(values: Array) -> tuple[Array, Array]:
-    """Frequencies [1/SI] and heights of the peaks of the characteristic function of values."""
-    reach = float(np.ptp(values))
-    counts, _ = np.histogram(values, BINS)
-    padded = 8
-    spectrum = np.abs(np.fft.rfft(counts, padded * BINS))
-    low, high = (int(padded * codes) for codes in CODES)
-    inner = spectrum[low : min(high, len(spectrum) - 1)]
-    peaks = 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] >= inner[2:]))
-    return (low + peaks) / (padded * reach), inner[peaks]
-
-
-def _tuned(records: Sequence[Array], rate: float) -> float:
-    """The frequency near a peak at which the first multiples are highest as well."""
-    reach = max(float(np.ptp(values)) for values in records)
-    near = rate + np.linspace(-0.25, 0.25, TUNED) / reach
-    multiples = near * np.arange(1, MULTIPLES + 1)[:, None]
-    power = np.zeros_like(multiples)
-    for values in records:
-        few = values[:: max(1, len(values) // ENOUGH)]
-        turns = np.exp(2j * np.pi * multiples[..., None] * few)
-        power += len(values) * np.abs(turns.mean(axis=-1)) ** 2
-    return float(near[np.argmax(power.sum(axis=0))])
 
 
 def travel(plant: Plant, logs: Iterable[Log]) -> float:

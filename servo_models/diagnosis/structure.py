@@ -4,7 +4,8 @@ Noise has a memory, but a short one: it is taken as a first-order autoregression
 and the reading step adds white noise of known power.  What a model lacks moves with the
 actuator, slowly against the sampling.  So the fast part of the spectrum tells the noise, which
 is continued to low frequencies, and the structured part is the power above it.  That needs no
-idea of what is missing: a law, a line or a burst are all power that noise does not have.
+idea of what is missing: a law, a line or a burst are all power that noise does not have.  Only
+the steps of a quantiser are as fast as noise, but with so much of it no codes would be seen.
 
 The spectrum is the median over many short stretches, since bursts and steps disturb only few
 of them.  Colour and power of the noise are averaged over the likelihood of that spectrum
@@ -21,13 +22,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.audit.sensor import reading_step
+from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.evidence import Evidence
 from servo_models.identification.problem import Problem
+from servo_models.recording import Log
 
 Array = NDArray[np.float64]
 
@@ -84,9 +88,9 @@ def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
     Readings with fewer than 128 fitted samples count as noise, as far as that may be so loud.
     """
     power = structured = variance = noise = 0.0
-    for errors, white in _readings(problem, evidence):
+    for errors, white, most in _readings(problem, evidence):
         own, spread = _noise(errors, white)
-        allowed = min(1.0, LOUDEST**2 / max(own, 1e-30))
+        allowed = min(1.0, most**2 / max(own, 1e-30))
         own, spread = allowed * own, allowed * spread
         power += float(errors @ errors)
         noise += len(errors) * own
@@ -121,17 +125,28 @@ def sure(left: LeftOver) -> bool:
     return left.least > LARGE * left.noise
 
 
-def _readings(problem: Problem, evidence: Evidence) -> Iterator[tuple[Array, float]]:
-    """Errors of each output of each log, and the noise power that its reading step adds."""
+def _readings(problem: Problem, evidence: Evidence) -> Iterator[tuple[Array, float, float]]:
+    """Errors of each output of each log, the noise power that its reading step adds, and how loud
+    noise may be."""
     start = 0
     for log in problem.logs:
         count = int(log.fitted.sum())
-        for name, values in log.outputs.items():
+        for name in log.outputs:
             errors = evidence.errors[start : start + count]
             start += count
             if count:
-                step = reading_step(values)[0] / problem.sigma[name]
-                yield errors, step**2 / 12.0
+                (step, most), floor = _codes(log, name), problem.sigma[name]
+                yield errors, (step / floor) ** 2 / 12.0, min(most / floor, LOUDEST)
+
+
+@lru_cache(maxsize=64)
+def _codes(log: Log, name: str) -> tuple[float, float]:
+    """Step of a reading [SI], and how loud noise may be for its codes to be as sharp as they are.
+
+    Every fit of a diagnosis asks it of the same few records.
+    """
+    step = reading_step(log.outputs[name])[0]
+    return step, loudest(log.outputs[name], step)
 
 
 def _noise(errors: Array, white: float) -> tuple[float, float]:

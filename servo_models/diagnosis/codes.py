@@ -1,0 +1,121 @@
+"""What a code histogram tells of readings: steps under their noise, and how loud that can be.
+
+The characteristic function of quantised values has peaks at multiples of 1 / step, and noise
+that comes after lowers them by what it is itself.  So a peak tells the step, and it bounds the
+noise whatever the motion was: nothing else could have made the codes that sharp.
+Source: Widrow, Kollar, Quantization Noise (2008), ch. 4; of independent parts the
+characteristic functions multiply.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BINS, FINER, CODES = 4096, 8, (1.5, 600)
+"""Bins of a code histogram, frequencies for each code over the range of a reading, and codes over
+it that a histogram can show."""
+WHOLE, HIGH = 0.03, 0.9
+"""Deviation of a multiple of a peak, relative to its number, and height that is as high."""
+PEAKS = 3
+"""Steps taken from a code histogram."""
+COUNTED = 20
+"""Times that codes are counted anew, at most, along the line through those before."""
+MEMORY = 5.0
+"""Samples of noise of which one is independent: half as likely a memory as the diagnosis allows."""
+CHANCE = 4.0
+"""How much rarer than once in all frequencies, as a logarithm, a peak by chance may be."""
+FAINT = 0.05
+"""Height below which a peak tells nothing of the noise."""
+
+
+class Step(NamedTuple):
+    """The step of a quantiser [SI] and its standard error."""
+
+    size: float
+    error: float
+
+
+def hidden_steps(records: Sequence[Array]) -> list[Step]:
+    """Return the likeliest steps of a quantiser whose codes carry a little noise, best first.
+
+    ``records`` are of one signal, each of shape (n,); no step is a whole fraction of a better
+    one.
+    """
+    longest = max(records, key=np.ptp)
+    if float(np.ptp(longest)) == 0.0:
+        return []
+    values = np.concatenate(list(records))
+    rates, heights = _peaks(longest)
+    found: list[Step] = []
+    while len(rates) and len(found) < PEAKS:
+        # a noise-free quantiser has all multiples as high: the slowest is the step's own
+        rate = float(np.min(rates[heights > HIGH * heights.max()]))
+        found.append(_line_through_codes(values, 1.0 / rate))
+        numbers = np.maximum(np.round(rates / rate), 1.0)
+        apart = np.abs(rates / rate - numbers) > WHOLE * numbers
+        rates, heights = rates[apart], heights[apart]
+    return found
+
+
+def loudest(values: Array, step: float) -> float:
+    """Return the standard deviation [SI] that noise on quantised readings has at most.
+
+    It is infinite where the histogram shows no codes.
+
+    Args:
+        values: readings of one record, shape (n,).
+        step: to which the readings themselves were rounded, after the noise; 0 for none.
+    """
+    reach = float(np.ptp(values))
+    if reach == 0.0:
+        return math.inf
+    rates, heights = _characteristic(values)
+    # codes of the readings themselves are as sharp whatever the noise
+    slowest, fastest = CODES[0] / reach, min(CODES[1] / reach, 0.5 / step if step else math.inf)
+    own = (rates >= slowest) & (rates <= fastest)
+    rates, heights = rates[own], heights[own]
+    drawn = MEMORY / len(values)
+    surely = heights - 2.0 * np.sqrt(0.5 * drawn * np.maximum(1.0 - heights**2, 0.0))
+    likely = drawn * (math.log(max(len(rates) / FINER, 1.0)) + CHANCE)
+    told = (heights**2 > likely) & (surely > FAINT)
+    bounds = np.sqrt(-0.5 * np.log(surely[told])) / (math.pi * rates[told])
+    return float(np.min(bounds, initial=math.inf))
+
+
+def _characteristic(values: Array) -> tuple[Array, Array]:
+    """Frequencies [1/SI] and magnitude there of the characteristic function of values."""
+    counts, _ = np.histogram(values, BINS)
+    magnitude = np.abs(np.fft.rfft(counts, FINER * BINS)) / len(values)
+    return np.arange(len(magnitude)) / (FINER * np.ptp(values)), magnitude
+
+
+def _peaks(values: Array) -> tuple[Array, Array]:
+    """Frequencies and heights of the peaks of that function."""
+    rates, magnitude = _characteristic(values)
+    low, high = (int(FINER * codes) for codes in CODES)
+    inner = magnitude[low : min(high, len(magnitude) - 1)]
+    peaks = 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] >= inner[2:]))
+    return rates[low + peaks], inner[peaks]
+
+
+def _line_through_codes(values: Array, step: float) -> Step:
+    """The step by which values rise from code to code, counted with one that is about right."""
+    codes, spread, error = np.zeros(len(values)), 0.0, math.inf
+    for _ in range(COUNTED):
+        phase = np.angle(np.mean(np.exp(2j * np.pi * values / step))) / (2.0 * np.pi)
+        before, codes = codes, np.round(values / step - phase)
+        spread = float(np.var(codes))
+        if spread == 0.0 or np.array_equal(codes, before):
+            break
+        about = codes - codes.mean()
+        step = float(about @ values) / (len(values) * spread)
+        rest = values - values.mean() - step * about
+        error = math.sqrt(float(np.mean(rest**2)) * MEMORY / (len(values) * spread))
+    return Step(step, error)
