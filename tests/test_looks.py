@@ -16,7 +16,8 @@ from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.evidence import advantage
 from servo_models.diagnosis.explanation import Bench
 from servo_models.diagnosis.fits import beside
-from servo_models.diagnosis.screening import look, pairs
+from servo_models.diagnosis.pairs_seen import pairs
+from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.staircases import shortlist
 from servo_models.diagnosis.stepwise import shifted
 from servo_models.diagnosis.worth import LIKELY, earns

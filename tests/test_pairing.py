@@ -16,7 +16,8 @@ from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.fits import TRIED, beside, settled
 from servo_models.diagnosis.further import RIVAL, RIVALS, _rivals
 from servo_models.diagnosis.pairing import lookalikes, narrowed, promising, seen_beside
-from servo_models.diagnosis.screening import Sight, left_beside, look
+from servo_models.diagnosis.pairs_seen import left_beside
+from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.diagnosis.view import View
 from servo_models.simulate import Array

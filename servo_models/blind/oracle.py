@@ -35,7 +35,8 @@ from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.evidence import dispersion
 from servo_models.diagnosis.explanation import Bench, Explanation, nominal_parameters
 from servo_models.diagnosis.fits import TRIED, beside, together
-from servo_models.diagnosis.screening import Sight, look, pairs
+from servo_models.diagnosis.pairs_seen import pairs
+from servo_models.diagnosis.screening import Sight, look
 from servo_models.identification.problem import Problem
 from servo_models.logs import read_columns
 from servo_models.recording import Log

@@ -24,7 +24,8 @@ from servo_models.diagnosis.fits import (
     starts_of,
     together,
 )
-from servo_models.diagnosis.screening import Sight, look, pairs
+from servo_models.diagnosis.pairs_seen import pairs
+from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free
 

@@ -9,7 +9,7 @@ bounds, so a look gives the start of a fit as well.  Source: Rao, Proc. Cambridg
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from math import atan2, hypot
@@ -31,8 +31,6 @@ STRETCH, LEAST = 1.6, 0.5
 limit on a rate at least this part: a small part of what a tight one does is what none does."""
 LARGEST = 10.0
 """The same for a ripple, of which one size is looked at."""
-EACH = 3
-"""Sizes of each effect that take part in pairs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +45,7 @@ class Sight:
         change: that it makes, in noise floors, shape (m + priors,).
         difference: the same without what nominal parameters can imitate.
         left: squared errors that would remain.
+        waves: of a ripple, its changes by a sine and by a cosine, shape (m + priors, 2).
     """
 
     seen: View
@@ -56,6 +55,12 @@ class Sight:
     change: Array
     difference: Array
     left: float
+    waves: Array | None = None
+
+    @property
+    def columns(self) -> Array:
+        """Changes that take part with a share of their own each, shape (m + priors, 1 or 2)."""
+        return self.change[:, None] if self.waves is None else self.waves
 
     @property
     def whole(self) -> Array:
@@ -104,76 +109,6 @@ def look(
     return sorted(sights, key=lambda sight: sight.left), reach
 
 
-def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, Sight]]:
-    """Return pairs of different effects by what both would leave together, best first.
-
-    Pairs that leave more than ``enough`` squared errors are none.
-    """
-    scored: list[tuple[float, int, int]] = []
-    for seen in dict.fromkeys(sight.seen for sight in sights):
-        scored += _pairs(sights, _taking_part(sights, seen))
-    best: dict[frozenset[str], tuple[Sight, Sight]] = {}
-    for left, i, j in sorted(scored):
-        if left > enough:
-            break
-        names = frozenset((sights[i].candidate.name, sights[j].candidate.name))
-        best.setdefault(names, (sights[i], sights[j]))
-    return list(best.values())
-
-
-def _taking_part(sights: Sequence[Sight], seen: View) -> list[int]:
-    """Which sights from a view take part in pairs: of each effect those that leave least alone, and
-    of a staircase those that leave least beside a smooth one."""
-    groups: dict[str, list[int]] = {}
-    for i, sight in enumerate(sights):
-        if sight.seen is seen:
-            groups.setdefault(sight.candidate.name, []).append(i)
-    found = [i for group in groups.values() for i in group[:EACH]]
-    smooth = [sights[i] for i in found if not sights[i].candidate.stairs]
-    for group in groups.values():
-        if smooth and sights[group[0]].candidate.stairs:
-            left = left_beside([sights[i] for i in group], smooth)
-            found += [group[k] for k in np.argsort(left)[:EACH] if group[k] not in found]
-    return found
-
-
-def left_beside(sights: Sequence[Sight], others: Sequence[Sight]) -> Array:
-    """Return the squared errors that each of some sights leaves beside the best of the others.
-
-    All are from the same view.  Shape (sights,).
-    """
-    seen = sights[0].seen
-    rest = seen.without(np.column_stack([seen.errors + it.change for it in sights]))
-    columns = np.column_stack([it.difference for it in others])
-    low, high = np.array([_shares(it.candidate) for it in others]).T[..., None]
-    power, along = np.sum(columns**2, axis=0)[:, None], columns.T @ rest
-    share: Array = np.clip(-along / power, low, high)
-    return np.asarray(
-        np.sum(rest**2, axis=0) + np.min(share * (2.0 * along + share * power), axis=0)
-    )
-
-
-def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[tuple[float, int, int]]:
-    """Squared errors that pairs from one view would leave, and which they are."""
-    seen = sights[own[0]].seen
-    names = np.array([sights[k].candidate.name for k in own])
-    i, j = np.triu_indices(len(own), 1)
-    apart = np.column_stack([sights[k].difference for k in own])
-    gram = apart.T @ apart
-    a, b, c = gram[i, i], gram[j, j], gram[i, j]
-    differ = (names[i] != names[j]) & (a * b - c * c > 1e-6 * a * b)
-    i, j = i[differ], j[differ]
-    columns = np.column_stack([seen.slopes, *(sights[k].change for k in own)])
-    gram, towards, p = columns.T @ columns, columns.T @ seen.errors, seen.slopes.shape[1]
-    chosen = np.column_stack([np.tile(np.arange(p), (len(i), 1)), p + i, p + j])
-    least = np.array([LEAST if sights[k].candidate.limiting else 0.0 for k in own])
-    ends = np.column_stack([least[i], least[j]]), np.full((len(i), 2), STRETCH)
-    low, high = (np.hstack([np.tile(it, (len(i), 1)), end]) for it, end in zip(seen.room, ends))
-    both = gram[chosen[:, :, None], chosen[:, None, :]]
-    remains, _ = _remains(seen, both, towards[chosen], low, high)
-    return [(float(left), own[k], own[m]) for left, k, m in zip(remains, i, j)]
-
-
 def _sights(
     seen: View, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
 ) -> list[Sight]:
@@ -189,15 +124,15 @@ def _sights(
         gram[k, own, :p] = gram[k, :p, own].T
         gram[k, own, own] = columns.T @ columns
         towards[k, own] = columns.T @ seen.errors
-        low[k, own], high[k, own] = _shares(one)
-    left, steps = _remains(seen, gram, towards, low, high)
+        low[k, own], high[k, own] = shares(one)
+    left, steps = remains(seen, gram, towards, low, high)
     return [
-        _sight(seen, one, settings, columns, share, float(remains))
-        for (one, settings), columns, remains, share in zip(every, changes, left, steps[:, p:])
+        _sight(seen, one, settings, columns, share, float(rest))
+        for (one, settings), columns, rest, share in zip(every, changes, left, steps[:, p:])
     ]
 
 
-def _shares(one: Candidate) -> tuple[float, float]:
+def shares(one: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
     if one.ripple:
         return -LARGEST, LARGEST
@@ -212,16 +147,26 @@ def _sight(
     if not one.ripple:
         change = columns[:, 0]
         return Sight(seen, one, settings, float(share[0]), change, seen.without(change), left)
-    switch, phase = one.ripple
-    change = columns @ share
-    size = settings[switch] * min(hypot(*share), LARGEST)
-    shown = {**settings, switch: size, phase: atan2(share[1], share[0])}
-    return Sight(seen, one, shown, 1.0, change, seen.without(change), left)
+    at_once = {**settings, one.ripple[1]: 0.0}
+    plain = Sight(seen, one, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
+    return turned(plain, share, left)
 
 
-def _remains(
+def turned(ripple: Sight, share: Array, left: float) -> Sight:
+    """Return a ripple with these shares of its sine and its cosine, shape (2,)."""
+    assert ripple.candidate.ripple
+    assert ripple.waves is not None
+    switch, phase = ripple.candidate.ripple
+    size = ripple.candidate.sizes[0][switch] * min(hypot(*share), LARGEST)
+    shown = {**ripple.settings, switch: size, phase: atan2(share[1], share[0])}
+    change = ripple.waves @ share
+    without = ripple.seen.without(change)
+    return replace(ripple, settings=shown, change=change, difference=without, left=left)
+
+
+def remains(
     seen: View, gram: Array, towards: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
-    """Squared errors that are left at the best steps inside a box, and these steps."""
+    """Return the squared errors that are left at the best steps inside a box, and these steps."""
     best = least_in_box(gram, towards, low, high)
     return float(seen.errors @ seen.errors) + value_at(gram, towards, best), best

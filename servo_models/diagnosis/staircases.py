@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.screening import Sight, left_beside, look
+from servo_models.diagnosis.pairs_seen import left_beside
+from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.sizes import Settings
 from servo_models.diagnosis.view import view
 from servo_models.recording import Log
