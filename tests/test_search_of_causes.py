@@ -18,7 +18,7 @@ from servo_models.diagnosis.evidence import blocks, judge
 from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_parameters
 from servo_models.diagnosis.fits import beside
 from servo_models.diagnosis.screening import look
-from servo_models.diagnosis.sizes import hidden_steps, travel
+from servo_models.diagnosis.sizes import travel
 from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free, free_parameter
 from servo_models.recording import Channel, Log
@@ -184,36 +184,6 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     found = beside(bench, retuned, sights[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
-
-
-@given(
-    st.floats(1e-3, 1.0),
-    st.floats(4.0, 60.0),
-    st.floats(0.0, 0.12),
-    st.integers(0, 2**32 - 1),
-)
-def test_codes_under_a_little_noise_show_their_step(
-    step: float, codes: float, noise: float, seed: int
-) -> None:
-    random = np.random.default_rng(seed)
-    smooth = step * codes * (0.5 - 0.5 * np.cos(np.linspace(0.0, 17.0, 3000)))
-    read = step * np.round(smooth / step) + noise * step * random.standard_normal(3000)
-    assert min(abs(found / step - 1.0) for found in hidden_steps([read])) < 0.015
-
-
-def test_a_step_is_shown_once_and_not_by_its_fractions() -> None:
-    random = np.random.default_rng(1)
-    motion = np.cumsum(random.standard_normal(4000))
-    found = np.array(
-        hidden_steps([np.round(motion / 5.0) * 5.0, np.round(motion[:500] / 5.0) * 5.0])
-    )
-    assert found[0] == pytest.approx(5.0, rel=1e-3)
-    parts = 5.0 / found[1:]
-    assert np.all(np.abs(parts - np.round(parts)) > 0.03 * np.round(parts))
-
-
-def test_values_that_do_not_move_have_no_step() -> None:
-    assert hidden_steps([np.full(100, 2.0)]) == []
 
 
 def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:

@@ -26,10 +26,13 @@ Array = NDArray[np.float64]
 DRAWS = 60
 
 
-def split(errors: Array, floor: float = 1.0, step: float = 0.0) -> LeftOver:
+def split(
+    errors: Array, floor: float = 1.0, step: float = 0.0, reading: Array | None = None
+) -> LeftOver:
     """Split errors [noise floors] of a reading with a floor and a reading step [SI]."""
     n = len(errors)
-    reading = np.random.default_rng(0).normal(size=n) * 20.0 * floor
+    if reading is None:
+        reading = np.random.default_rng(0).normal(size=n) * 20.0 * floor
     if step:
         reading = step * np.round(reading / step)
     times = np.linspace(0.0, 1e-3 * n, n)
@@ -81,6 +84,22 @@ def test_errors_louder_than_the_audit_allows_are_no_noise(
     found = [split(coloured(k, count, memory, size)) for k in range(DRAWS)]
     assert sum(missing(one, one.total) for one in found) > 0.9 * DRAWS
     assert np.median([one.structured for one in found]) > 0.75 * size
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_steps_of_a_quantiser_left_out_are_no_noise(memory: float) -> None:
+    """They are as fast as noise, but codes stay sharp.  The same errors without codes are noise."""
+    smooth, step, loud = 60.0 * motion(1500), 12.0, 1.0
+    for seed in range(10):
+        heard = loud * coloured(seed, 1500, memory)
+        stairs = step * np.round(smooth / step) - smooth
+        errors = heard + stairs
+        found = split(errors, reading=smooth + errors)
+        assert found.structured == pytest.approx(math.sqrt(np.mean(stairs**2)), rel=0.15)
+        assert missing(found, found.total)
+        as_loud = coloured(seed, 1500, 0.0, 3.0)
+        plain = split(as_loud, reading=smooth + as_loud)
+        assert not missing(plain, plain.total)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.9, 0.95])
