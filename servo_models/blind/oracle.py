@@ -34,7 +34,7 @@ from servo_models.diagnose import diagnose
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.evidence import dispersion
 from servo_models.diagnosis.explanation import Bench, Explanation, nominal_parameters
-from servo_models.diagnosis.fits import TRIED, beside, together
+from servo_models.diagnosis.fits import beside, likeliest, together
 from servo_models.diagnosis.pairs_seen import pairs
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.identification.problem import Problem
@@ -181,7 +181,7 @@ def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanatio
         for name in order:
             sights = _sights([name], explanation)
             if sights:
-                explanation = beside(bench, explanation, sights[:TRIED])
+                explanation = beside(bench, explanation, likeliest(sights))
                 found.append(explanation)
     for pair in pairs(_sights(names, retuned))[:1] if len(names) == 2 else ():
         found.append(together(bench, pair))

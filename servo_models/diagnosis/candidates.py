@@ -49,7 +49,7 @@ class Candidate:
     Attributes:
         name: of the place, such as ``"drive_dead_zone"``.
         wire: on which it acts.
-        free: its parameters, switches first.
+        free: its parameters, and ``switches`` those of them that switch it on.
         sizes: settings [SI] to look at first.
         stairs: whether the response is a staircase of the size, which no slope leads to.
         fine: of a staircase that nothing but a search finds, many more sizes for a second look.
@@ -65,6 +65,7 @@ class Candidate:
     name: str
     wire: str
     free: tuple[Free, ...]
+    switches: tuple[str, ...]
     sizes: tuple[Settings, ...]
     stairs: bool = False
     fine: tuple[Settings, ...] = ()
@@ -78,6 +79,17 @@ class Candidate:
     def trials(self) -> int:
         """How many sizes and shapes there were to choose from."""
         return len(self.sizes) + len(self.fine)
+
+    def shape_at(self, settings: Settings) -> tuple[tuple[str, float], ...]:
+        """Return the shape that ``settings`` give, to which slopes hardly lead.
+
+        A ripple has one for each count.  Inertia and compliance of a resonance are no shape and
+        size, but as good as two sizes.
+        """
+        if self.fastest:
+            return ()
+        sizes = (*self.switches, *(self.ripple or ()))
+        return tuple((name, 0.0 if name in sizes else it) for name, it in settings.items())
 
     def at(self, settings: Settings) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give."""
@@ -148,6 +160,7 @@ def _candidate(
         name=name,
         wire=wire,
         free=tuple(free),
+        switches=tuple(it.name for it in switches),
         sizes=tuple(sizes),
         stairs=effect in STAIRS,
         fine=tuple(fine(effect, switches[0], whole)) if searched else (),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -37,13 +37,14 @@ SETTLED = 0.3
 def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
     """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
 
-    It begins where least is left, and again from the next while a look has promised less.  An
-    effect that may jump begins with half of the jump as well, while something is left to explain.
+    It begins where least is left, and again from the next while a look has promised less.  While
+    something is left to explain, it begins with another shape, or half of a jump, as well.
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
     best: Explanation | None = None
-    begins = sorted((best_start([sight]) for sight in own), key=lambda it: it.cost)
+    begins = _unlike(sorted((best_start([sight]) for sight in own), key=lambda it: it.cost))
+    plain = len({_shape(it) for it in begins}) == 1
     for begin in begins[:STARTS]:
         if best and begin.cost > FAR * first.cost:
             break
@@ -54,7 +55,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         found = _polished(bench, found, first) if sight.candidate.stairs else found
         if best is None or found.cost < best.cost:
             best = found
-        if best.cost < PROMISED * min(it.left for it in own):
+        if best.cost < PROMISED * min(it.left for it in own) and (settled(best) or plain):
             break
         if sight.candidate.fastest and best.cost >= first.cost:
             break  # a resonance is slow to simulate, and from its best start it did nothing
@@ -65,6 +66,16 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         found = bench.fit(effects, [*kept, *free], values, begins[0].sights[0].seen.slopes)
         best = min(best, found, key=lambda it: it.cost)
     return best
+
+
+def _unlike(begins: Sequence[Start]) -> list[Start]:
+    """The same with those of another shape than the first right after it."""
+    first, *others = begins
+    return [first, *sorted(others, key=lambda it: _shape(it) == _shape(first))]
+
+
+def _shape(begin: Start) -> Hashable:
+    return begin.sights[0].candidate.shape_at(begin.sights[0].settings)
 
 
 def _half_jumps(
@@ -171,4 +182,16 @@ def names_of(sights: Iterable[Sight]) -> list[str]:
 def starts_of(sights: Sequence[Sight], count: int | None = None) -> Iterator[Seen]:
     """The effects seen first, each with the sizes from which its fit begins."""
     for name in names_of(sights)[:count]:
-        yield name, [sight for sight in sights if sight.candidate.name == name][:TRIED]
+        yield name, likeliest([sight for sight in sights if sight.candidate.name == name])
+
+
+def likeliest(own: Sequence[Sight]) -> list[Sight]:
+    """Of the sizes of one effect, best first, those that are worth a simulation.
+
+    A fit finds the size, but hardly another shape: of each shape the best size is one of them.
+    """
+    best: dict[Hashable, Sight] = {}
+    for sight in own:
+        best.setdefault(sight.candidate.shape_at(sight.settings), sight)
+    first = list(best.values())
+    return [*first, *(it for it in own if it not in first)][:TRIED]

@@ -12,12 +12,12 @@ import numpy as np
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import (
-    TRIED,
     Seen,
     Task,
     Tell,
     beside,
     best_of_each,
+    likeliest,
     names_of,
     settled,
     side_by_side,
@@ -139,10 +139,10 @@ class Looks:
         keys = {_key(first, one): one for one in every if one.name not in first.effects}
         new = {one.name: key for key, one in keys.items() if key not in self._known}
         self._known |= {key: [] for key in new.values()}
-        for sight in look((first.view,), [keys[key] for key in new.values()])[0]:
-            own = self._known[new[sight.candidate.name]]
-            if sight.candidate.stairs or len(own) < TRIED:
-                own.append(sight)
+        found = look((first.view,), [keys[key] for key in new.values()])[0]
+        for name in names_of(found):
+            own = [sight for sight in found if sight.candidate.name == name]
+            self._known[new[name]] = own if own[0].candidate.stairs else likeliest(own)
         known = chain.from_iterable(self._known[key] for key in keys)
         return sorted(known, key=lambda sight: sight.left)
 
@@ -211,13 +211,19 @@ def _sought(
     unlike: bool = True,
 ) -> list[Explanation]:
     """Explanations with each effect in turn taken out, and another one of ``every`` fitted in its
-    place: at most ``count``, which promise to leave less than ``enough`` times as much."""
+    place: at most ``count``, which promise to leave less than ``enough`` times as much.
+
+    One that has a shape is tried again whatever it promises: no slope may have led to it.
+    """
     tasks: list[Task] = []
     for name in found.effects:
         stays = bench.unfit(*_without(found, name), found.values)
-        nearer = [_nearer(one, found) for one in every]
-        likely = promising(seen_beside(stays, nearer), enough * found.cost, count, unlike)
-        tasks += [added(stays, other, own) for other, own in likely]
+        seen = seen_beside(stays, [_nearer(one, found) for one in every])
+        likely = dict(promising(seen, enough * found.cost, count, unlike))
+        own = likeliest([it for it in seen if it.candidate.name == name])
+        if len({it.candidate.shape_at(it.settings) for it in own}) > 1:
+            likely.setdefault(name, own)
+        tasks += [added(stays, other, sights) for other, sights in likely.items()]
     return list(side_by_side(bench, tasks, say))
 
 

@@ -70,11 +70,8 @@ class Sight:
     def at(self, scale: float) -> dict[str, float]:
         """Return the settings with so many times the effect, its size inside its bounds."""
         scale = 1.0 / scale if self.candidate.limiting else scale
-        switches = {
-            free.name: free
-            for free in self.candidate.free
-            if self.seen.problem.model.plant.parameters[free.name].param.switch
-        }
+        one = self.candidate
+        switches = {free.name: free for free in one.free if free.name in one.switches}
         return {
             name: min(max(scale * value, switches[name].low), switches[name].high)
             if name in switches
