@@ -50,7 +50,7 @@ class Candidate:
         name: of the place, such as ``"drive_dead_zone"``.
         wire: on which it acts.
         free: its parameters, and ``switches`` those of them that switch it on.
-        sizes: settings [SI] to look at first.
+        sizes: settings [SI] to look at first; none where logs show that it is not there.
         stairs: whether the response is a staircase of the size, which no slope leads to.
         fine: of a staircase that nothing but a search finds, many more sizes for a second look.
         ripple: its switch and its phase, if it has one: each size is then to be looked at
@@ -77,8 +77,8 @@ class Candidate:
 
     @property
     def trials(self) -> int:
-        """How many sizes and shapes there were to choose from."""
-        return len(self.sizes) + len(self.fine)
+        """How many sizes and shapes there were to choose from, at least 1."""
+        return max(len(self.sizes) + len(self.fine), 1)
 
     def shape_at(self, settings: Settings) -> tuple[tuple[str, float], ...]:
         """Return the shape that ``settings`` give, to which slopes hardly lead.
@@ -147,10 +147,11 @@ def _candidate(
         sizes = resonances(switches[0], inertia[0])
     else:
         sizes = shares(effect, switches, shape)
-    # codes of the very signal show its step, those of others in its unit may be of it
+    # codes of the very signal tell whether and how it is quantised, those of others may
     logged = effect == "quantisation" and any(wire in log.outputs for log in logs)
     if logged:
-        sizes += near_to(switches[0], quanta(switches[0], [wire], logs))
+        shown = (it for it in quanta(switches[0], [wire], logs) if it.sure)
+        sizes = near_to(switches[0], shown)
     elif effect == "quantisation":
         alike = [it for it in plant.outputs if plant.wire[it].unit == plant.wire[wire].unit]
         sizes += [{switches[0].name: it.size} for it in quanta(switches[0], alike, logs)]

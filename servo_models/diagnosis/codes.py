@@ -36,10 +36,11 @@ FAINT = 0.05
 
 
 class Step(NamedTuple):
-    """The step of a quantiser [SI] and its standard error."""
+    """The step of a quantiser [SI], its standard error, and whether its peak is no chance."""
 
     size: float
     error: float
+    sure: bool
 
 
 def hidden_steps(records: Sequence[Array]) -> list[Step]:
@@ -53,11 +54,14 @@ def hidden_steps(records: Sequence[Array]) -> list[Step]:
         return []
     values = np.concatenate(list(records))
     rates, heights = _peaks(longest)
+    by_chance = _by_chance(len(longest), CODES[1] - CODES[0])
     found: list[Step] = []
     while len(rates) and len(found) < PEAKS:
         # a noise-free quantiser has all multiples as high: the slowest is the step's own
-        rate = float(np.min(rates[heights > HIGH * heights.max()]))
-        found.append(_line_through_codes(values, 1.0 / rate))
+        first = int(np.flatnonzero(heights > HIGH * heights.max())[0])
+        rate = float(rates[first])
+        size, error = _line_through_codes(values, 1.0 / rate)
+        found.append(Step(size, error, bool(heights[first] > by_chance)))
         numbers = np.maximum(np.round(rates / rate), 1.0)
         apart = np.abs(rates / rate - numbers) > WHOLE * numbers
         rates, heights = rates[apart], heights[apart]
@@ -81,12 +85,16 @@ def loudest(values: Array, step: float) -> float:
     slowest, fastest = CODES[0] / reach, min(CODES[1] / reach, 0.5 / step if step else math.inf)
     own = (rates >= slowest) & (rates <= fastest)
     rates, heights = rates[own], heights[own]
-    drawn = MEMORY / len(values)
-    surely = heights - 2.0 * np.sqrt(0.5 * drawn * np.maximum(1.0 - heights**2, 0.0))
-    likely = drawn * (math.log(max(len(rates) / FINER, 1.0)) + CHANCE)
-    told = (heights**2 > likely) & (surely > FAINT)
+    drawn = 0.5 * MEMORY / len(values) * np.maximum(1.0 - heights**2, 0.0)
+    surely = heights - 2.0 * np.sqrt(drawn)
+    told = (heights > _by_chance(len(values), len(rates) / FINER)) & (surely > FAINT)
     bounds = np.sqrt(-0.5 * np.log(surely[told])) / (math.pi * rates[told])
     return float(np.min(bounds, initial=math.inf))
+
+
+def _by_chance(samples: int, frequencies: float) -> float:
+    """Height that noise alone hardly reaches at any of so many frequencies (Rayleigh)."""
+    return math.sqrt(MEMORY / samples * (math.log(max(frequencies, 1.0)) + CHANCE))
 
 
 def _characteristic(values: Array) -> tuple[Array, Array]:
@@ -105,8 +113,9 @@ def _peaks(values: Array) -> tuple[Array, Array]:
     return rates[low + peaks], inner[peaks]
 
 
-def _line_through_codes(values: Array, step: float) -> Step:
-    """The step by which values rise from code to code, counted with one that is about right."""
+def _line_through_codes(values: Array, step: float) -> tuple[float, float]:
+    """The step by which values rise from code to code, counted with one that is about right, and
+    its standard error."""
     codes, spread, error = np.zeros(len(values)), 0.0, math.inf
     for _ in range(COUNTED):
         phase = np.angle(np.mean(np.exp(2j * np.pi * values / step))) / (2.0 * np.pi)
@@ -118,4 +127,4 @@ def _line_through_codes(values: Array, step: float) -> Step:
         step = float(about @ values) / (len(values) * spread)
         rest = values - values.mean() - step * about
         error = math.sqrt(float(np.mean(rest**2)) * MEMORY / (len(values) * spread))
-    return Step(step, error)
+    return step, error

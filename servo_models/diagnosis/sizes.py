@@ -145,7 +145,7 @@ def near_to(switch: Parameter, steps: Iterable[Step]) -> list[Settings]:
     """Return the sizes about the steps that a code histogram of the quantised signal shows."""
     return [
         {switch.name: size + k * max(PRECISE * size, ERRORS * error / AROUND)}
-        for size, error in steps
+        for size, error, _ in steps
         for k in range(-AROUND, AROUND + 1)
     ]
 

@@ -1,0 +1,170 @@
+"""Whether commands are answered on the clock of a hold: its own evidence, apart from any error.
+
+A step of the command waits for the next tick.  By how much each one is late follows from when it
+comes and from the period alone; a delay or a lag makes all of them late alike, and other effects
+make them late in ways that know no clock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.diagnosis.explanation import Explanation
+from servo_models.identification.run import prepared
+from servo_models.recording import Log
+
+Array = NDArray[np.float64]
+
+REST = 5
+"""Rows for which a command stands still before a step of it and after."""
+STEPS = 4
+"""Steps of the command that tell a clock from chance, at least."""
+PART, BEFORE, AFTER = 12, 0.5, 1.5
+"""Parts of a period by which commands are moved, and how far to either side, in periods."""
+COARSE = 2.0
+"""Rows in a period, below which a log is too coarse to tell when a step is answered."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """When steps of a command were answered, and when a clock would have them answered.
+
+    Attributes:
+        effect: the hold, and its ``period`` [s].
+        due: lateness [s] by the clock, shape (k,).
+        late: measured lateness [s], shape (k,), and its standard error ``error``.
+    """
+
+    effect: str
+    period: float
+    due: Array
+    late: Array
+    error: Array
+
+    @property
+    def bunched(self) -> float:
+        """Length of the mean of the phases of the answers on the clock: 1 on ticks, 0 anywhere."""
+        turns = (self.late - self.due) / self.period
+        return float(np.abs(np.mean(np.exp(2j * np.pi * turns))))
+
+    @property
+    def chance(self) -> float:
+        """Probability that answers that know no clock are as bunched (Rayleigh)."""
+        return math.exp(-len(self.due) * self.bunched**2)
+
+
+def answers(found: Explanation, effect: str) -> Answers | None:
+    """Return when steps of the command are answered beside the other effects of a fit.
+
+    None where the hold does not act on a command, or too few steps of it, or rows, tell.
+
+    Args:
+        found: a fit with a hold on.
+        effect: name of the hold.
+    """
+    problem = found.problem
+    plant = problem.model.plant
+    wire = plant.placements[effect][0].on[0]
+    period = found.values[f"{effect}.period"]
+    if wire not in {it.name for it in plant.inputs}:
+        return None
+    values = {**found.values, f"{effect}.period": 0.0}
+    before = _delay_before(found, effect, wire)
+    parts = [_of_log(found, log, wire, values, (period, before)) for log in problem.logs]
+    due, late, error = (np.concatenate(part) for part in zip(*parts))
+    if len(due) < STEPS:
+        return None
+    return Answers(effect, period, due, late, error)
+
+
+def _delay_before(found: Explanation, effect: str, wire: str) -> float:
+    """Transport delay [s] of a command before it comes to a hold."""
+    plant, total = found.problem.model.plant, 0.0
+    values = {**found.problem.model.values, **found.values}
+    for name, (placement, *_) in plant.placements.items():
+        if name == effect:
+            break
+        if placement.effect.name == "transport_delay" and placement.on[0] == wire:
+            total += values[f"{name}.time"]
+    return total
+
+
+def _of_log(
+    found: Explanation,
+    log: Log,
+    wire: str,
+    values: dict[str, float],
+    clock: tuple[float, float],
+) -> tuple[Array, Array, Array]:
+    """Lateness by the clock, measured lateness and its standard error for each step of a log.
+
+    ``clock`` is its period [s] and by how much a command comes to it later than it was given.
+    """
+    none = np.empty(0), np.empty(0), np.empty(0)
+    period, before = clock
+    interval = float(np.median(np.diff(log.times)))
+    windows = _steps(log, wire)
+    if not windows or period < COARSE * interval:
+        return none
+    moves = _moves(period, interval)
+    squares = np.array([_squares(found, _moved(log, wire, k), values) for k in moves])
+    times = np.asarray(moves * interval)
+    rows = []
+    for begin, end in windows:
+        cost = squares[:, begin:end].sum(axis=1)
+        best = int(np.argmin(cost))
+        if 0 < best < len(moves) - 1:
+            late, curvature = _vertex(times[best - 1 : best + 2], cost[best - 1 : best + 2])
+            dispersion = max(cost[best] / (end - begin), 1.0)
+            now = log.times[begin] + log.settle + before
+            due = np.ceil(now / period - 1e-9) * period - now
+            rows.append((due, late, np.sqrt(2.0 * dispersion / curvature)))
+    return tuple(np.array(rows).T) if rows else none
+
+
+def _steps(log: Log, wire: str) -> list[tuple[int, int]]:
+    """Rows from a step of a command to its next change, where it rests before and after."""
+    if wire not in log.inputs:
+        return []
+    changes = 1 + np.flatnonzero(np.diff(log.inputs[wire]))
+    edges = np.concatenate([[0], changes, [len(log.times)]])
+    return [
+        (int(edge), int(after))
+        for before, edge, after in zip(edges, edges[1:], edges[2:])
+        if edge - before >= REST and after - edge >= REST
+    ]
+
+
+def _moves(period: float, interval: float) -> NDArray[np.int_]:
+    """By how many rows commands are moved."""
+    rows = period / interval
+    apart = max(int(rows / PART), 1)
+    return np.arange(-int(np.ceil(BEFORE * rows)), int(np.ceil(AFTER * rows)) + apart, apart)
+
+
+def _moved(log: Log, wire: str, rows: int) -> Log:
+    """A log whose command comes so many rows later."""
+    command = log.inputs[wire]
+    places = np.clip(np.arange(len(command)) - rows, 0, len(command) - 1)
+    return replace(log, inputs={**log.inputs, wire: command[places]})
+
+
+def _squares(found: Explanation, log: Log, values: dict[str, float]) -> Array:
+    """Squared errors of each row of a log [noise floors^2], all outputs together, shape (n,)."""
+    problem = found.problem
+    run = prepared(problem.model, log)
+    errors = (run.outputs(values) - np.column_stack(list(log.outputs.values()))) / np.array(
+        [problem.sigma[name] for name in log.outputs]
+    )
+    return np.asarray(np.sum(errors**2, axis=1))
+
+
+def _vertex(at: Array, cost: Array) -> tuple[float, float]:
+    """Where a parabola through three points is least, and its second derivative."""
+    second, first, _ = np.polyfit(at - at[1], cost, 2)
+    second = max(second, 1e-300)
+    return float(at[1] - 0.5 * first / second), float(2.0 * second)
