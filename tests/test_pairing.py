@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from servo_models.diagnosis.causes import find_causes
-from servo_models.diagnosis.fits import TRIED, beside, settled
+from servo_models.diagnosis.fits import TRIED, beside, likeliest, settled
 from servo_models.diagnosis.further import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.pairing import lookalikes, narrowed, promising, seen_beside
-from servo_models.diagnosis.pairs_seen import left_beside
+from servo_models.diagnosis.pairing import Looks, lookalikes, narrowed, promising, seen_beside
+from servo_models.diagnosis.pairs_seen import left_beside, pairs
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.diagnosis.view import View
@@ -93,6 +93,57 @@ def test_a_near_start_weighs_parameters_as_a_library_does(seed: int, apart: floa
     expected = problem.values(vector)
     scales = dict(zip(expected, problem.scales))
     assert all(abs(found[k] - expected[k]) < 1e-6 * scales[k] for k in expected)
+
+
+def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
+    """A pair is seen with the ripple at the count and phase that it has beside the friction."""
+    true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
+    friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
+    bench, every = made({**true, **friction})
+    wanted = [every[name] for name in ("cogging", "stribeck_friction")]
+    sights = look((bench.fit((), ()).view,), wanted)[0]
+    alone = next(it for it in sights if it.candidate.name == "cogging")
+    ((one, other),) = pairs(sights)
+    ripple = one if one.candidate.name == "cogging" else other
+    counts = np.diff([size["cogging.count"] for size in every["cogging"].sizes[:2]])[0]
+    assert abs(alone.settings["cogging.count"] - 200.0) > counts
+    assert abs(ripple.settings["cogging.count"] - 200.0) < counts
+    assert ripple.settings["cogging.torque"] == pytest.approx(1e-3, rel=0.5)
+
+
+def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    first = bench.fit(("coulomb_friction",), every["coulomb_friction"].free)
+    others = [every[name] for name in ("cogging", "stribeck_friction", "dead_band")]
+    looks, asked = Looks(), []
+
+    def counted(views: Any, wanted: Any, corrected: bool = True) -> Any:
+        asked.append([one.name for one in wanted])
+        return look(views, wanted, corrected)
+
+    monkeypatch.setattr("servo_models.diagnosis.pairing.look", counted)
+    found = looks.beside(first, others[:2])
+    again = looks.beside(first, others)
+    assert asked == [["cogging", "stribeck_friction"], ["dead_band"]]
+    assert {id(it) for it in found} <= {id(it) for it in again}
+    assert [it.left for it in again] == sorted(it.left for it in again)
+    best = min(it.left for it in seen_beside(first, others))
+    assert again[0].left == pytest.approx(best, rel=1e-9)
+
+
+def test_a_fit_begins_with_several_shapes() -> None:
+    """Slopes from a wrong one may lead to its bound: friction at 5 mrad/s for that at 100."""
+    friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
+    bench, every = made(friction)
+    one = every["stribeck_friction"]
+    sights = look((bench.fit((), ()).view,), [one])[0]
+    tried = likeliest(sights)
+    speeds = [it.settings["stribeck_friction.speed"] for it in tried]
+    assert len(set(speeds)) == len(speeds) == TRIED
+    assert tried[0] is sights[0]
+    wrong = sorted(tried, key=lambda it: it.settings["stribeck_friction.speed"])
+    found = beside(bench, bench.fit((), ()), wrong[:2])
+    assert found.values["stribeck_friction.speed"] == pytest.approx(0.1, rel=0.1)
 
 
 @given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 4))

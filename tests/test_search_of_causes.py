@@ -186,6 +186,31 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_reading_is_quantised_where_its_codes_show_it() -> None:
+    step = 4e-3
+    _, every = made({"sensor_quantisation.step": step}, noise=3e-4)
+    one = every["sensor_quantisation"]
+    assert one.stairs
+    assert not one.fine
+    sizes = np.array([size["sensor_quantisation.step"] for size in one.sizes])
+    assert np.min(np.abs(sizes / step - 1.0)) < 1e-3
+
+
+def test_a_reading_without_codes_is_not_quantised_at_any_size() -> None:
+    bench, _ = made({}, noise=3e-4)
+    (log,) = bench.logs
+    late = slice(600, None)  # a chirp, which rests nowhere
+    chirp = replace(
+        log, times=log.times[:600], rows=log.rows[late], held_out=log.held_out[late],
+        inputs={"voltage": log.inputs["voltage"][late]},
+        outputs={"angle": log.outputs["angle"][late]},
+    )  # fmt: skip
+    one = {it.name: it for it in candidates(bench.model, [chirp])}["sensor_quantisation"]
+    assert one.sizes == ()
+    assert one.trials == 1
+    assert look((bench.fit((), ()).view,), [one]) == ([], {one.name: 0.0})
+
+
 def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
     _, every = made({})
     one = every["gear_compliance"]
@@ -204,7 +229,7 @@ def test_every_effect_is_looked_at_whatever_the_travel(share: float) -> None:
     (log,) = bench.logs
     small = replace(log, outputs={"angle": share * log.outputs["angle"]})
     for one in candidates(bench.model, [small]):
-        assert one.sizes
+        assert one.sizes or one.name == "sensor_quantisation"
         assert one.trials >= len(one.sizes)
         for settings in one.sizes:
             for free in one.at(dict(settings)):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.diagnosis.fits import beside
-from servo_models.diagnosis.pairing import stairs_seen
+from servo_models.diagnosis.pairing import seen_beside, stairs_seen
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.diagnosis.staircases import shortened, shortlist
@@ -111,7 +111,8 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     friction = look((retuned.view,), [every["coulomb_friction"]])[0]
     first = beside(bench, retuned, friction[:2])
     others = [one for one in every.values() if not one.fine]
-    seen = stairs_seen(bench, first, [*others, every["sample_hold"]])
+    both = [*others, every["sample_hold"]]
+    seen = stairs_seen(bench, first, both, seen_beside(first, both))
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
 
@@ -143,9 +144,11 @@ def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
     assert after < 1.1 * least
 
 
-def test_an_effect_without_stairs_has_no_list_of_sizes() -> None:
-    plant = model("torque_motor").plant
-    assert fine("cogging", plant.parameters["cogging.torque"], 1.0) == []
+def test_only_a_staircase_has_many_sizes_to_be_searched() -> None:
+    _, every = made({})
+    searched = {one.name for one in every.values() if one.fine}
+    assert searched == {"sample_hold", "dead_band", "command_quantisation"}
+    assert {one.name for one in every.values() if one.stairs} == {*searched, "sensor_quantisation"}
 
 
 def test_a_correction_that_leads_astray_is_not_followed() -> None:
