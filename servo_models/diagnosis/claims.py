@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.detectors import Detection, detection
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.gap import closed
 from servo_models.diagnosis.verdict import Verdict
@@ -38,6 +39,8 @@ class Claim:
         closed: share of the reducible gap [1] that it closes, None where there is none.
         converged: False where its fit did not; it is ranked all the same.
         reach: how far it can move the outputs of these logs [noise floors].
+        detected: what its own detector says, None where there is none or it can say nothing, and
+            of effects that are not believed.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Claim:
     closed: float | None
     converged: bool
     reach: float
+    detected: Detection | None = None
 
 
 def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
@@ -80,6 +84,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
         closed=closed(causes.before.rms, after, 1.0),
         converged=explanation.converged,
         reach=causes.reach.get(name, 0.0),
+        detected=detection(explanation, name) if matters else None,
     )
 
 

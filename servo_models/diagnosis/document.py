@@ -13,6 +13,7 @@ from typing import Any
 from servo_models.diagnosis import words
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
@@ -132,6 +133,16 @@ def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
         "closed": claim.closed,
         "converged": claim.converged,
         "reach": claim.reach,
+        "detected": None if claim.detected is None else _detected(claim.detected),
+    }
+
+
+def _detected(seen: Detection) -> dict[str, Any]:
+    return {
+        "by": "codes" if isinstance(seen, Codes) else "clock",
+        "bunched": seen.bunched,
+        "by_chance": seen.chance,
+        "text": sentence(seen),
     }
 
 

@@ -8,6 +8,7 @@ from servo_models.actuator import Plant
 from servo_models.diagnosis import words
 from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.detectors import sentence
 from servo_models.diagnosis.experiment import Experiment
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
@@ -34,6 +35,7 @@ HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
 PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
 RULED_OUT = ("why", "effects")
+DETECTED = ("effect", "its own detector")
 
 
 def diagnosis_sheet(
@@ -60,6 +62,7 @@ def diagnosis_sheet(
         Table("Held out, RMS in noise floors", HELD_OUT_LOGS, tuple(_held_out(found))),
         Table("Where the squared error lies", ("along", ""), places),
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
+        Table("Seen apart from any error", DETECTED, tuple(_detected(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
         Table("Parameters", PARAMETERS, tuple(_parameters(found))),
         Table(_next(experiments), ("number", ""), next_),
@@ -139,6 +142,12 @@ def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
             _percent(claim.closed),
             ", ".join(said),
         )
+
+
+def _detected(found: Diagnosis) -> Iterator[tuple[str, str]]:
+    for claim in found.claims:
+        if claim.detected is not None:
+            yield claim.name, sentence(claim.detected)
 
 
 def _percent(share: float | None) -> str:

@@ -137,7 +137,7 @@ def ruled_out(found: Diagnosis) -> dict[str, str]:
 
 def _unseen(reach: float) -> str:
     if reach == 0.0:
-        return "these logs do not show it: no size that they suggest moves what is measured"
+        return "these logs cannot show it: no size that they suggest moves what is measured"
     return f"these logs cannot show it: it moves the outputs by {reach:.1g} noise floors at most"
 
 

@@ -9,6 +9,7 @@ from servo_models.diagnosis.experiment import Experiment
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.where import Breakdown
 from servo_models.report.diagnosis import (
+    detectors,
     evidence,
     experiment,
     gap,
@@ -53,6 +54,7 @@ def diagnosis_page(
                 gap.section(found, confirmed),
                 regimes.section(where),
                 evidence.section(found),
+                detectors.section(found),
                 ruled_out.section(found),
                 parameters.section(found),
                 experiment.section(found, experiments),

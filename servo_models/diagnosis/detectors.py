@@ -1,0 +1,98 @@
+"""What speaks for an effect apart from any error: codes of a quantiser, ticks of a hold.
+
+Both fold something at the size that a fit has found, and ask how bunched it is: readings at the
+step, and the times at which commands are answered at the period.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuator import Wire
+from servo_models.diagnosis.clock import Answers, answers
+from servo_models.diagnosis.codes import MEMORY
+from servo_models.diagnosis.explanation import Explanation
+from servo_models.experiment import display
+
+Array = NDArray[np.float64]
+
+DOUBTFUL = 0.05
+"""Probability of as much by chance, above which a detector confirms nothing."""
+RARE = 1e-3
+"""Probability below which the number itself says no more."""
+
+
+@dataclass(frozen=True)
+class Codes:
+    """Readings of a quantised signal, folded at its step.
+
+    Attributes:
+        effect: the quantiser, and the wire ``reading`` that it quantises.
+        step: [SI].
+        phases: of the readings on the step [steps], -0.5 to 0.5 about the codes, shape (n,).
+    """
+
+    effect: str
+    reading: Wire
+    step: float
+    phases: Array
+
+    @property
+    def bunched(self) -> float:
+        """Length of the mean of the phases: 1 on codes, 0 anywhere."""
+        return float(np.abs(np.mean(np.exp(2j * np.pi * self.phases))))
+
+    @property
+    def chance(self) -> float:
+        """Probability that readings that know no codes are as bunched (Rayleigh)."""
+        return math.exp(-len(self.phases) / MEMORY * self.bunched**2)
+
+
+Detection = Codes | Answers
+
+
+def detection(found: Explanation, name: str) -> Detection | None:
+    """Return what an effect's own detector says of it, None where it has none or can say nothing.
+
+    Args:
+        found: a fit with the effect on.
+        name: of the effect.
+    """
+    placement = found.problem.model.plant.placements[name][0]
+    if placement.effect.name == "sample_hold":
+        return answers(found, name)
+    if placement.effect.name == "quantisation":
+        return _codes(found, name, placement.on[0])
+    return None
+
+
+def sentence(seen: Detection) -> str:
+    """Return what a detector says, in words."""
+    if isinstance(seen, Codes):
+        scale, unit = display(seen.reading)
+        said = f"{seen.reading.name} bunches at codes {scale * seen.step:.3g} {unit}".rstrip()
+        said = f"{said} apart"
+    else:
+        low, high = 1e3 * float(seen.late.min()), 1e3 * float(seen.late.max())
+        said = (
+            f"{len(seen.late)} steps of the command are answered {low:.3g} to {high:.3g} ms late,"
+            f" bunched at ticks every {1e3 * seen.period:.3g} ms"
+        )
+    chance = "below 0.001" if seen.chance < RARE else f"{seen.chance:.1g}"
+    doubtful = ", which confirms nothing" if seen.chance > DOUBTFUL else ""
+    return f"{said}: {seen.bunched:.2f} of 1, by chance {chance}{doubtful}"
+
+
+def _codes(found: Explanation, name: str, wire: str) -> Codes | None:
+    records = [log.outputs[wire] for log in found.problem.logs if wire in log.outputs]
+    if not records:
+        return None
+    step = found.values[f"{name}.step"]
+    turns = np.concatenate(records) / step
+    middle = float(np.angle(np.mean(np.exp(2j * np.pi * turns)))) / (2.0 * np.pi)
+    phases = turns - middle - np.round(turns - middle)
+    return Codes(name, found.problem.model.plant.wire[wire], step, phases)
