@@ -157,17 +157,17 @@ if __name__ == "__main__":
 # Result: two cores, nothing beside it; CPython 3.11, numba 0.68.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             13.7 s    8.1 s    469 MiB
-# torque motor, 1 s at 10 kHz       8.9 s    5.3 s    419 MiB
+# SG90, 60 s at 200 Hz             14.5 s    8.7 s    515 MiB
+# torque motor, 1 s at 10 kHz       8.5 s    4.3 s    445 MiB
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             2.9 s   2.7 s   5.2 s  11.8 s
-# torque motor, 1 s at 10 kHz      0.5 s   0.8 s   1.2 s   2.3 s
+# SG90, 60 s at 200 Hz             2.5 s   3.1 s   5.6 s  12.7 s
+# torque motor, 1 s at 10 kHz      0.5 s   0.8 s   1.4 s   2.5 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz             8.0 s   2.9 s   5.0 s   5.2 s
-# torque motor, 1 s at 10 kHz      1.2 s   1.6 s   1.1 s   1.4 s
+# SG90, 60 s at 200 Hz             8.0 s   3.1 s   5.2 s   5.6 s
+# torque motor, 1 s at 10 kHz      1.2 s   1.5 s   1.4 s   1.4 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz             9.8 s   5.3 s  1.84
-# torque motor, 1 s at 10 kHz      1.8 s   1.5 s  1.26
+# SG90, 60 s at 200 Hz            10.0 s   5.5 s  1.82
+# torque motor, 1 s at 10 kHz      2.3 s   1.8 s  1.27
