@@ -69,6 +69,8 @@ def test_the_page_draws_what_each_detector_sees() -> None:
         "angle, folded at the step",
         "When steps of the command are answered, period 2.43 ms",
     ]
-    assert len(section.tables[0].lines) == 2
+    for drawn, seen in zip(section.pictures, (codes, ticks)):
+        assert seen is not None
+        assert sentence(seen) in drawn.text
     found.claims = [SimpleNamespace(detected=None)]
     assert page.section(found) is None

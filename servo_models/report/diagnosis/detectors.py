@@ -9,7 +9,7 @@ from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.experiment import display
 from servo_models.report.identification.readings import words
-from servo_models.report.parts import Line, Section, Table
+from servo_models.report.parts import Section
 from servo_models.report.style import Picture, colour, drawing, picture
 
 TITLE = "Codes and ticks"
@@ -21,13 +21,12 @@ def section(found: Diagnosis) -> Section | None:
     seen = [claim.detected for claim in found.claims if claim.detected is not None]
     if not seen:
         return None
-    lines = tuple(Line((words(it.effect), sentence(it))) for it in seen)
     return Section(
         "detectors",
         TITLE,
         "A quantiser leaves codes in its reading, and a hold answers commands on its ticks. Both"
         " show, or do not, whatever error a fit leaves.",
-        (Table("Seen apart from any error", ("effect", "its own detector"), lines),),
+        (),
         tuple(map(_picture, seen)),
     )
 
@@ -47,8 +46,8 @@ def _codes(seen: Codes) -> Picture:
             figure,
             name,
             f"{words(seen.reading.name)}, folded at the step",
-            "A quantiser makes a peak, as wide as the noise after it; without one, the bars are"
-            " level.",
+            f"{_said(seen)} A quantiser makes a peak, as wide as the noise after it; without one,"
+            " the bars are level.",
         )
 
 
@@ -67,6 +66,10 @@ def _ticks(seen: Answers) -> Picture:
             figure,
             name,
             f"When steps of the command are answered, period {1e3 * seen.period:.3g} ms",
-            "On the line: a step waits for the next tick. Level: all are late alike, as by a"
-            " delay. Anywhere: no clock.",
+            f"{_said(seen)} On the line: a step waits for the next tick. Level: all are late"
+            " alike, as by a delay. Anywhere: no clock.",
         )
+
+
+def _said(seen: Detection) -> str:
+    return f"{words(seen.effect).capitalize()}: {sentence(seen)}."
