@@ -7,12 +7,12 @@ make them late in ways that know no clock.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.diagnosis.codes import as_bunched, bunched
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.identification.run import prepared
 from servo_models.recording import Log
@@ -48,13 +48,12 @@ class Answers:
     @property
     def bunched(self) -> float:
         """Length of the mean of the phases of the answers on the clock: 1 on ticks, 0 anywhere."""
-        turns = (self.late - self.due) / self.period
-        return float(np.abs(np.mean(np.exp(2j * np.pi * turns))))
+        return bunched((self.late - self.due) / self.period)
 
     @property
     def chance(self) -> float:
-        """Probability that answers that know no clock are as bunched (Rayleigh)."""
-        return math.exp(-len(self.due) * self.bunched**2)
+        """Probability that answers that know no clock are as bunched."""
+        return as_bunched(self.bunched, len(self.due))
 
 
 def answers(found: Explanation, effect: str) -> Answers | None:

@@ -6,7 +6,6 @@ step, and the times at which commands are answered at the period.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from servo_models.actuator import Wire
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.codes import MEMORY
+from servo_models.diagnosis.codes import MEMORY, as_bunched, bunched
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.experiment import display
 
@@ -44,12 +43,12 @@ class Codes:
     @property
     def bunched(self) -> float:
         """Length of the mean of the phases: 1 on codes, 0 anywhere."""
-        return float(np.abs(np.mean(np.exp(2j * np.pi * self.phases))))
+        return bunched(self.phases)
 
     @property
     def chance(self) -> float:
-        """Probability that readings that know no codes are as bunched (Rayleigh)."""
-        return math.exp(-len(self.phases) / MEMORY * self.bunched**2)
+        """Probability that readings that know no codes are as bunched."""
+        return as_bunched(self.bunched, len(self.phases) / MEMORY)
 
 
 Detection = Codes | Answers
