@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_blind import MADE
+from test_blind_score import MADE
 
 from servo_models.blind.interval import Figure
 from servo_models.blind.oracle import Known
