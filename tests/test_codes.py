@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from servo_models.diagnosis.codes import hidden_steps, loudest
+from servo_models.diagnosis.codes import Step, hidden_steps, loudest
 from servo_models.simulate import Array
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -60,6 +60,24 @@ def test_a_step_is_shown_once_and_not_by_its_fractions() -> None:
     assert found[0] == pytest.approx(5.0, rel=1e-3)
     parts = 5.0 / found[1:]
     assert np.all(np.abs(parts - np.round(parts)) > 0.03 * np.round(parts))
+
+
+def test_a_step_that_one_record_hardly_shows_is_sure_by_several_of_the_same_codes() -> None:
+    """Each moves elsewhere and has noise of its own; what they share is the grid of codes."""
+    alone, both = [], []
+    for seed in range(20):
+        smooth = (motion(600, 6.3) + 0.37, motion(600, 5.9) + 2.71)
+        records = [
+            np.round(it) + 0.26 * noise(2 * seed + k, 600, 0.0) for k, it in enumerate(smooth)
+        ]
+        alone += [any(is_one(it) for it in hidden_steps([one])) for one in records]
+        both.append(any(is_one(it) for it in hidden_steps(records)))
+    assert np.mean(both) > 0.9
+    assert np.mean(alone) < 0.6
+
+
+def is_one(step: Step) -> bool:
+    return step.sure and abs(step.size - 1.0) < 0.02
 
 
 def test_values_that_do_not_move_have_no_step_and_bound_no_noise() -> None:

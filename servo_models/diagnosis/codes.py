@@ -23,8 +23,11 @@ BINS, FINER, CODES = 4096, 8, (1.5, 600)
 it that a histogram can show."""
 WHOLE, HIGH = 0.03, 0.9
 """Deviation of a multiple of a peak, relative to its number, and height that is as high."""
-PEAKS = 3
-"""Steps taken from a code histogram."""
+SHARP = 0.95
+"""Height of a peak from which values lie on codes without noise."""
+PEAKS = 4
+"""Steps taken from a code histogram: of a reading that is rounded itself, one is its own, and places
+where an actuator rests make others of a few codes."""
 COUNTED = 20
 """Times that codes are counted anew, at most, along the line through those before."""
 MEMORY = 5.0
@@ -46,15 +49,14 @@ class Step(NamedTuple):
 def hidden_steps(records: Sequence[Array]) -> list[Step]:
     """Return the likeliest steps of a quantiser whose codes carry a little noise, best first.
 
-    ``records`` are of one signal, each of shape (n,); no step is a whole fraction of a better
-    one.
+    ``records`` are of one signal, each of shape (n,), and so on the same codes; no step is a
+    whole fraction of a better one.
     """
-    longest = max(records, key=np.ptp)
-    if float(np.ptp(longest)) == 0.0:
-        return []
     values = np.concatenate(list(records))
-    rates, heights = _peaks(longest)
-    by_chance = _by_chance(len(longest), CODES[1] - CODES[0])
+    if float(np.ptp(values)) == 0.0:
+        return []
+    rates, heights = _peaks(values)
+    by_chance = _by_chance(len(values), CODES[1] - CODES[0])
     found: list[Step] = []
     while len(rates) and len(found) < PEAKS:
         # a noise-free quantiser has all multiples as high: the slowest is the step's own
@@ -64,6 +66,11 @@ def hidden_steps(records: Sequence[Array]) -> list[Step]:
         found.append(Step(size, error, bool(heights[first] > by_chance)))
         numbers = np.maximum(np.round(rates / rate), 1.0)
         apart = np.abs(rates / rate - numbers) > WHOLE * numbers
+        if heights[first] > SHARP:
+            apart &= rates < 0.5 * rate  # beyond, all that is below comes again
+        else:
+            # the noise that lowers the first multiple lowers the next more (normal law)
+            apart |= heights > np.maximum(heights[first] ** numbers**2, by_chance)
         rates, heights = rates[apart], heights[apart]
     return found
 
