@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.actuator import Parameter
+from servo_models.actuator import Parameter, Plant
 from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,
@@ -129,48 +129,75 @@ def _candidate(
     switches: list[Parameter],
     parameters: list[Parameter],
 ) -> Candidate:
-    plant = model.plant
-    placement = plant.placements[name][0]
+    placement = model.plant.placements[name][0]
     effect, wire = placement.effect.name, placement.on[0]
     shape = [
         p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
     ]
-    free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
-    free += [free_parameter(p, model.values[p.name], None) for p in shape]
-    free = [_periodic(it, PERIODS * 2.0 * math.pi / travel(plant, logs)) for it in free]
-    phase = ripple_of(name, shape)
-    part = JUMP_PARTS.get(effect)
-    inertia = [p for p in shape if p.name == f"{name}.{RESONANT[1]}"]
-    if phase:
-        sizes = ripples(switches[0], shape, plant, logs)
-    elif inertia:
-        sizes = resonances(switches[0], inertia[0])
-    else:
-        sizes = shares(effect, switches, shape)
-    # codes of the very signal tell whether and how it is quantised, those of others may
-    logged = effect == "quantisation" and any(wire in log.outputs for log in logs)
-    if logged:
-        shown = (it for it in quanta(switches[0], [wire], logs) if it.sure)
-        sizes = near_to(switches[0], shown)
-    elif effect == "quantisation":
-        alike = [it for it in plant.outputs if plant.wire[it].unit == plant.wire[wire].unit]
-        sizes += [{switches[0].name: it.size} for it in quanta(switches[0], alike, logs)]
-    searched = effect in STAIRS and not logged
+    free = _freed(model, logs, switches, shape)
+    phase, part = ripple_of(name, shape), JUMP_PARTS.get(effect)
+    sizes = _sizes(model.plant, logs, name, switches, shape)
+    searched = effect in STAIRS and not _reads(effect, wire, logs)
     whole = _whole(model, logs, effect, wire) if searched else 0.0
     return Candidate(
         name=name,
         wire=wire,
-        free=tuple(free),
+        free=free,
         switches=tuple(it.name for it in switches),
         sizes=tuple(sizes),
         stairs=effect in STAIRS,
         fine=tuple(fine(effect, switches[0], whole)) if searched else (),
         ripple=(switches[0].name, phase) if phase else None,
         jump=next((it for it in free if part and it.name == f"{name}.{part}"), None),
-        fastest=_fastest(logs) if inertia else 0.0,
+        fastest=_fastest(logs) if _inertia(name, shape) else 0.0,
         late=effect == "sample_hold",
         limiting=effect in LIMITING,
     )
+
+
+def _freed(
+    model: Model, logs: Sequence[Log], switches: Iterable[Parameter], shape: Iterable[Parameter]
+) -> tuple[Free, ...]:
+    """The parameters of an effect within its reach: those that switch it on, then its shape."""
+    free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
+    free += [free_parameter(p, model.values[p.name], None) for p in shape]
+    once = PERIODS * 2.0 * math.pi / travel(model.plant, logs)
+    return tuple(_periodic(it, once) for it in free)
+
+
+def _sizes(
+    plant: Plant,
+    logs: Sequence[Log],
+    name: str,
+    switches: Sequence[Parameter],
+    shape: Sequence[Parameter],
+) -> list[Settings]:
+    """Settings of an effect to look at first."""
+    placement, switch = plant.placements[name][0], switches[0]
+    effect, wire = placement.effect.name, placement.on[0]
+    inertia = _inertia(name, shape)
+    if ripple_of(name, shape):
+        return ripples(switch, shape, plant, logs)
+    if inertia:
+        return resonances(switch, inertia)
+    if _reads(effect, wire, logs):
+        # codes of the very signal tell whether and how it is quantised
+        return near_to(switch, (it for it in quanta(switch, [wire], logs) if it.sure))
+    found = shares(effect, switches, shape)
+    if effect == "quantisation":
+        alike = [it for it in plant.outputs if plant.wire[it].unit == plant.wire[wire].unit]
+        found += [{switch.name: it.size} for it in quanta(switch, alike, logs)]
+    return found
+
+
+def _inertia(name: str, shape: Iterable[Parameter]) -> Parameter | None:
+    """The inertia of an effect that is a resonance, None of any other."""
+    return next((p for p in shape if p.name == f"{name}.{RESONANT[1]}"), None)
+
+
+def _reads(effect: str, wire: str, logs: Iterable[Log]) -> bool:
+    """Whether an effect quantises a signal that is logged."""
+    return effect == "quantisation" and any(wire in log.outputs for log in logs)
 
 
 def _whole(model: Model, logs: Sequence[Log], effect: str, wire: str) -> float:
