@@ -17,7 +17,7 @@ from servo_models.diagnosis.evidence import Evidence
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, beside_each, best_of_each, settled, starts_of
 from servo_models.diagnosis.further import further
-from servo_models.diagnosis.pairing import LESS, halves_of, narrowed
+from servo_models.diagnosis.pairing import LESS, halves_of, lookalikes, narrowed
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.worth import earns
 
@@ -102,6 +102,10 @@ def find_causes(
         singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
     taken = _taken(bench, retuned, singles, couples)
     more = further(bench, taken, couples, near, say) if len(taken.effects) > 1 else []
+    if len(taken.effects) > 1 and not more and not settled(taken):
+        # beside a pair that leaves noise only they have been sought already
+        couples = best_of_each([*couples, *lookalikes(bench, taken, near, say)])
+        taken = _taken(bench, retuned, singles, couples)
     taken = more[0] if more else taken
     if taken is not retuned:
         say(f"fitting {' and '.join(taken.effects)} to the end")
