@@ -26,8 +26,8 @@ WHOLE, HIGH = 0.03, 0.9
 SHARP = 0.95
 """Height of a peak from which values lie on codes without noise."""
 PEAKS = 4
-"""Steps taken from a code histogram: of a reading that is rounded itself, one is its own, and places
-where an actuator rests make others of a few codes."""
+"""Steps taken from a code histogram: of a reading that is rounded itself, one is its own, and
+places where an actuator rests make others of a few codes."""
 COUNTED = 20
 """Times that codes are counted anew, at most, along the line through those before."""
 MEMORY = 5.0
