@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,41 +74,19 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     header = entry.content.get("header")
     if header is not None and not isinstance(header, bool):
         entry.fail("header", "neither true nor false")
-    main = time_table(entry)
-    plant = chosen.plant
+    main, plant = time_table(entry), chosen.plant
     wires = {wire.name: wire for wire in plant.inputs}
-    inputs = _mapped(entry.section("inputs"), "input", wires, main)
     readings = {name: plant.wire[name] for name in plant.outputs}
-    outputs = _mapped(entry.section("outputs"), "output", readings, main)
-    if not outputs:
-        entry.fail("outputs", 'missing; write outputs.NAME = { column = "...", unit = "..." }')
-    for name, mapped in outputs.items():
-        if mapped.table != main:
-            entry.section("outputs").fail(
-                name,
-                f"it is in table '{mapped.table}', the time in '{main or ''}'; take the time from"
-                " the output's table (only inputs can be held over from another)",
-            )
+    inputs = _mapped(entry.section("inputs"), "input", wires, main)
+    outputs = _outputs(entry, readings, main)
 
     def table(name: str | None) -> Columns:
         return read(path, name, header)
 
     columns = table(main)
-    clock = cut_window(entry, read_clock(entry, columns))
-    others = {
-        mapped.table: read_clock(entry, table(mapped.table), held=True)
-        for mapped in inputs.values()
-        if mapped.table != main
-    }
-    first = max(
-        (int(np.searchsorted(clock.stamps, o.stamps[0])) for o in others.values()), default=0
-    )
-    clock = clock.cut(first, len(clock.stamps))
-    if len(clock.stamps) < LEAST_SAMPLES:
-        raise UserError(
-            f"'{path}' has {len(clock.stamps)} samples to use: at least {LEAST_SAMPLES} are"
-            " needed; record longer or widen the window"
-        )
+    apart = dict.fromkeys(it.table for it in inputs.values() if it.table != main)
+    others = {name: read_clock(entry, table(name), held=True) for name in apart}
+    clock = _begun(cut_window(entry, read_clock(entry, columns)), others.values(), path)
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
     fed = {
         name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
@@ -135,6 +113,34 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
         settle=_settle(entry, chosen, fed, constants, float(times[-1])),
         skipped=skipped(entry, times, fed),
     )
+
+
+def _outputs(entry: Section, readings: Mapping[str, Wire], main: str | None) -> dict[str, Mapped]:
+    """How columns become outputs, which have to be in the table of the time."""
+    section = entry.section("outputs")
+    outputs = _mapped(section, "output", readings, main)
+    if not outputs:
+        entry.fail("outputs", 'missing; write outputs.NAME = { column = "...", unit = "..." }')
+    for name, mapped in outputs.items():
+        if mapped.table != main:
+            section.fail(
+                name,
+                f"it is in table '{mapped.table}', the time in '{main or ''}'; take the time from"
+                " the output's table (only inputs can be held over from another)",
+            )
+    return outputs
+
+
+def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
+    """The clock of a log from where every other table has begun."""
+    firsts = (int(np.searchsorted(clock.stamps, other.stamps[0])) for other in others)
+    clock = clock.cut(max(firsts, default=0), len(clock.stamps))
+    if len(clock.stamps) < LEAST_SAMPLES:
+        raise UserError(
+            f"'{path}' has {len(clock.stamps)} samples to use: at least {LEAST_SAMPLES} are"
+            " needed; record longer or widen the window"
+        )
+    return clock
 
 
 def _mapped(
