@@ -10,15 +10,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, log
 
-from servo_models.diagnosis.attempts import attempts
-from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.attempts import Attempts, attempts
+from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.evidence import Evidence
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, beside_each, best_of_each, settled, starts_of
 from servo_models.diagnosis.further import further
 from servo_models.diagnosis.pairing import LESS, halves_of, lookalikes, narrowed
-from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.worth import earns
 
 QUIET = 4
@@ -83,34 +83,58 @@ def find_causes(
     every = candidates(bench.model, bench.logs, left_out)
     bench = replace(bench, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
-    open_question = not settled(retuned)
     plain = [retuned]
-    if open_question:
+    if not settled(retuned):
         nominal = {free.name: free.nominal for free in bench.nominal}
         plain.insert(0, bench.unfit((), (), nominal))
     sights, reach = look([it.view for it in plain], every)
-    if open_question:
-        singles, couples, near = attempts(bench, retuned, sights, every, say)
-    else:
-        singles, couples = beside_each(bench, retuned, starts_of(sights, QUIET), say), []
-        near = narrowed(every, sights)
-    better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
-    singles = best_of_each([*singles, *halves_of(bench, better)])
-    if open_question:
-        say("fitting the best to the end")
-        least = min((it.loss for it in (*singles, *couples)), default=inf)
-        singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
-    taken = _taken(bench, retuned, singles, couples)
-    more = further(bench, taken, couples, near, say) if len(taken.effects) > 1 else []
-    if len(taken.effects) > 1 and not more and not settled(taken):
-        # beside a pair that leaves noise only they have been sought already
-        couples = best_of_each([*couples, *lookalikes(bench, taken, near, say)])
-        taken = _taken(bench, retuned, singles, couples)
-    taken = more[0] if more else taken
+    tried = _tried(bench, retuned, sights, every, say)
+    couples, more, taken = _explained(bench, retuned, tried, say)
     if taken is not retuned:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
-    return Causes(before, retuned, singles, couples, more, taken, reach)
+    return Causes(before, retuned, tried.singles, couples, more, taken, reach)
+
+
+def _tried(
+    bench: Bench,
+    retuned: Explanation,
+    sights: Sequence[Sight],
+    every: Sequence[Candidate],
+    say: Tell,
+) -> Attempts:
+    """Fits of one and of two effects, those to the end that leave least."""
+    if settled(retuned):
+        few = beside_each(bench, retuned, starts_of(sights, QUIET), say)
+        found = Attempts(few, [], narrowed(every, sights))
+    else:
+        found = attempts(bench, retuned, sights, every, say)
+    singles, couples, near = found
+    better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
+    singles = best_of_each([*singles, *halves_of(bench, better)])
+    if not settled(retuned):
+        say("fitting the best to the end")
+        least = min((it.loss for it in (*singles, *couples)), default=inf)
+        singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
+    return Attempts(singles, couples, near)
+
+
+def _explained(
+    bench: Bench, retuned: Explanation, tried: Attempts, say: Tell
+) -> tuple[list[Explanation], list[Explanation], Explanation]:
+    """Explanations by two effects, by more, and the one that is taken."""
+    couples = tried.couples
+    taken = _taken(bench, retuned, tried.singles, couples)
+    if len(taken.effects) < 2:
+        return couples, [], taken
+    more = further(bench, taken, couples, tried.near, say)
+    if more:
+        return couples, more, more[0]
+    if not settled(taken):
+        # beside a pair that leaves noise only they have been sought already
+        couples = best_of_each([*couples, *lookalikes(bench, taken, tried.near, say)])
+        taken = _taken(bench, retuned, tried.singles, couples)
+    return couples, [], taken
 
 
 def _finals(bench: Bench, found: Sequence[Explanation], least: float) -> list[Explanation]:
