@@ -136,20 +136,12 @@ class Model:
         x = self.start() if state is None else state
         return self._ran(self.vector, x, times, inputs)
 
-    def runs(self, times: Array, inputs: Array) -> Callable[[Mapping[str, float]], Array]:
-        """Return ``run`` from rest as a function of changed values [SI].
+    def from_rest(self, vector: Array, times: Array, inputs: Array) -> Array:
+        """Return ``run`` from rest with another parameter vector [SI], in the order of ``values``.
 
         Hundreds of simulations share an experiment, which has to have passed ``check_grid``.
         """
-        base, places = self.vector, {name: i for i, name in enumerate(self.values)}
-
-        def simulate(values: Mapping[str, float]) -> Array:
-            vector = base.copy()
-            for name, value in values.items():
-                vector[places[name]] = value
-            return self._ran(vector, self._at_rest(vector), times, inputs)
-
-        return simulate
+        return self._ran(vector, self._at_rest(vector), times, inputs)
 
     def _ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
         out = np.empty((len(times), len(self.plant.outputs)))

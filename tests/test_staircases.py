@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.diagnosis.fits import beside
-from servo_models.diagnosis.pairing import seen_beside, stairs_seen
+from servo_models.diagnosis.looks import seen_beside
+from servo_models.diagnosis.pairing import stairs_seen
 from servo_models.diagnosis.screening import look
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.diagnosis.staircases import shortened, shortlist

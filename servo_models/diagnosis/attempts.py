@@ -21,7 +21,8 @@ from servo_models.diagnosis.fits import (
     settled,
     starts_of,
 )
-from servo_models.diagnosis.pairing import LESS, Looks, narrowed, paired, stairs_beside, swapped
+from servo_models.diagnosis.looks import Looks, narrowed
+from servo_models.diagnosis.pairing import LESS, paired, stairs_beside, swapped
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.staircases import shortlist
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.actuator import Parameter, Plant
 from servo_models.diagnosis.sizes import (
@@ -36,6 +37,8 @@ from servo_models.identification.run import prepared
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
+Array = NDArray[np.float64]
+
 SHOWN = 10.0
 """Samples in a period of the fastest resonance that logs can show."""
 PERIODS = 0.7
@@ -60,6 +63,7 @@ class Candidate:
             have too few samples in a period, and it is slow to simulate.
         late: whether its size is a period, by a part of which it is late.
         limiting: whether it does the more the smaller its size is, at sizes near each other.
+        alone: what each of the sizes changes from where nominal parameters go, empty before a look.
     """
 
     name: str
@@ -74,6 +78,7 @@ class Candidate:
     fastest: float = 0.0
     late: bool = False
     limiting: bool = False
+    alone: tuple[Array, ...] = ()
 
     @property
     def trials(self) -> int:

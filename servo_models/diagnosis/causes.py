@@ -17,7 +17,8 @@ from servo_models.diagnosis.evidence import Evidence
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, beside_each, best_of_each, settled, starts_of
 from servo_models.diagnosis.further import further
-from servo_models.diagnosis.pairing import LESS, halves_of, lookalikes, narrowed
+from servo_models.diagnosis.looks import narrowed
+from servo_models.diagnosis.pairing import LESS, halves_of, lookalikes
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.worth import earns
 

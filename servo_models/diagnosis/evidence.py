@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 BLOCKS = 20
 TRUSTED = 1.0
 """Largest change of a block's errors, relative to them, that slopes are trusted with."""
+LEAST = 1e-12
+"""Errors of a block, relative to the largest, below which they are none."""
 DRAWS = 999
 """Signs at random that a sum over blocks is compared with."""
 
@@ -133,10 +135,15 @@ def consistency(better: Evidence, worse: Evidence) -> float:
     """
     from scipy.stats import wilcoxon
 
-    saved = worse.losses - better.losses
+    # a block that neither can improve, such as rest on the codes of a reading, has no say
+    told = (worse.losses > 0.0) | (better.losses > 0.0)
+    more, less = worse.losses[told], better.losses[told]
+    saved = more - less
     if not np.any(saved):
         return 1.0
-    often = wilcoxon(np.log(worse.losses / better.losses), alternative="greater").pvalue
+    least = LEAST * max(more.max(), less.max())
+    ratios = np.maximum(more, least) / np.maximum(less, least)
+    often = wilcoxon(np.log(ratios), alternative="greater").pvalue
     signs = np.random.default_rng(0).choice((-1.0, 1.0), (DRAWS, len(saved)))
     surely = (1.0 + np.count_nonzero(signs @ saved >= saved.sum())) / (1.0 + DRAWS)
     return float(min(1.0, 2.0 * min(often, surely)))

@@ -43,9 +43,10 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
     best: Explanation | None = None
-    begins = _unlike(sorted((best_start([sight]) for sight in own), key=lambda it: it.cost))
+    glances = (best_start([sight], thorough=False) for sight in own)
+    begins = _unlike(sorted(glances, key=lambda it: it.cost))
     plain = len({_shape(it) for it in begins}) == 1
-    for begin in begins[:STARTS]:
+    for begin in (best_start(it.sights) for it in begins[:STARTS]):
         if best and begin.cost > FAR * first.cost:
             break
         (sight,) = begin.sights

@@ -14,11 +14,11 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.conditions import carried_over
 from servo_models.diagnosis.explanation import Bench, Explanation
 from servo_models.diagnosis.fits import Tell, best_of_each, settled, side_by_side
+from servo_models.diagnosis.looks import seen_beside
 from servo_models.diagnosis.pairing import (
     added,
     lookalikes,
     promising,
-    seen_beside,
     stairs_seen,
     swapped,
     without,

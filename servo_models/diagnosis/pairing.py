@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from servo_models.diagnosis.fits import (
     starts_of,
     together,
 )
+from servo_models.diagnosis.looks import Looks, seen_beside
 from servo_models.diagnosis.pairs_seen import pairs
 from servo_models.diagnosis.screening import Sight, look
 from servo_models.diagnosis.staircases import shortlist
@@ -35,8 +35,6 @@ PROMISING = 0.95
 """Squared errors of a pair, as a look predicts them, over those of one effect."""
 SAME = 0.99
 """Cosine between changes of the response from which they are the same."""
-KEPT = 6
-"""Sizes at which a staircase is seen again beside another effect."""
 LESS = 0.98
 """Loss of a pair over that of one effect, from which the pair is worth more fits."""
 ABOUT = tuple(k * 4e-4 for k in range(-6, 7))
@@ -118,38 +116,6 @@ def _same(one: Sight, other: Sight) -> bool:
     """Whether two effects change the response alike, beside what parameters imitate."""
     a, b = one.difference, other.difference
     return abs(float(a @ b)) > SAME * float(np.linalg.norm(a) * np.linalg.norm(b))
-
-
-def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
-    """What is seen of other effects beside those of ``first``, best first."""
-    return look((first.view,), [one for one in every if one.name not in first.effects])[0]
-
-
-class Looks:
-    """What is seen of effects beside explanations, at the same sizes only once.
-
-    Of smooth effects the sizes are kept from which a fit may begin: every one holds a response.
-    """
-
-    def __init__(self) -> None:
-        self._known: dict[Hashable, list[Sight]] = {}
-
-    def beside(self, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
-        """The same as ``seen_beside``."""
-        keys = {_key(first, one): one for one in every if one.name not in first.effects}
-        new = {one.name: key for key, one in keys.items() if key not in self._known}
-        self._known |= {key: [] for key in new.values()}
-        found = look((first.view,), [keys[key] for key in new.values()])[0]
-        for name in names_of(found):
-            own = [sight for sight in found if sight.candidate.name == name]
-            self._known[new[name]] = own if own[0].candidate.stairs else likeliest(own)
-        known = chain.from_iterable(self._known[key] for key in keys)
-        return sorted(known, key=lambda sight: sight.left)
-
-
-def _key(first: Explanation, one: Candidate) -> Hashable:
-    """An effect at its sizes, seen from a fit."""
-    return first, one.name, tuple(tuple(size.items()) for size in one.sizes)
 
 
 def stairs_beside(
@@ -252,17 +218,3 @@ def _without(found: Explanation, name: str) -> tuple[tuple[str, ...], list[Free]
 def halves_of(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]:
     """Each effect of a pair alone, begun where the pair has ended: it may suffice."""
     return [without(bench, couple, name) for couple in couples for name in couple.effects]
-
-
-def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candidate]:
-    """Of the thousands of sizes of a staircase, those that were promising once.
-
-    Other effects are looked at in all sizes beside any one: alone, each takes the size that
-    imitates what is missing as well.
-    """
-    found = []
-    for one in every:
-        own = [sight.settings for sight in sights if sight.candidate.name == one.name]
-        kept = list({tuple(it.items()): it for it in own}.values())[:KEPT]
-        found.append(replace(one, sizes=tuple(kept)) if one.fine and kept else one)
-    return found

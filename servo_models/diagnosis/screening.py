@@ -109,13 +109,30 @@ def look(
 def _sights(
     seen: View, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
 ) -> list[Sight]:
-    """The best share of each change; of a sine and a cosine, the best amplitude and phase."""
+    left, share = best_shares(seen, [one for one, _ in every], changes)
+    return [
+        _sight(seen, one, settings, columns, own, float(rest))
+        for (one, settings), columns, rest, own in zip(every, changes, left, share)
+    ]
+
+
+def best_shares(
+    seen: View, every: Sequence[Candidate], changes: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Return what effects leave that change errors so, shape (k,), and at which share of it.
+
+    Args:
+        seen: from where, so that its parameters follow inside their bounds.
+        every: the effect of each change.
+        changes: of shape (m + priors, 1), or of a sine and a cosine, which have a share each.
+            Shares have shape (k, 2), the second unused where there is one.
+    """
     p, (down, up) = seen.slopes.shape[1], seen.room
     gram, towards = np.zeros((len(every), p + 2, p + 2)), np.zeros((len(every), p + 2))
     low, high = np.zeros_like(towards), np.zeros_like(towards)
     gram[:, :p, :p], towards[:, :p] = seen.gram, seen.slopes.T @ seen.errors
     low[:, :p], high[:, :p] = down, up
-    for k, ((one, _), columns) in enumerate(zip(every, changes)):
+    for k, (one, columns) in enumerate(zip(every, changes)):
         own = slice(p, p + columns.shape[1])
         gram[k, :p, own] = seen.slopes.T @ columns
         gram[k, own, :p] = gram[k, :p, own].T
@@ -123,10 +140,7 @@ def _sights(
         towards[k, own] = columns.T @ seen.errors
         low[k, own], high[k, own] = shares(one)
     left, steps = remains(seen, gram, towards, low, high)
-    return [
-        _sight(seen, one, settings, columns, share, float(rest))
-        for (one, settings), columns, rest, share in zip(every, changes, left, steps[:, p:])
-    ]
+    return left, steps[:, p:]
 
 
 def shares(one: Candidate) -> tuple[float, float]:

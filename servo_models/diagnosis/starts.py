@@ -34,22 +34,30 @@ class Start:
     cost: float
 
 
-def best_start(sights: Sequence[Sight]) -> Start:
-    """Return the best start of effects that are fitted together, each seen at one size."""
+def best_start(sights: Sequence[Sight], thorough: bool = True) -> Start:
+    """Return the best start of effects that are fitted together, each seen at one size.
+
+    Other parameters are tried where they make up for the whole effects only, unless ``thorough``.
+    """
     options = [(1.0,) if it.share in (0.0, 1.0) else (1.0, it.share) for it in sights]
-    return min((_start(sights, scales) for scales in product(*options)), key=lambda it: it.cost)
+    starts = (_start(sights, scales, thorough) for scales in product(*options))
+    return min(starts, key=lambda it: it.cost)
 
 
-def _start(sights: Sequence[Sight], scales: Sequence[float]) -> Start:
+def _start(sights: Sequence[Sight], scales: Sequence[float], thorough: bool) -> Start:
     """The start with the effects at so many times the sizes at which they were seen."""
     seen = sights[0].seen
     free = tuple(one for it, scale in zip(sights, scales) for one in it.candidate.at(it.at(scale)))
     own = {it.name: it.start for it in free}
-    full = [scale / it.share if it.share else 0.0 for it, scale in zip(sights, scales)]
-    stays = seen.problem.values(seen.vector)
-    found = [Start(tuple(sights), free, stays, seen.cost(own))]
-    for shares in dict.fromkeys((tuple(full), (1.0,) * len(sights), (0.0,) * len(sights))):
-        whole = np.sum([share * it.whole for it, share in zip(sights, shares)], axis=0)
-        for values in (seen.start(whole), seen.near_start(whole)):
-            found.append(Start(tuple(sights), free, values, seen.cost({**values, **own})))
+    full = tuple(scale / it.share if it.share else 0.0 for it, scale in zip(sights, scales))
+    parts = dict.fromkeys((full, (1.0,) * len(sights), (0.0,) * len(sights)))
+    wholes = [
+        np.sum([share * it.whole for it, share in zip(sights, shares)], axis=0)
+        for shares in (parts if thorough else (full,))
+    ]
+    tried = [seen.start(whole) for whole in wholes]
+    if thorough:
+        stays = seen.problem.values(seen.vector)
+        tried += [stays, *(seen.near_start(whole) for whole in wholes)]
+    found = (Start(tuple(sights), free, it, seen.cost({**it, **own})) for it in tried)
     return min(found, key=lambda it: it.cost)

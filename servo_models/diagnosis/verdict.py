@@ -25,7 +25,7 @@ NOT_IDENTIFIABLE = "not-identifiable"
 TOLERANCE = 2.0
 """Gap in noise floors that counts as none."""
 FEW = 3
-"""Effects that a set may hold and still say something."""
+"""Explanations that a set may hold and still say something."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +81,15 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     rivals = causes.alike
     chances = chances_of(causes, rest)
     held = covering(chances)
+    own = next(i for i, it in enumerate(rivals) if it.effects == taken.effects)
+    if own not in held:
+        # a likelier one has not earned its place, which a probability knows nothing of
+        held.append(own)
     by_effect: dict[str, float] = {}
     for explanation, chance in zip(rivals, chances):
         for name in explanation.effects:
-            by_effect[name] = by_effect.get(name, 0.0) + float(chance)
+            # shares of 1 may add up to more by a rounding
+            by_effect[name] = min(1.0, by_effect.get(name, 0.0) + float(chance))
     alone = {one.effects: one.loss for one in causes.singles}
     ranked = dict(sorted(by_effect.items(), key=lambda it: _rank(it[1], alone.get((it[0],)))))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))

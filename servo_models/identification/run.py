@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from threading import Lock
 
 import numpy as np
+from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from servo_models.recording import Log
 from servo_models.simulate import Model, check_grid
 
 Array = NDArray[np.float64]
+
+REMEMBERED = 48_000_000
+"""Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +36,10 @@ class Run:
 
     def simulate(self, values: Mapping[str, float]) -> Array:
         """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
-        return self._simulated(values)[-len(self.log.times) :]
+        vector = self._base.copy()
+        for name, value in values.items():
+            vector[self._places[name]] = value
+        return _simulated(self, vector)[-len(self.log.times) :]
 
     def errors(self, values: Mapping[str, float]) -> Array:
         """Simulated less measured [SI] at samples that a fit sees, shape (outputs of the log, n).
@@ -47,8 +55,12 @@ class Run:
         return np.array([values[self._rows] for values in self.log.outputs.values()])
 
     @cached_property
-    def _simulated(self) -> Callable[[Mapping[str, float]], Array]:
-        return self.model.runs(self.times, self.inputs)
+    def _base(self) -> Array:
+        return self.model.vector
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.model.values)}
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:
@@ -59,6 +71,18 @@ class Run:
         """Places of these samples in what a simulation returns, row by row."""
         width = len(self.model.plant.outputs)
         return np.asarray(self._rows * width + np.array(self.columns)[:, None])
+
+
+@cached(
+    LRUCache(REMEMBERED, getsizeof=lambda found: found.nbytes),
+    key=lambda run, vector: (run.log, run.model.plant, vector.tobytes()),
+    lock=Lock(),
+)
+def _simulated(run: Run, vector: Array) -> Array:
+    """All outputs with a parameter vector [SI], to be read only: others will be given the same."""
+    found = run.model.from_rest(vector, run.times, run.inputs)
+    found.flags.writeable = False
+    return found
 
 
 def prepared(model: Model, log: Log) -> Run:

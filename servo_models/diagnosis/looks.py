@@ -1,0 +1,93 @@
+"""What is seen of effects beside those of a fit, at the sizes that may do something there.
+
+Each size of each effect has been simulated where nominal parameters alone go.  As far as changes
+add up, that tells what it would leave beside other effects, and only the likeliest are simulated
+there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from servo_models.diagnosis.candidates import Candidate
+from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fits import likeliest, names_of
+from servo_models.diagnosis.screening import Sight, best_shares, look
+from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.view import View
+
+SIZES = 6
+"""Sizes at which an effect is seen again beside others."""
+
+
+def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candidate]:
+    """Return effects with what ``sights``, best first, have shown of their sizes alone.
+
+    Of the thousands of sizes of a staircase, those stay that were promising once.  Others keep all:
+    alone, each takes the size that imitates what is missing as well.
+    """
+    found = []
+    for one in every:
+        own = [sight for sight in sights if sight.candidate.name == one.name]
+        first = {_place(one, it.settings): it for it in reversed(own)}
+        if one.fine and own:
+            sizes = {_place(one, it.settings): it.settings for it in own}
+            found.append(replace(one, sizes=tuple(sizes.values())[:SIZES]))
+        elif one.stairs or not own:
+            found.append(one)
+        else:
+            none = np.zeros_like(own[0].columns)
+            known = (first.get(_place(one, size)) for size in one.sizes)
+            found.append(replace(one, alone=tuple(it.columns if it else none for it in known)))
+    return found
+
+
+def _place(one: Candidate, settings: Settings) -> Hashable:
+    """Which of its sizes some settings are: of a ripple they come with another size and phase."""
+    return tuple(it for it in settings.items() if it[0] not in (one.ripple or ()))
+
+
+def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+    """Return what is seen of other effects beside those of ``first``, best first."""
+    others = [_likely(first.view, one) for one in every if one.name not in first.effects]
+    return look((first.view,), others)[0]
+
+
+def _likely(seen: View, one: Candidate) -> Candidate:
+    """An effect at the sizes that would leave least from there if changes add up."""
+    if len(one.alone) <= SIZES:
+        return one
+    left, _ = best_shares(seen, [one] * len(one.alone), one.alone)
+    best = np.argsort(left, kind="stable")[:SIZES]
+    return replace(one, sizes=tuple(one.sizes[i] for i in sorted(best)), alone=())
+
+
+class Looks:
+    """What is seen of effects beside explanations, at the same sizes only once.
+
+    Of smooth effects the sizes are kept from which a fit may begin: every one holds a response.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, list[Sight]] = {}
+
+    def beside(self, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+        """Return the same as ``seen_beside``."""
+        keys = {_key(first, one): one for one in every if one.name not in first.effects}
+        new = {one.name: key for key, one in keys.items() if key not in self._known}
+        self._known |= {key: [] for key in new.values()}
+        found = seen_beside(first, [keys[key] for key in new.values()])
+        for name in names_of(found):
+            own = [sight for sight in found if sight.candidate.name == name]
+            self._known[new[name]] = own if own[0].candidate.stairs else likeliest(own)
+        known = chain.from_iterable(self._known[key] for key in keys)
+        return sorted(known, key=lambda sight: sight.left)
+
+
+def _key(first: Explanation, one: Candidate) -> Hashable:
+    """An effect at its sizes, seen from a fit."""
+    return first, one.name, tuple(tuple(size.items()) for size in one.sizes)
