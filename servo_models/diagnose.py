@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
-from servo_models.audit import Audit, audit, noise_floors
+from servo_models.audit import NO_NOISE, Audit, audit, noise_floors
 from servo_models.description import Description, read_description
 from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.claims import claims, estimates
 from servo_models.diagnosis.explanation import Bench, nominal_parameters
 from servo_models.diagnosis.fits import Tell
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.preconditions import check_logs
+from servo_models.diagnosis.preconditions import check_logs, without_flags
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import TOLERANCE, decide
 from servo_models.threads import one_blas_thread
@@ -40,12 +41,15 @@ def diagnose(
         tell: is told what goes on.
 
     Raises:
-        UserError: see ``read_description`` and ``preconditions.check_logs``.
+        UserError: see ``read_description`` and ``preconditions``.
     """
     told = description if isinstance(description, Description) else read_description(description)
+    logs, flags = without_flags(told.logs, told.model.plant)
+    told = replace(told, logs=logs)
     check_logs(told.path, told.model, told.logs)
     with one_blas_thread():
-        return _diagnose(told, tolerance, seed, jobs or os.cpu_count() or 1, left_out, tell)
+        found = _diagnose(told, tolerance, seed, jobs or os.cpu_count() or 1, left_out, tell)
+    return replace(found, flags=flags)
 
 
 def _diagnose(
@@ -58,7 +62,7 @@ def _diagnose(
 ) -> Diagnosis:
     audits = tuple(audit(log, told.model.plant) for log in told.logs)
     floors = noise_floors(audits)
-    origins = _origins(audits)
+    origins = _origins(audits, floors)
     bench = Bench(told.model, told.logs, nominal_parameters(told), floors, jobs)
     causes = find_causes(bench, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
@@ -77,10 +81,13 @@ def _diagnose(
     )
 
 
-def _origins(audits: Iterable[Audit]) -> dict[str, str]:
+def _origins(audits: Iterable[Audit], floors: Mapping[str, float]) -> dict[str, str]:
     """What the noise floor of each output comes from, in the log that has the largest."""
     largest: dict[str, tuple[float, str]] = {}
     for reading in (reading for one in audits for reading in one.readings):
         found = (reading.floor.value, reading.floor.origin)
         largest[reading.name] = max(found, largest.get(reading.name, found))
-    return {name: origin for name, (_, origin) in largest.items()}
+    return {
+        name: origin if value >= floors[name] else NO_NOISE
+        for name, (value, origin) in largest.items()
+    }

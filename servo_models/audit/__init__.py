@@ -21,6 +21,8 @@ __all__ = ["Audit", "Command", "Floor", "Gap", "Reading", "Sampling", "audit", "
 
 EXACT = 1e-6
 """A reading without steps or noise counts as exact to this share of its range."""
+NO_NOISE = "millionth of the range, no noise"
+"""The origin of such a floor."""
 
 
 @dataclass(frozen=True, eq=False)

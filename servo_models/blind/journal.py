@@ -34,19 +34,27 @@ def work_through(
         tell: is told how many cases are done, and how many there are.
 
     Raises:
-        UserError: a process ended before its work.
+        UserError: a process ended before its work, or a task failed; all others are kept.
     """
     rows = _read(path)
-    left = [task for case, task in tasks.items() if case not in rows]
+    left = {case: task for case, task in tasks.items() if case not in rows}
     tell(len(rows), len(tasks))
     if not left:
         return rows
+    failed: dict[str, Exception] = {}
     processes = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(jobs, len(left)), processes, initializer=_be_quiet)
     try:
         with path.open("a", encoding="utf-8") as file:
-            for future in as_completed([pool.submit(do, task) for task in left]):
-                row = future.result()
+            begun = {pool.submit(do, task): case for case, task in left.items()}
+            for future in as_completed(begun):
+                try:
+                    row = future.result()
+                except BrokenProcessPool:
+                    raise
+                except Exception as error:  # the other cases go on
+                    failed[begun[future]] = error
+                    continue
                 rows[row["case"]] = row
                 file.write(json.dumps(row) + "\n")
                 file.flush()
@@ -58,6 +66,12 @@ def work_through(
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)
+    for case, reason in failed.items():
+        raise UserError(
+            f"{len(failed)} of {len(tasks)} cases failed, case '{case}' with"
+            f" {type(reason).__name__}: {reason}; the others are in '{path}': mend that, and use"
+            " the same --folder to go on"
+        ) from reason
     return rows
 
 

@@ -129,8 +129,11 @@ def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
         return seal
     if not path.is_file():
         raise UserError(f"'{folder}' is there and holds no withheld check: name a new folder")
-    known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-    seal, began = str(known.pop("seal")), known.pop("code", "")
+    try:
+        known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+        seal, began = str(known.pop("seal")), known.pop("code", "")
+    except (ValueError, KeyError, AttributeError) as error:
+        raise UserError(f"'{path}' is damaged: name a new folder") from error
     if known != wanted:
         raise UserError(
             f"'{folder}' holds {known['cases']} cases of seed {known['seed']}, tiers"

@@ -6,12 +6,14 @@ from collections.abc import Container, Iterable
 from dataclasses import replace
 from datetime import date
 from itertools import count
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from servo_models.cli.options import Format, check_outputs
+from servo_models.errors import UserError
 
 if TYPE_CHECKING:
     from servo_models.diagnosis.experiment import Experiment
@@ -86,6 +88,8 @@ def diagnose(
 
     check_outputs((json, ".json"), (report, ".html"), (out, ".toml"))
     allowed = TOLERANCE if tolerance is None else tolerance
+    if not isfinite(allowed):
+        raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
     with progress("diagnosing") as bar:
         found = run(description, allowed, seed, jobs, tell=lambda it: bar(0, 1, it))
         bar(0, 1, "running the FMU with the diagnosed parameters")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,8 +57,8 @@ class Gap(Reduction):
 
     @property
     def nrmse(self) -> float:
-        """Error before over the measured range [1]."""
-        return self.rms["before"] / self.full_scale
+        """Error before over the measured range [1], NaN where that is 0."""
+        return self.rms["before"] / self.full_scale if self.full_scale else math.nan
 
 
 def gaps(
@@ -120,11 +121,13 @@ def _reduction(
     rows: NDArray[np.int64], stages: dict[str, Evidence], scale: float, floor: float, seed: int
 ) -> Reduction:
     """RMS of some weighted errors by stage; ``scale`` is one of them in the unit of ``floor``."""
+    counts = np.bincount(stages["before"].parts[rows]).astype(float)
+    own = counts > 0.0  # blocks of logs without this output know nothing of it
+    counts = counts[own]
     losses = {
-        stage: np.bincount(one.parts[rows], (scale * one.unseen[rows]) ** 2)
+        stage: np.bincount(one.parts[rows], (scale * one.unseen[rows]) ** 2)[own]
         for stage, one in stages.items()
     }
-    counts = np.bincount(stages["before"].parts[rows]).astype(float)
     random = np.random.default_rng(seed)
     draws = random.integers(0, len(counts), (DRAWS, len(counts)))
     drawn = {

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from servo_models.actuator import Plant
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 from servo_models.linearise import linearise
@@ -39,9 +41,31 @@ def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
             " actuator that made it"
         )
     try:
-        Problem(model, judging, []).responses(np.empty(0))
+        Problem(model, logs, []).responses(np.empty(0))
     except UserError as error:
         raise UserError(f"the nominal model cannot be simulated: {error}; correct it") from error
+
+
+def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], tuple[str, ...]]:
+    """Return logs without outputs that say yes or no, and the names of these.
+
+    The size of an error in a flag says nothing, and a floor of it is none.
+
+    Raises:
+        UserError: a log with no other output.
+    """
+    found, left_out = [], dict[str, None]()
+    for log in logs:
+        flags = [name for name in log.outputs if plant.wire[name].flag]
+        kept = {name: it for name, it in log.outputs.items() if name not in flags}
+        if not kept:
+            raise UserError(
+                f"log '{log.name}' has no output but '{flags[0]}', which says yes or no: add one"
+                " that is measured"
+            )
+        left_out |= dict.fromkeys(flags)
+        found.append(replace(log, outputs=kept) if flags else log)
+    return tuple(found), tuple(left_out)
 
 
 def slowest_time_constant(model: Model) -> float:

@@ -31,6 +31,7 @@ class Diagnosis:
         claims: effects, most likely first.
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
+        flags: outputs of the logs that say yes or no, which are not judged.
     """
 
     model: Model
@@ -44,6 +45,7 @@ class Diagnosis:
     claims: tuple[Claim, ...]
     moved: tuple[Value, ...]
     tolerance: float
+    flags: tuple[str, ...] = ()
 
     @property
     def within_tolerance(self) -> bool:

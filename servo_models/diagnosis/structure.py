@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 
 LONGEST, SHORTEST, PARTS = 48, 16, 8
 """Samples of a stretch at most and at least, and how many of them a record has at least."""
+LEAST_SAMPLES = SHORTEST * PARTS
+"""Of a record that is judged: a shorter one counts as noise."""
 FAST = 0.08
 """Frequency [1/sample] from which on errors are taken as noise: a time constant of a motion
 that is sampled well has several samples, and its corner lies below."""
@@ -85,7 +87,7 @@ class LeftOver:
 def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
     """Return how much of the errors of a fit is structured, all records and outputs together.
 
-    Readings with fewer than 128 fitted samples count as noise, as far as that may be so loud.
+    Readings with fewer than ``LEAST_SAMPLES`` count as noise, as far as that may be so loud.
     """
     power = structured = variance = noise = 0.0
     for errors, white, most in _readings(problem, evidence):
@@ -157,7 +159,7 @@ def _noise(errors: Array, white: float) -> tuple[float, float]:
         white: power of the white noise that is known to be in it.
     """
     n, power = len(errors), float(np.mean(errors**2))
-    if n < SHORTEST * PARTS or power <= 0.0:
+    if n < LEAST_SAMPLES or power <= 0.0:
         return power, 0.0
     frequency, mean, median, window = _spectrum(errors)
     fast = frequency >= FAST

@@ -9,6 +9,7 @@ import numpy as np
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.structure import LEAST_SAMPLES
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -161,6 +162,14 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
     """Return what to be careful with, one sentence each."""
     said = [f"log '{one.log.name}': {text}" for one in found.audits for text in one.warnings]
     taken = found.causes.taken
+    said += [f"'{name}' says yes or no, and is left out of all errors" for name in found.flags]
+    short = [log.name for log in found.logs if 0 < log.fitted.sum() < LEAST_SAMPLES]
+    if short and found.verdict.kind != NO_GAP:
+        each = f"'{short[0]}'" if len(short) == 1 else f"each of {len(short)} logs"
+        said.append(
+            f"fewer than {LEAST_SAMPLES} samples of {each} are fitted, too few to tell noise from"
+            " what is missing: what is left there counts as noise; log longer, or faster"
+        )
     if not found.moved:
         said.append(
             "no nominal parameter has an uncertainty, and frozen ones invent effects: add"

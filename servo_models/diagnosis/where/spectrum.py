@@ -29,7 +29,8 @@ GAP = 1.5
 
 def by_frequency(samples: Samples) -> Breakdown:
     """Shares of bands up to the highest frequency that sampling shows; the lowest has offsets."""
-    step = min(float(np.median(np.diff(one.times))) for one in samples.stretches)
+    several = [one.times for one in samples.stretches if len(one.times) > 1]
+    step = min((float(np.median(np.diff(times))) for times in several), default=1.0)
     longest = max(float(np.ptp(one.times)) for one in samples.stretches)
     count = int(np.clip(1 + np.log2(longest / (4.0 * step)) / OCTAVES, 1, BANDS))
     tops = 0.5 / step * np.exp2(-OCTAVES * np.arange(count - 1.0, -1.0, -1.0))
