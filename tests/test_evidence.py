@@ -51,6 +51,15 @@ def test_much_in_one_block_may_be_chance() -> None:
     assert np.mean(chances(np.ones(BLOCKS), worse) < 0.05) < 0.15
 
 
+def test_rest_that_both_meet_exactly_has_no_say() -> None:
+    """As on the codes of a reading, which a quantised simulation meets to the last bit."""
+    worse, better = np.full(BLOCKS, 1.3), np.ones(BLOCKS)
+    worse[:3] = better[:3] = 0.0
+    assert np.mean(chances(better, worse) < 0.05) > 0.95
+    worse[5] = 0.0
+    assert np.all(np.isfinite(chances(better, worse, 20)))
+
+
 def test_the_same_errors_say_nothing() -> None:
     same = judged(np.ones(BLOCKS), 0)
     assert consistency(same, same) == 1.0

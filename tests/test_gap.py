@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.evidence import Evidence
 from servo_models.diagnosis.explanation import Bench
-from servo_models.diagnosis.gap import Gap, gaps
+from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
 from servo_models.recording import Channel, Log
 from servo_models.simulate import model, simulate
 
@@ -102,3 +105,57 @@ def test_the_worst_moment_is_where_a_spike_is(at: int, height: float) -> None:
     gap = found(log(plain, kept=900), log({"angle": spiked["angle"]}, "other", kept=900))
     assert gap["angle"].worst == ("other", STEP * at)
     assert gap["current"].worst == ("one", STEP * 123)
+
+
+def test_an_output_that_only_a_later_log_has_has_intervals() -> None:
+    plain, both = simulated(), simulated()
+    both["current"] += 0.01 * np.random.default_rng(1).standard_normal(COUNT)
+    gap = found(*(log({"angle": plain["angle"]}, f"log {k}") for k in range(9)), log(both, "last"))
+    low, high = gap["current"].intervals["before"]
+    assert 0.009 < low < gap["current"].rms["before"] < high < 0.011
+
+
+def test_what_stands_still_has_no_range() -> None:
+    """Where it is fitted; it may move where it is held out."""
+    angle = np.where(np.arange(COUNT) < 500, 0.01, 0.02)
+    assert np.isnan(found(log({"angle": angle}, kept=500))["angle"].nrmse)
+
+
+def reduced(before: float, after: float, seed: int) -> Reduction:
+    """The gap of independent errors, in 20 blocks of 50, over a noise floor of 1."""
+    random, parts = np.random.default_rng(seed), np.repeat(np.arange(20), 50)
+
+    def stage(size: float) -> Any:
+        errors = size * random.standard_normal(len(parts))
+        return Evidence(np.empty(0), errors, errors, parts)
+
+    fitted = SimpleNamespace(evidence=stage(before))
+    causes: Any = SimpleNamespace(
+        before=stage(before), retuned=fitted, taken=SimpleNamespace(evidence=stage(after))
+    )
+    return whole_gap(causes, seed)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [(5.0, 1.0, 1.0), (5.0, 3.0, 0.5), (5.0, 6.0, -0.25), (9.0, 0.5, 1.0)],
+)
+def test_the_share_closed_is_that_of_what_is_above_the_floor(
+    before: float, after: float, share: float
+) -> None:
+    assert closed(before, after, 1.0) == pytest.approx(share)
+    assert closed(1.0, after, 1.0) is None
+
+
+def test_intervals_hold_the_true_value_in_95_of_100_draws() -> None:
+    """Errors of 5 and 2 floors, of which 3/4 of what is above the floor is closed.
+
+    A bootstrap of 20 blocks is a little narrow: 0.90 to 0.99 of 300 draws are asked for, which
+    no interval of no width meets, and none of twice the width.
+    """
+    drawn = [reduced(5.0, 2.0, seed) for seed in range(300)]
+    for stage, true in (("before", 5.0), ("after", 2.0)):
+        held = [low < true < high for low, high in (it.intervals[stage] for it in drawn)]
+        assert 0.90 < np.mean(held) < 0.99
+    shares = [it.closed for it in drawn if it.closed]
+    assert 0.90 < np.mean([low < 0.75 < high for _, low, high in shares]) < 0.99

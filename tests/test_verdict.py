@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.belief import probabilities
-from servo_models.diagnosis.causes import find_causes
+from servo_models.diagnosis.causes import Causes, find_causes
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from tests.test_search_of_causes import made
 
@@ -26,8 +32,31 @@ def test_what_is_surely_missing_makes_near_equals_equal_and_no_more() -> None:
     rivals = find_causes(bench).singles[:3]
     plain = probabilities(rivals)
     doubtful = [probabilities(rivals, 50.0 * rival.loss) for rival in rivals]
-    assert np.array_equal(probabilities(rivals, 0.0), plain)
     for chances in doubtful:
         assert abs(chances.sum() - 1.0) < 1e-12
         assert np.all(np.argsort(-chances) == np.argsort([rival.loss for rival in rivals]))
         assert chances.max() <= plain.max()
+
+
+def test_what_is_named_is_in_the_set_whatever_is_likelier() -> None:
+    """A likelier one may not have earned its place: both are told then."""
+    bench, _ = made({"coulomb_friction.level": 1.5e-3})
+    causes = find_causes(bench)
+    last = causes.singles[-1]
+    verdict = decide(replace(causes, taken=last))
+    assert verdict.chances[last.effects[0]] < 0.01
+    assert set(verdict.members) == {*decide(causes).members, *last.effects}
+    assert last in verdict.rivals
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7))
+def test_no_effect_is_surer_than_sure(parts: list[float]) -> None:
+    """One that is in every explanation has all shares, whose sum is 1 but for its rounding."""
+    bench, _ = made({})
+    one = bench.unfitted()
+    every = [replace(one, effects=("backlash", f"other {k}")) for k in range(len(parts))]
+    shares = np.array(parts) + 1e-9
+    causes = Causes(one.evidence, one, [], every, [], every[0], {})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verdicts, "chances_of", lambda *_: shares / shares.sum())
+        assert max(decide(causes, tolerance=0.0).chances.values()) <= 1.0
