@@ -37,6 +37,60 @@ BAD = {
 }
 
 
+@pytest.mark.parametrize("tolerance", ["nan", "inf"])
+def test_a_tolerance_that_is_no_number_is_refused(tolerance: str, run: Run, tmp_path: Path) -> None:
+    code, _, err = run("diagnose", describe(tmp_path), "--tolerance", tolerance)
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert "--tolerance" in err
+
+
+@pytest.mark.parametrize(("seconds", "short"), [(0.03, True), (0.04, False)])
+def test_a_record_too_short_to_know_its_noise_is_told(
+    seconds: float, short: bool, run: Run, tmp_path: Path
+) -> None:
+    """120 and 160 samples."""
+    _, out, _ = run("diagnose", describe(tmp_path, seconds=seconds), "--format", "json")
+    told = [it for it in json.loads(out)["warnings"] if "fewer than 128 samples" in it]
+    assert len(told) == short
+    assert all("'log'" in it and "log longer" in it for it in told)
+
+
+def with_flag(folder: Path, outputs: str) -> Path:
+    """The log of a rig with a flag that is never raised."""
+    path = describe(folder, DESCRIPTION.format("").replace("outputs.angle", outputs))
+    head, *rows = (folder / "log.csv").read_text().splitlines()
+    lines = [f"{head},stop", *(f"{row},0" for row in rows)]
+    (folder / "log.csv").write_text("\n".join(lines))
+    return path
+
+
+def test_a_flag_is_not_judged(run: Run, tmp_path: Path) -> None:
+    """Whatever it is, all figures are those without it, and a warning says so."""
+    (tmp_path / "flag").mkdir()
+    (tmp_path / "plain").mkdir()
+    flag = 'outputs.at_stop = { column = "stop" }\noutputs.angle'
+    found = []
+    for path in (with_flag(tmp_path / "flag", flag), describe(tmp_path / "plain")):
+        code, out, _ = run("diagnose", path, "--format", "json")
+        assert code == 1
+        found.append(json.loads(out))
+    told, plain = found
+    assert told["gap"] == plain["gap"]
+    assert told["effects"] == plain["effects"]
+    (more,) = set(told["warnings"]) - set(plain["warnings"])
+    assert "'at_stop' says yes or no" in more
+
+
+def test_a_log_of_a_flag_alone_is_refused(run: Run, tmp_path: Path) -> None:
+    alone = 'outputs.at_stop = { column = "stop" }\n#'
+    code, _, err = run("diagnose", with_flag(tmp_path, alone))
+    assert code == 2
+    assert "'log'" in err
+    assert "'at_stop'" in err
+    assert len(err.splitlines()) == 1
+
+
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line_and_leaves_no_file(name: str, run: Run, tmp_path: Path) -> None:
     text, what, where = BAD[name]
