@@ -19,8 +19,9 @@ from servo_models.diagnosis.commands import FAMILIES, Command
 from servo_models.diagnosis.experiment import Experiment, next_experiments
 from servo_models.diagnosis.experiment_search import Stage
 from servo_models.diagnosis.explanation import Bench
+from servo_models.diagnosis.staircases import shortened
 from servo_models.diagnosis.verdict import Verdict, decide
-from servo_models.identification.problem import free_parameter
+from servo_models.identification.problem import Problem, free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Model, model, simulate
 from servo_models.tables import read_inputs
@@ -172,6 +173,18 @@ def test_the_table_is_ready_to_play(experiments: tuple[Experiment, ...], tmp_pat
     np.testing.assert_array_equal(inputs["voltage"], experiments[0].command)
 
 
+@pytest.mark.parametrize(("samples", "lasts"), [(600, 1.0), (41, 0.1)])
+def test_an_experiment_is_as_long_as_five_responses_or_five_logs(
+    samples: int, lasts: float, verdict: Verdict
+) -> None:
+    """A description may name a variant far slower than what its logs have shown."""
+    rival = verdict.rivals[0]
+    problem = rival.problem
+    brief = Problem(problem.model, shortened(problem.logs, samples), problem.free, problem.sigma)
+    stage = Stage([replace(rival, problem=brief)] * 2, 0)
+    assert stage.times[-1] == pytest.approx(5.0 * lasts * nominal().stop_time, rel=1e-6)
+
+
 def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     """A gain of the voltage is nothing but another torque constant."""
     chosen = nominal()
@@ -188,7 +201,7 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     (found,) = next_experiments(verdict)
     assert found.separation < 0.1
     assert not found.telling
-    assert "No command inside the limits" in found.text
+    assert "No command that was tried inside the limits" in found.text
 
 
 def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:

@@ -112,7 +112,10 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
     plant = stage.problem.model.plant
     telling = f"To tell {_names(one)} from {_names(other)}"
     if separation < TELLING:
-        telling = f"No command inside the limits tells {_names(one)} from {_names(other)}. At best"
+        telling = (
+            f"No command that was tried inside the limits tells {_names(one)} from"
+            f" {_names(other)}. At best"
+        )
     sentences = [
         f"{telling}, play on {stage.wire.name}: {played};"
         f" {in_time(duration)} long, log {outputs} every {in_time(stage.step)}.",

@@ -25,7 +25,8 @@ from servo_models.identification.problem import Problem
 from servo_models.recording import Log
 
 LENGTH = 5.0
-"""Length of an experiment over the actuator's default one."""
+"""Length of an experiment over the actuator's default one, or over the longest log if that is
+shorter: whoever made it knows how fast the actuator is."""
 SHORTLIST = 2
 """Commands of each family that look best before anything is re-fitted."""
 RATIOS = (1.8, 1.35)
@@ -44,6 +45,7 @@ class Stage:
         rivals: explanations that are left.
         wire: the input that is played.
         low, high: its limits [SI], those of the logs or of the actuator's standard step.
+        unit: of its paces and its length [s].
         times: of an experiment [s], shape (n,).
         farthest: outputs [noise floors] from which a model runs away.
     """
@@ -54,7 +56,9 @@ class Stage:
         self.seed = seed
         self.wire, self.low, self.high = _limits(self.problem)
         self.step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
-        count = round(LENGTH * self.problem.model.stop_time / self.step)
+        longest = max(log.duration for log in self.problem.logs)
+        self.unit = min(self.problem.model.stop_time, longest)
+        count = round(LENGTH * self.unit / self.step)
         self.times = self.step * np.arange(count + 1.0)
         measured = [
             v / self.problem.sigma[n] for log in self.problem.logs for n, v in log.outputs.items()
@@ -66,7 +70,7 @@ class Stage:
     def best(self, one: int, other: int) -> tuple[float, Command]:
         """Return the separation [noise floors] of the best command for two rivals, and it."""
         middle, size = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        first = self._allowed(grid(middle, size, self.problem.model.stop_time, self.seed))
+        first = self._allowed(grid(middle, size, self.unit, self.seed))
         raw = self._all(self.difference, first, one, other)
         listed = [
             command
