@@ -20,9 +20,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import date
 from pathlib import Path
 
-from servo_models.blind.interval import Figure
 from servo_models.blind.score import FIGURES, Case, calibration, confusion
-from servo_models.blind.sheet import BARS, MOST_WANTED, met
+from servo_models.blind.sheet import BARS, MOST_WANTED, standing
 from servo_models.blind.table import Row, case_of, row_of
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.files import write_whole
@@ -95,11 +94,6 @@ def keep(commit: str, paths: Iterable[Path]) -> None:
     write(RUNS, sorted(runs.values(), key=lambda row: (row["tiers"], int(row["seed"]))))
 
 
-def verdict(figure: Figure, bar: tuple[str, float]) -> str:
-    said = "met" if met(figure, bar) else "missed"
-    return said if figure.n >= MOST_WANTED else f"{said} so far"
-
-
 def figures(tier: str, cases: Sequence[Case]) -> Iterator[str]:
     yield f"## {tier.capitalize()}, {len(cases)} cases\n"
     yield "| figure | value | 95 % | cases | bar | |\n|---|---|---|---|---|---|"
@@ -107,7 +101,7 @@ def figures(tier: str, cases: Sequence[Case]) -> Iterator[str]:
         found, bar = define(cases), BARS[tier].get(define.__name__)
         if found.value is None:
             continue
-        beside = f"{bar[0]} {bar[1]:g} | {verdict(found, bar)}" if bar else " | "
+        beside = f"{bar[0]} {bar[1]:g} | {standing(found, bar)}" if bar else " | "
         span = f"{found.low:.3f} to {found.high:.3f}"
         yield f"| {define.__name__} | {found.value:.3f} | {span} | {found.n} | {beside} |"
     yield ""

@@ -247,13 +247,14 @@ def test_every_effect_is_either_named_or_ruled_out(session: Session) -> None:
     named = {one["name"] for one in session.document["effects"] if one["in_set"] or one["taken"]}
     ruled_out = {one["name"] for one in session.document["ruled_out"]}
     assert not named & ruled_out
-    detected = {"quantisation", "sample_hold"}
-    effects = {
-        name
-        for name, links in rig.model.plant.placements.items()
-        if links[0].effect.name not in detected
+    model_ = rig.model
+    on = {
+        it.owner
+        for it in model_.plant.parameters.values()
+        if it.owner and it.param.switch and model_.values[it.name] != 0.0
     }
-    assert effects - {"end_stops"} <= named | ruled_out
+    assert on == {"end_stops"}
+    assert set(model_.plant.placements) - on == named | ruled_out
 
 
 def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(

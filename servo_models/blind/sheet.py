@@ -52,6 +52,12 @@ def met(figure: Figure, bar: Bar) -> bool | None:
     return figure.value >= limit if way == AT_LEAST else figure.value <= limit
 
 
+def standing(figure: Figure, bar: Bar) -> str:
+    """Return in words where a figure stands against its bar, "so far" while too few cases do."""
+    said = "met" if met(figure, bar) else "missed"
+    return said if figure.n >= MOST_WANTED else f"{said} so far"
+
+
 def by_tier(check: Check) -> dict[str, Cases]:
     """Return the cases of each tier that has some."""
     found = {tier: [it for it in check.cases if it.tier == tier] for tier in check.tiers}
@@ -87,7 +93,7 @@ def _rows(tier: str, cases: Cases) -> Iterator[tuple[str, ...]]:
             continue
         beside = ("", "")
         if bar:
-            beside = (f"{bar[0]} {bar[1]:g}", "met" if met(figure, bar) else "missed")
+            beside = (f"{bar[0]} {bar[1]:g}", standing(figure, bar))
         yield (define.__name__, f"{figure.value:.3g}", _interval(figure), str(figure.n), *beside)
 
 

@@ -164,7 +164,7 @@ def _freed(
     model: Model, logs: Sequence[Log], switches: Iterable[Parameter], shape: Iterable[Parameter]
 ) -> tuple[Free, ...]:
     """The parameters of an effect within its reach: those that switch it on, then its shape."""
-    free = [_narrowed(model, p, LEAST, math.inf) for p in switches]
+    free = [_narrowed(model, p) for p in switches]
     free += [free_parameter(p, model.values[p.name], None) for p in shape]
     once = PERIODS * 2.0 * math.pi / travel(model.plant, logs)
     return tuple(_periodic(it, once) for it in free)
@@ -251,10 +251,10 @@ def _periodic(free: Free, least: float) -> Free:
     return replace(free, low=low, start=max(free.start, low))
 
 
-def _narrowed(model: Model, parameter: Parameter, least: float, most: float) -> Free:
-    """A free parameter between shares of its start, where that is positive."""
+def _narrowed(model: Model, parameter: Parameter) -> Free:
+    """A free size, a share of its start at least where that is positive."""
     free = free_parameter(parameter, model.values[parameter.name], None)
     if free.start <= 0.0:
         return free
-    low = max(free.low, least * free.start) if free.low >= 0.0 else free.low
-    return replace(free, low=low, high=min(free.high, most * free.start))
+    low = max(free.low, LEAST * free.start) if free.low >= 0.0 else free.low
+    return replace(free, low=low)

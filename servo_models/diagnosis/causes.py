@@ -58,6 +58,15 @@ class Causes:
         """Explanations by as many effects as were taken."""
         return self.more or (self.pairs if len(self.taken.effects) == 2 else self.singles)
 
+    @property
+    def fitted(self) -> dict[str, Explanation]:
+        """By each effect that was fitted: alone, or else the best explanation that has it."""
+        found: dict[str, Explanation] = {}
+        for one in (*self.singles, *self.pairs, *self.more):
+            for name in one.effects:
+                found.setdefault(name, one)
+        return found
+
 
 def find_causes(
     bench: Bench,

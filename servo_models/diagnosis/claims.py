@@ -59,7 +59,7 @@ class Claim:
 def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
     """Return every effect that was fitted, most likely first, then by the gap it leaves."""
     found: dict[str, Claim] = {}
-    for explanation in (causes.taken, *verdict.rivals, *causes.singles):
+    for explanation in (causes.taken, *verdict.rivals, *causes.fitted.values()):
         for name in explanation.effects:
             if name not in found:
                 found[name] = _claim(name, explanation, causes, verdict)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from servo_models.actuator import Wire
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.codes import MEMORY, as_bunched, bunched
+from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched, bunched
 from servo_models.diagnosis.explanation import Explanation
 from servo_models.experiment import display
 
@@ -47,8 +47,10 @@ class Codes:
 
     @property
     def chance(self) -> float:
-        """Probability that readings that know no codes are as bunched."""
-        return as_bunched(self.bunched, len(self.phases) / MEMORY)
+        """Probability that readings that know no codes are as bunched at any step at all: the step
+        was not known beforehand (Bonferroni's bound)."""
+        one = as_bunched(self.bunched, len(self.phases) / MEMORY)
+        return min(1.0, (CODES[1] - CODES[0]) * one)
 
 
 Detection = Codes | Answers

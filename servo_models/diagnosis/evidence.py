@@ -64,7 +64,7 @@ class Evidence:
         return float(np.sqrt(np.mean(self.unseen**2)))
 
 
-def blocks(problem: Problem, count: int = BLOCKS) -> NDArray[np.int64]:
+def blocks(problem: Problem) -> NDArray[np.int64]:
     """Return the block of every weighted error of a problem, shape (m,).
 
     All outputs of one stretch of time are in one block; each log has its own, in proportion to
@@ -74,7 +74,7 @@ def blocks(problem: Problem, count: int = BLOCKS) -> NDArray[np.int64]:
     total = sum(lengths)
     made, first = [], 0
     for log, length in zip(problem.logs, lengths):
-        own = min(max(2, round(count * length / total)), length)  # none of a log held out whole
+        own = min(max(2, round(BLOCKS * length / total)), length)  # none of a log held out whole
         within = first + np.arange(length) * own // max(length, 1)
         made += [within] * len(log.outputs)
         first += own

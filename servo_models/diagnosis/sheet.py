@@ -126,12 +126,11 @@ def _confirmation(found: Diagnosis, confirmation: Confirmation) -> Iterator[tupl
 
 
 def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
-    singles = {one.effects[0]: one for one in found.causes.singles}
-    plant = found.model.plant
+    fitted, plant = found.causes.fitted, found.model.plant
     for claim in found.claims:
         said = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
-        if claim.name in singles and not claim.taken:
-            said += words.marks(found, singles[claim.name])
+        if claim.name in fitted and not claim.taken:
+            said += words.marks(found, fitted[claim.name])
         sizes = ", ".join(_size(plant, value) for value in claim.parameters)
         yield (
             claim.name,

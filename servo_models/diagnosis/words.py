@@ -126,10 +126,9 @@ def ruled_out(found: Diagnosis) -> dict[str, str]:
     """Return why each effect is not named, by its name, the nearest first."""
     reach = found.causes.reach
     named = {*found.verdict.members, *found.causes.taken.effects}
-    singles = {one.effects[0]: one for one in found.causes.singles}
-    fitted = [name for name in singles if name not in named]
-    rest = [name for name in reach if name not in named and name not in singles]
-    said = {name: _loses(found, singles[name]) for name in fitted}
+    fitted = found.causes.fitted
+    rest = [name for name in reach if name not in named and name not in fitted]
+    said = {name: _loses(found, name, one) for name, one in fitted.items() if name not in named}
     for name in sorted(rest, key=lambda name: -reach[name]):
         said[name] = "explains too little beside those that were fitted"
     unseen = {name: _unseen(reach[name]) for name in said if reach[name] < SEEN}
@@ -142,18 +141,20 @@ def _unseen(reach: float) -> str:
     return f"these logs cannot show it: it moves the outputs by {reach:.1g} noise floors at most"
 
 
-def _loses(found: Diagnosis, single: Explanation) -> str:
-    left = f"leaves {single.evidence.rms:.3g} noise floors held out"
-    return ", ".join([left, *marks(found, single)])
+def _loses(found: Diagnosis, name: str, fitted: Explanation) -> str:
+    others = [it for it in fitted.effects if it != name]
+    beside = f" beside {listed(others)}" if others else ""
+    left = f"leaves {fitted.evidence.rms:.3g} noise floors held out{beside}"
+    return ", ".join([left, *marks(found, fitted)])
 
 
-def marks(found: Diagnosis, single: Explanation) -> list[str]:
-    """Return what speaks against an effect beside the error that it leaves."""
-    worse = single.evidence.rms >= found.gap.rms["retuned"]
+def marks(found: Diagnosis, fitted: Explanation) -> list[str]:
+    """Return what speaks against an explanation beside the error that it leaves."""
+    worse = fitted.evidence.rms >= found.gap.rms["retuned"]
     said = {
         "worse than parameters alone": worse,
-        "on a bound": single.disguised,
-        "its fit did not converge": not single.converged,
+        "on a bound": fitted.disguised,
+        "its fit did not converge": not fitted.converged,
     }
     return [text for text, holds in said.items() if holds]
 

@@ -19,7 +19,7 @@ def section(found: Diagnosis) -> Section | None:
     reasons = said.ruled_out(found)
     if not reasons:
         return None
-    fitted = {name for one in found.causes.singles for name in one.effects}
+    fitted = found.causes.fitted
     seen = [name for name in reasons if found.causes.reach[name] >= said.SEEN]
     groups = {
         "Fitted, and not the cause": [name for name in seen if name in fitted],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from servo_models.diagnosis.explanation import Explanation
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.words import listed
 from servo_models.report.identification.readings import Reading, reading, words
@@ -45,8 +44,3 @@ def readings(found: Diagnosis) -> list[Reading]:
 def together(effects: Iterable[str]) -> str:
     """Return effects that act at once, in words."""
     return listed(map(words, effects))
-
-
-def either(explanations: Iterable[Explanation]) -> str:
-    """Return explanations of which one holds, in words."""
-    return " or ".join(together(one.effects) for one in explanations)
