@@ -195,7 +195,7 @@ def faults(case: Case, found: Diagnosis) -> Iterator[str]:
 
 
 def held_out(found: Diagnosis, one: Explanation, bar: Bar) -> float:
-    """Error of an explanation on samples that no part of the diagnosis has seen, in its unit."""
+    """Error of an explanation on samples that no fit of the diagnosis has seen, in its unit."""
     errors = []
     for log, response in zip(found.logs, one.problem.responses(one.evidence.vector)):
         if bar.output in log.outputs:
@@ -299,7 +299,7 @@ def main(chosen: Sequence[str]) -> None:
         "",
         "Made by `python benchmarks/study_real_logs.py`; the measured logs are not in this"
         " repository. Each diagnosis begins with a simple model. *Held out* are samples that no"
-        " part of it has seen. *Wrong* compares the effects named, those in the set included,"
+        " fit has seen (noise floors and codes are taken from whole logs). *Wrong* compares the effects named, those in the set included,"
         " with those that were known; values are not compared. The table of effects has for each"
         " one its probability, and the error that is left with the best explanation that has it,"
         " on blocks of the fitted samples that its fit has not seen; it may exceed the gap at the"

@@ -189,7 +189,6 @@ def test_a_case_that_cannot_be_read_is_a_wrong_answer(tmp_path: Path) -> None:
     assert "description.toml" in said.why
 
 
-# R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3.
 @pytest.mark.parametrize(
     ("truth", "rival", "samples", "found"),
     [

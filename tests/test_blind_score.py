@@ -14,6 +14,7 @@ from servo_models.blind.said import Said
 from servo_models.blind.score import FIGURES, Case, calibration, confusion
 from servo_models.blind.sheet import BARS, met
 
+# R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3
 NEWCOMBE = [
     (81, 263, 0.2553, 0.3662),
     (15, 148, 0.0624, 0.1605),

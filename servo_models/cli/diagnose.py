@@ -50,7 +50,7 @@ def diagnose(
         float | None,
         typer.Option(min=0.0, help="Gap in noise floors that counts as none; default 2."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the intervals.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of intervals and random commands.")] = 0,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
     ] = None,

@@ -34,7 +34,7 @@ class Confirmation:
 def confirm(found: Diagnosis) -> Confirmation:
     """Build the FMU of a diagnosed model and run it through fmpy where the logs were made.
 
-    Samples that a log holds out are judged too: no part of the diagnosis has seen them.
+    Samples that a log holds out are judged too: no fit of the diagnosis has seen them.
 
     Raises:
         UserError: an FMU that stops before its time.

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Unseen:
-    """Samples of a log that no part of a diagnosis has seen, RMS in noise floors.
+    """Samples of a log that no fit of a diagnosis has seen, RMS in noise floors.
 
     Attributes:
         log: its name.
