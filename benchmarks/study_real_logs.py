@@ -299,8 +299,9 @@ def main(chosen: Sequence[str]) -> None:
         "",
         "Made by `python benchmarks/study_real_logs.py`; the measured logs are not in this"
         " repository. Each diagnosis begins with a simple model. *Held out* are samples that no"
-        " fit has seen (noise floors and codes are taken from whole logs). *Wrong* compares the effects named, those in the set included,"
-        " with those that were known; values are not compared. The table of effects has for each"
+        " fit has seen (noise floors and codes are taken from whole logs). *Wrong* compares the"
+        " effects named, those in the set included, with those that were known; values are not"
+        " compared. The table of effects has for each"
         " one its probability, and the error that is left with the best explanation that has it,"
         " on blocks of the fitted samples that its fit has not seen; it may exceed the gap at the"
         " start. A probability also counts what a fit spends, and how far blocks differ.",

@@ -1,4 +1,4 @@
-"""Identified actuator models: simulate them, fit them to logs, diagnose their gap, build FMUs of them.
+"""Identified actuator models: simulate and fit them, diagnose their gap, build FMUs of them.
 
 The names below are imported when first used, so that importing the package costs nothing.
 A function that shares its module's name, such as ``simulate``, is the function here; reach
