@@ -242,6 +242,14 @@ def test_an_effect_that_the_log_cannot_show_is_said_to_be_so(session: Session) -
         assert said[name].startswith("these logs cannot show it")
 
 
+def test_what_closes_of_the_only_signal_is_what_closes_of_the_gap(session: Session) -> None:
+    by = {one["dimension"]: one["bins"] for one in session.document["where"]}
+    (signal,) = by["signal"]
+    assert signal["closed"] == pytest.approx(session.document["gap"]["closed"], rel=1e-9)
+    for one in (it for bins in by.values() for it in bins):
+        assert (one["closed"] is None) == (one["rms_before"] <= 1.0)
+
+
 def test_every_effect_is_either_named_or_ruled_out(session: Session) -> None:
     (rig,) = [read_description(session.folder / "rig.toml")]
     named = {one["name"] for one in session.document["effects"] if one["in_set"] or one["taken"]}

@@ -48,7 +48,7 @@ class Commands(TyperGroup):
 app = typer.Typer(
     name="servo-models",
     cls=Commands,
-    help="Identified actuator models: simulate and fit them, diagnose their gap, build FMUs of them.",
+    help="Identified actuator models: simulate, fit and diagnose them, build FMUs of them.",
     epilog="Exit codes: 0 done, within tolerance; 1 not within tolerance; 2 could not run.",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

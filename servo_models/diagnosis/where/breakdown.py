@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.diagnosis.gap import closed
+
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
@@ -36,6 +38,7 @@ class Bin:
             the response [1], nan where nothing moves.
         count: samples; 0 for a band of frequency, in which all of them have a part.
         worse: the error after is larger than before, beyond chance.
+        closed: share of the error above the noise floor that is closed, None where there is none.
     """
 
     label: str
@@ -49,6 +52,7 @@ class Bin:
     relative_after: float
     count: int
     worse: bool
+    closed: float | None
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,7 @@ def tabulate(
             relative_after=float(relative[1][k]) if moved[k] else np.nan,
             count=int(sums.weight[k]) if samples else 0,
             worse=bool(sums.worse[k]),
+            closed=closed(float(rms[0][k]), float(rms[1][k]), 1.0),
         )
         for k, (label, low, high) in enumerate(edges)
         if sums.weight[k] > 0

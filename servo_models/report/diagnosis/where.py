@@ -18,6 +18,7 @@ COLUMNS = (
     "error after",
     "over local amplitude before",
     "over local amplitude after",
+    "closed",
     "samples",
     "",
 )
@@ -39,7 +40,8 @@ def section(found: Sequence[Breakdown]) -> Section | None:
         TITLE,
         "RMS errors in noise floors, before and, on blocks that the fit has not seen, after; the"
         " share of the squared error is written above each pair of bars. Errors over the local"
-        " amplitude of the response show what small motions lack.",
+        " amplitude of the response show what small motions lack; *closed* is the share of what"
+        " lies above the noise floor.",
         tuple(_table(one) for one in found),
         tuple(_picture(one, f"where-{i}") for i, one in enumerate(drawn)),
     )
@@ -60,6 +62,7 @@ def _line(one: Bin) -> Line:
             number(one.rms_after, 3),
             _percent(one.relative_before),
             _percent(one.relative_after),
+            _percent(math.nan if one.closed is None else one.closed),
             f"{one.count}" if one.count else NONE,
             "gets worse" if one.worse else "",
         )
