@@ -246,6 +246,7 @@ def test_what_closes_of_the_only_signal_is_what_closes_of_the_gap(session: Sessi
     by = {one["dimension"]: one["bins"] for one in session.document["where"]}
     (signal,) = by["signal"]
     assert signal["closed"] == pytest.approx(session.document["gap"]["closed"], rel=1e-9)
+    assert all(one["closed"] is None for one in by.pop("frequency"))
     for one in (it for bins in by.values() for it in bins):
         assert (one["closed"] is None) == (one["rms_before"] <= 1.0)
 

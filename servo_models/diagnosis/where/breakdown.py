@@ -38,7 +38,8 @@ class Bin:
             the response [1], nan where nothing moves.
         count: samples; 0 for a band of frequency, in which all of them have a part.
         worse: the error after is larger than before, beyond chance.
-        closed: share of the error above the noise floor that is closed, None where there is none.
+        closed: share of the error above the noise floor that is closed, None where there is none
+            or, of a band of frequency, where it is not known.
     """
 
     label: str
@@ -130,7 +131,7 @@ def tabulate(
             relative_after=float(relative[1][k]) if moved[k] else np.nan,
             count=int(sums.weight[k]) if samples else 0,
             worse=bool(sums.worse[k]),
-            closed=closed(float(rms[0][k]), float(rms[1][k]), 1.0),
+            closed=closed(float(rms[0][k]), float(rms[1][k]), 1.0) if samples else None,
         )
         for k, (label, low, high) in enumerate(edges)
         if sums.weight[k] > 0

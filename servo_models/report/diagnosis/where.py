@@ -40,8 +40,8 @@ def section(found: Sequence[Breakdown]) -> Section | None:
         TITLE,
         "RMS errors in noise floors, before and, on blocks that the fit has not seen, after; the"
         " share of the squared error is written above each pair of bars. Errors over the local"
-        " amplitude of the response show what small motions lack; *closed* is the share of what"
-        " lies above the noise floor.",
+        " amplitude of the response show what small motions lack; closed is the share of what lies"
+        " above the noise floor, which is not known of a band of frequency.",
         tuple(_table(one) for one in found),
         tuple(_picture(one, f"where-{i}") for i, one in enumerate(drawn)),
     )
