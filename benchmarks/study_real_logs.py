@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis import words
-from servo_models.diagnosis.experiment import next_experiments
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.experiments.experiment import next_experiments
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.diagnosis.where import where
 from servo_models.files import write_whole

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from servo_models.audit import NO_NOISE, Audit, audit, noise_floors
 from servo_models.description import Description, read_description
-from servo_models.diagnosis.causes import find_causes
 from servo_models.diagnosis.claims import claims, estimates
-from servo_models.diagnosis.explanation import Bench, nominal_parameters
-from servo_models.diagnosis.fits import Tell
+from servo_models.diagnosis.fitting.explanation import Bench, nominal_parameters
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs, without_flags
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.fits import Tell
 from servo_models.diagnosis.verdict import TOLERANCE, decide
 from servo_models.threads import one_blas_thread
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import model, simulate

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.conditions import carried_over, conditions
-from servo_models.diagnosis.explanation import Bench
+from servo_models.diagnosis.fitting.conditions import carried_over, conditions
+from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.recording import Log
 from servo_models.simulate import Array, simulate
 from tests.test_search_of_causes import made

@@ -11,7 +11,7 @@ import pytest
 
 from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import DOUBTFUL, Codes, detection, sentence
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.report.diagnosis import detectors as page
 from servo_models.simulate import model
 from tests.test_clock import with_hold

@@ -16,12 +16,12 @@ from threadpoolctl import threadpool_info
 
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis import words
 from servo_models.diagnosis.confirm import confirm
-from servo_models.diagnosis.evidence import Evidence, blocks
+from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.parameters import parameter_set
 from servo_models.diagnosis.preconditions import slowest_time_constant
+from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.parameters import parameter_set
 from servo_models.diagnosis.verdict import Verdict
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem

@@ -15,11 +15,12 @@ from fmu_host import Host
 from html_page import Page
 from jsonschema import Draft202012Validator, ValidationError
 
-from servo_models import diagnosis
 from servo_models.cli import main
 from servo_models.description import read_description
-from servo_models.diagnosis import experiment, explanation
-from servo_models.diagnosis.descent import Array, descend
+from servo_models.diagnosis import telling
+from servo_models.diagnosis.experiments import experiment
+from servo_models.diagnosis.fitting import explanation
+from servo_models.diagnosis.fitting.descent import Array, descend
 from servo_models.identification.problem import Problem
 from servo_models.parameter_set import read_parameters
 from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
@@ -115,7 +116,7 @@ def test_the_gap_before_is_the_error_of_the_nominal_model(session: Session) -> N
 
 
 def check_schema(document: object) -> None:
-    path = Path(diagnosis.__file__).parent / "schema.json"
+    path = Path(telling.__file__).parent / "schema.json"
     schema = json.loads(path.read_text(encoding="utf-8"))
     Draft202012Validator.check_schema(schema)
     Draft202012Validator(schema).validate(document)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from servo_models.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.experiment import next_experiments
+from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.verdict import OUTSIDE
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs" / "diagnosis"

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from servo_models.description import Description
 from servo_models.diagnose import diagnose
-from servo_models.diagnosis import words
 from servo_models.diagnosis.confirm import Confirmation
-from servo_models.diagnosis.experiment import next_experiments
+from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.verdict import EFFECT, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.diagnosis.where import where
 from servo_models.identification.result import Accuracy

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import find_causes
-from servo_models.diagnosis.commands import FAMILIES, Command
-from servo_models.diagnosis.experiment import Experiment, next_experiments
-from servo_models.diagnosis.experiment_search import Stage
-from servo_models.diagnosis.explanation import Bench
-from servo_models.diagnosis.staircases import shortened
+from servo_models.diagnosis.experiments.commands import FAMILIES, Command
+from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
+from servo_models.diagnosis.experiments.experiment_search import Stage
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.staircases import shortened
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.recording import Channel, Log

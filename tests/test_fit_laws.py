@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from test_identification import TRUE, log_of, noisy, nominal, prbs, rig
 
-from servo_models.diagnosis.descent import descend
+from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.covariance import covariance
 from servo_models.identification.estimate import spread_of
 from servo_models.identification.fit import fit

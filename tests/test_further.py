@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.causes import find_causes
-from servo_models.diagnosis.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.structure import LeftOver
 from servo_models.diagnosis.repeatability import unrepeatable
-from servo_models.diagnosis.screening import look
-from servo_models.diagnosis.starts import best_start
-from servo_models.diagnosis.structure import LeftOver
+from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.screening import look
+from servo_models.diagnosis.search.starts import best_start
 from servo_models.diagnosis.unseen import unseen
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter

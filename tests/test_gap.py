@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.evidence import Evidence
-from servo_models.diagnosis.explanation import Bench
+from servo_models.diagnosis.fitting.evidence import Evidence
+from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.recording import Channel, Log
 from servo_models.simulate import model, simulate
 

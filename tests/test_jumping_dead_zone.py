@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.explanation import Bench
-from servo_models.diagnosis.fits import beside, starts_of
-from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.search.fits import beside, starts_of
+from servo_models.diagnosis.search.screening import look
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Array, model, simulate

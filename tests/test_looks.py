@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from servo_models.diagnosis.box import least_in_box, value_at
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.evidence import advantage
-from servo_models.diagnosis.explanation import Bench
-from servo_models.diagnosis.fits import beside
-from servo_models.diagnosis.pairs_seen import pairs
-from servo_models.diagnosis.screening import look
-from servo_models.diagnosis.staircases import shortlist
-from servo_models.diagnosis.stepwise import shifted
-from servo_models.diagnosis.worth import LIKELY, earns
+from servo_models.diagnosis.fitting.box import least_in_box, value_at
+from servo_models.diagnosis.fitting.evidence import advantage
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.stepwise import shifted
+from servo_models.diagnosis.fitting.worth import LIKELY, earns
+from servo_models.diagnosis.search.fits import beside
+from servo_models.diagnosis.search.pairs_seen import pairs
+from servo_models.diagnosis.search.screening import look
+from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Array, model, simulate

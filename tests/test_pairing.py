@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from servo_models.diagnosis.causes import find_causes
-from servo_models.diagnosis.fits import TRIED, beside, likeliest, settled
-from servo_models.diagnosis.further import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.looks import Looks, narrowed, seen_beside
-from servo_models.diagnosis.pairing import lookalikes, promising
-from servo_models.diagnosis.pairs_seen import left_beside, pairs
-from servo_models.diagnosis.screening import Sight, look
+from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.fits import TRIED, beside, likeliest, settled
+from servo_models.diagnosis.search.further import RIVAL, RIVALS, _rivals
+from servo_models.diagnosis.search.looks import Looks, narrowed, seen_beside
+from servo_models.diagnosis.search.pairing import lookalikes, promising
+from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
+from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
-from servo_models.diagnosis.view import View
 from servo_models.simulate import Array
 from tests.test_search_of_causes import made
 
@@ -122,7 +122,7 @@ def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch
         asked.append([one.name for one in wanted])
         return look(views, wanted, corrected)
 
-    monkeypatch.setattr("servo_models.diagnosis.looks.look", counted)
+    monkeypatch.setattr("servo_models.diagnosis.search.looks.look", counted)
     found = looks.beside(first, others[:2])
     again = looks.beside(first, others)
     assert asked == [["cogging", "stribeck_friction"], ["dead_band"]]

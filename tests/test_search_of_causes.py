@@ -13,13 +13,13 @@ from scipy.optimize import least_squares, lsq_linear
 
 from servo_models.description import read_description
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.descent import _Point, _step, descend
-from servo_models.diagnosis.evidence import blocks, judge
-from servo_models.diagnosis.explanation import BELIEVED, Bench, nominal_parameters
-from servo_models.diagnosis.fits import beside
-from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.fitting.descent import _Point, _step, descend
+from servo_models.diagnosis.fitting.evidence import blocks, judge
+from servo_models.diagnosis.fitting.explanation import BELIEVED, Bench, nominal_parameters
+from servo_models.diagnosis.search.fits import beside
+from servo_models.diagnosis.search.screening import look
+from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.diagnosis.sizes import travel
-from servo_models.diagnosis.staircases import shortlist
 from servo_models.identification.problem import Free, free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Array, model, simulate

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.diagnosis.fits import beside
-from servo_models.diagnosis.looks import seen_beside
-from servo_models.diagnosis.pairing import stairs_seen
-from servo_models.diagnosis.screening import look
+from servo_models.diagnosis.fitting.stepwise import shifted
+from servo_models.diagnosis.search.fits import beside
+from servo_models.diagnosis.search.looks import seen_beside
+from servo_models.diagnosis.search.pairing import stairs_seen
+from servo_models.diagnosis.search.screening import look
+from servo_models.diagnosis.search.staircases import shortened, shortlist
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
-from servo_models.diagnosis.staircases import shortened, shortlist
-from servo_models.diagnosis.stepwise import shifted
 from servo_models.simulate import Array, model
 from tests.test_search_of_causes import made
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from servo_models.audit.sensor import difference_noise
-from servo_models.diagnosis.evidence import Evidence
-from servo_models.diagnosis.structure import LOUDEST, LeftOver, left_over, missing
+from servo_models.diagnosis.fitting.evidence import Evidence
+from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing
 from servo_models.identification.problem import Problem
 from servo_models.recording import Channel, Log
 from servo_models.simulate import model

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.belief import probabilities
-from servo_models.diagnosis.causes import Causes, find_causes
+from servo_models.diagnosis.search.causes import Causes, find_causes
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from tests.test_search_of_causes import made
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.evidence import Evidence, blocks
-from servo_models.diagnosis.explanation import Bench
+from servo_models.diagnosis.fitting.evidence import Evidence, blocks
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where import Breakdown, where
 from servo_models.diagnosis.where.alone import by_block
 from servo_models.recording import Channel, Log

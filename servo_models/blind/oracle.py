@@ -32,11 +32,11 @@ from servo_models.blind.said import Said
 from servo_models.description import Description, read_description
 from servo_models.diagnose import diagnose
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.evidence import dispersion
-from servo_models.diagnosis.explanation import Bench, Explanation, nominal_parameters
-from servo_models.diagnosis.fits import beside, likeliest, together
-from servo_models.diagnosis.pairs_seen import pairs
-from servo_models.diagnosis.screening import Sight, look
+from servo_models.diagnosis.fitting.evidence import dispersion
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation, nominal_parameters
+from servo_models.diagnosis.search.fits import beside, likeliest, together
+from servo_models.diagnosis.search.pairs_seen import pairs
+from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.identification.problem import Problem
 from servo_models.logs import read_columns
 from servo_models.recording import Log

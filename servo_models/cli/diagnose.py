@@ -16,7 +16,7 @@ from servo_models.cli.options import Format, check_outputs
 from servo_models.errors import UserError
 
 if TYPE_CHECKING:
-    from servo_models.diagnosis.experiment import Experiment
+    from servo_models.diagnosis.experiments.experiment import Experiment
 
 GAP_FOUND = 1
 
@@ -74,10 +74,10 @@ def diagnose(
     from servo_models.cli.console import progress, show
     from servo_models.diagnose import diagnose as run
     from servo_models.diagnosis.confirm import confirm
-    from servo_models.diagnosis.document import document, github
-    from servo_models.diagnosis.experiment import next_experiments
-    from servo_models.diagnosis.parameters import parameter_set
-    from servo_models.diagnosis.sheet import diagnosis_sheet
+    from servo_models.diagnosis.experiments.experiment import next_experiments
+    from servo_models.diagnosis.telling.document import document, github
+    from servo_models.diagnosis.telling.parameters import parameter_set
+    from servo_models.diagnosis.telling.sheet import diagnosis_sheet
     from servo_models.diagnosis.verdict import TOLERANCE
     from servo_models.diagnosis.where import where
     from servo_models.files import write_whole

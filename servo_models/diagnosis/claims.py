@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.detectors import Detection, detection
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import closed
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.verdict import Verdict
 from servo_models.identification.estimate import Spread, spread, spread_of
 from servo_models.identification.slopes import steps

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.codes import as_bunched, bunched
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.run import prepared
 from servo_models.recording import Log
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from servo_models.actuator import Wire
 from servo_models.diagnosis.clock import Answers, answers
 from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched, bunched
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.experiment import display
 
 Array = NDArray[np.float64]

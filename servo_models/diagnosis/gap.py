@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.evidence import Evidence
+from servo_models.diagnosis.fitting.evidence import Evidence
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.identification.problem import Problem
 
 Array = NDArray[np.float64]

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from servo_models.audit import Audit
-from servo_models.diagnosis.causes import Causes
 from servo_models.diagnosis.claims import Claim, Value, estimates
 from servo_models.diagnosis.gap import Gap, Reduction
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.unseen import Unseen, unseen
 from servo_models.diagnosis.verdict import NO_GAP, Verdict
 from servo_models.recording import Log

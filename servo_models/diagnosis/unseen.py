@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.evidence import BLOCKS
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.evidence import BLOCKS
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import grows
 
 Array = NDArray[np.float64]

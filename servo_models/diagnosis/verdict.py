@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.belief import covering, probabilities
-from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.structure import left_over, missing, sure
 from servo_models.diagnosis.repeatability import unrepeatable
-from servo_models.diagnosis.structure import left_over, missing, sure
+from servo_models.diagnosis.search.causes import Causes
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.alone import by_block
 from servo_models.diagnosis.where.breakdown import Bin, Breakdown
 from servo_models.diagnosis.where.regimes import (

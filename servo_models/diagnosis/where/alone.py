@@ -18,8 +18,8 @@ import numpy as np
 
 from servo_models.actuator import Placement, Plant, Wire, place
 from servo_models.block import Block, Param, effect
-from servo_models.diagnosis.causes import Causes
-from servo_models.diagnosis.evidence import BLOCKS
+from servo_models.diagnosis.fitting.evidence import BLOCKS
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import WORSE, Array, Breakdown, Sums, tabulate
 from servo_models.identification.run import Run
 from servo_models.simulate import Model, flat_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.actuator import Wire
-from servo_models.diagnosis.causes import Causes
+from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import Array, Rows
 from servo_models.identification.problem import Problem
 from servo_models.recording import Log

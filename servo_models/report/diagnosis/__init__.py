@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from servo_models.diagnosis.confirm import Confirmation
-from servo_models.diagnosis.experiment import Experiment
+from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.where import Breakdown
 from servo_models.report.diagnosis import (
@@ -38,7 +38,7 @@ def diagnosis_page(
         title: of the window, and above the verdict.
         found: from ``diagnose``.
         where: from ``diagnosis.where``.
-        experiments: from ``diagnosis.experiment``, for the verdict of ``found``.
+        experiments: from ``diagnosis.experiments``, for the verdict of ``found``.
         confirmed: from ``diagnosis.confirm``.
         conditions: versions that figures depend on, by name.
         date: shown with the title; the same arguments give the same bytes.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.diagnosis.belief import COVERED
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import DRAWS
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import chances_of

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.experiment import Experiment
-from servo_models.diagnosis.experiment_search import played
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.experiments.experiment import Experiment
+from servo_models.diagnosis.experiments.experiment_search import played
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.experiment import display
 from servo_models.report.diagnosis.stages import together

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from servo_models.diagnosis import words as said
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words as said
 from servo_models.report.diagnosis.responses import response
 from servo_models.report.diagnosis.stages import readings, stages
 from servo_models.report.identification.readings import (

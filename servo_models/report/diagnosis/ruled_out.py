@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 
-from servo_models.diagnosis import words as said
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words as said
 from servo_models.report.identification.readings import words
 from servo_models.report.parts import Line, Section, Table, number
 

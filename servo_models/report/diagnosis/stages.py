@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.words import listed
+from servo_models.diagnosis.telling.words import listed
 from servo_models.report.identification.readings import Reading, reading, words
 
 NOMINAL, RETUNED, WITH_ONE, WITH_MORE = "nominal", "re-tuned", "with effect", "with effects"

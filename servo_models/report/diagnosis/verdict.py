@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from servo_models.diagnosis import words as said
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words as said
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE
 from servo_models.report.diagnosis.gap import unit_for
 from servo_models.report.diagnosis.stages import NOMINAL, stages

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.screening import LEAST, STRETCH, Sight, remains, shares, turned
-from servo_models.diagnosis.view import View
+from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.search.screening import LEAST, STRETCH, Sight, remains, shares, turned
 
 Array = NDArray[np.float64]
 

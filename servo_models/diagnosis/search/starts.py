@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from servo_models.diagnosis.screening import Sight
+from servo_models.diagnosis.search.screening import Sight
 from servo_models.identification.problem import Free
 
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.fits import (
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.search.fits import (
     Seen,
     Task,
     Tell,
@@ -23,10 +23,10 @@ from servo_models.diagnosis.fits import (
     starts_of,
     together,
 )
-from servo_models.diagnosis.looks import Looks, seen_beside
-from servo_models.diagnosis.pairs_seen import pairs
-from servo_models.diagnosis.screening import Sight, look
-from servo_models.diagnosis.staircases import shortlist
+from servo_models.diagnosis.search.looks import Looks, seen_beside
+from servo_models.diagnosis.search.pairs_seen import pairs
+from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.identification.problem import Free
 
 FIRSTS, SECONDS, PAIRS = 3, 4, 6

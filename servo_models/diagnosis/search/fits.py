@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.screening import Sight
-from servo_models.diagnosis.starts import Start, best_start
-from servo_models.diagnosis.structure import left_over
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.structure import left_over
+from servo_models.diagnosis.search.screening import Sight
+from servo_models.diagnosis.search.starts import Start, best_start
 from servo_models.identification.problem import Free, map_on
 
 Tell = Callable[[str], None]

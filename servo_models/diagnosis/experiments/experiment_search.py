@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 
 from servo_models.actuator import Wire
-from servo_models.diagnosis.commands import FAMILIES, Array, Command, grid
-from servo_models.diagnosis.evidence import dispersion
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.experiments.commands import FAMILIES, Array, Command, grid
+from servo_models.diagnosis.fitting.evidence import dispersion
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.where.samples import moving_input
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem

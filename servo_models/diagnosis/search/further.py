@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.conditions import carried_over
-from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.fits import Tell, best_of_each, settled, side_by_side
-from servo_models.diagnosis.looks import seen_beside
-from servo_models.diagnosis.pairing import (
+from servo_models.diagnosis.fitting.conditions import carried_over
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.worth import WORTH, earns
+from servo_models.diagnosis.search.fits import Tell, best_of_each, settled, side_by_side
+from servo_models.diagnosis.search.looks import seen_beside
+from servo_models.diagnosis.search.pairing import (
     added,
     lookalikes,
     promising,
@@ -23,7 +24,6 @@ from servo_models.diagnosis.pairing import (
     swapped,
     without,
 )
-from servo_models.diagnosis.worth import WORTH, earns
 
 MOST = 5
 """Effects in an explanation."""

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from servo_models.actuator import Plant, Wire
-from servo_models.diagnosis.commands import Array, in_time
-from servo_models.diagnosis.experiment_search import Stage
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.experiments.commands import Array, in_time
+from servo_models.diagnosis.experiments.experiment_search import Stage
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.verdict import FEW, Verdict
 from servo_models.experiment import display
 from servo_models.explain import display_unit, in_display_unit

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.descent import descend
+from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.sizes import JUMP_PARTS, PHASE, STEPWISE
 from servo_models.identification.problem import Problem
 

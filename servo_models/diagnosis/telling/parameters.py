@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import datetime
 
-from servo_models.diagnosis import words
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words
 from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
 
 

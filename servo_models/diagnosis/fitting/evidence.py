@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.view import View
+from servo_models.diagnosis.fitting.view import View
 from servo_models.identification.problem import Problem
 from servo_models.noise import inflation
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.fits import (
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.search.fits import (
     Seen,
     Tell,
     beside_each,
@@ -21,10 +21,10 @@ from servo_models.diagnosis.fits import (
     settled,
     starts_of,
 )
-from servo_models.diagnosis.looks import Looks, narrowed
-from servo_models.diagnosis.pairing import LESS, paired, stairs_beside, swapped
-from servo_models.diagnosis.screening import Sight, look
-from servo_models.diagnosis.staircases import shortlist
+from servo_models.diagnosis.search.looks import Looks, narrowed
+from servo_models.diagnosis.search.pairing import LESS, paired, stairs_beside, swapped
+from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.search.staircases import shortlist
 
 SINGLES, FIRST = 10, 4
 """Smooth effects fitted in full, and those of them that are fitted first."""

@@ -10,13 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from servo_models.diagnosis import words
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
-from servo_models.diagnosis.experiment import Experiment
+from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.where import Breakdown
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.interchange import command

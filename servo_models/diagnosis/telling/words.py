@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from servo_models.diagnosis.explanation import Explanation
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.structure import LEAST_SAMPLES
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,

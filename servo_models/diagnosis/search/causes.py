@@ -10,17 +10,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, log
 
-from servo_models.diagnosis.attempts import Attempts, attempts
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.conditions import carried_over
-from servo_models.diagnosis.evidence import Evidence
-from servo_models.diagnosis.explanation import Bench, Explanation
-from servo_models.diagnosis.fits import Tell, beside_each, best_of_each, settled, starts_of
-from servo_models.diagnosis.further import further
-from servo_models.diagnosis.looks import narrowed
-from servo_models.diagnosis.pairing import LESS, halves_of, lookalikes
-from servo_models.diagnosis.screening import Sight, look
-from servo_models.diagnosis.worth import earns
+from servo_models.diagnosis.fitting.conditions import carried_over
+from servo_models.diagnosis.fitting.evidence import Evidence
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.worth import earns
+from servo_models.diagnosis.search.attempts import Attempts, attempts
+from servo_models.diagnosis.search.fits import Tell, beside_each, best_of_each, settled, starts_of
+from servo_models.diagnosis.search.further import further
+from servo_models.diagnosis.search.looks import narrowed
+from servo_models.diagnosis.search.pairing import LESS, halves_of, lookalikes
+from servo_models.diagnosis.search.screening import Sight, look
 
 QUIET = 4
 """Effects that are fitted where nominal parameters leave noise only."""

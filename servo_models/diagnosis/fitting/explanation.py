@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.description import Description
-from servo_models.diagnosis.descent import descend
-from servo_models.diagnosis.evidence import Evidence, blocks, judge
-from servo_models.diagnosis.stepwise import (
+from servo_models.diagnosis.fitting.descent import descend
+from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
+from servo_models.diagnosis.fitting.stepwise import (
     NARROW,
     SHIFTED,
     WIDE,
@@ -26,7 +26,7 @@ from servo_models.diagnosis.stepwise import (
     staircases_of,
     turned,
 )
-from servo_models.diagnosis.view import View, view
+from servo_models.diagnosis.fitting.view import View, view
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
 from servo_models.identification.slopes import steps
 from servo_models.recording import Log

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.candidates import Candidate
+from servo_models.diagnosis.fitting.stepwise import delays_of
+from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.sizes import Settings
-from servo_models.diagnosis.stepwise import delays_of
-from servo_models.diagnosis.view import View
 
 Array = NDArray[np.float64]
 

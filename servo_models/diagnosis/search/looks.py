@@ -14,11 +14,11 @@ from itertools import chain
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.explanation import Explanation
-from servo_models.diagnosis.fits import likeliest, names_of
-from servo_models.diagnosis.screening import Sight, best_shares, look
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.search.fits import likeliest, names_of
+from servo_models.diagnosis.search.screening import Sight, best_shares, look
 from servo_models.diagnosis.sizes import Settings
-from servo_models.diagnosis.view import View
 
 SIZES = 6
 """Sizes at which an effect is seen again beside others."""

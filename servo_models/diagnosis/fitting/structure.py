@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from servo_models.audit.sensor import reading_step
 from servo_models.diagnosis.codes import loudest
-from servo_models.diagnosis.evidence import Evidence
+from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.identification.problem import Problem
 from servo_models.recording import Log
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from servo_models.diagnosis.evidence import advantage, consistency
-from servo_models.diagnosis.explanation import Explanation
-from servo_models.diagnosis.structure import left_over, sure
+from servo_models.diagnosis.fitting.evidence import advantage, consistency
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.structure import left_over, sure
 
 LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from servo_models.actuator import Plant
-from servo_models.diagnosis import words
 from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import sentence
-from servo_models.diagnosis.experiment import Experiment
+from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.where import Breakdown
 from servo_models.experiment import display
 from servo_models.explain import display_scale, display_unit, in_display_unit

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from servo_models.diagnosis.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.recording import Log
 
 LEAST = 3

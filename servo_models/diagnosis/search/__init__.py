@@ -1,0 +1,1 @@
+"""The search for causes: which effects are looked at, fitted and taken."""

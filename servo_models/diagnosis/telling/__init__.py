@@ -1,0 +1,1 @@
+"""A diagnosis told: in words, as text, as JSON and as a parameter file."""
