@@ -136,3 +136,8 @@ def display(wire: Wire) -> tuple[float, str]:
     """Return the factor from SI to the unit that a person reads, and that unit, "" for none."""
     unit = wire.display or wire.unit
     return (factor(wire.unit, unit) if wire.display else 1.0), "" if unit == "1" else unit
+
+
+def in_time(value: float) -> str:
+    """Return a time [s] as a person reads it."""
+    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"

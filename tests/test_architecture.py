@@ -35,7 +35,22 @@ LAYERS = (
 )
 """From the data to the person: an import goes to a layer further up this list."""
 
+ROOMS = (
+    "codes",
+    "sizes",
+    "candidates fitting",
+    "search clock belief repeatability preconditions",
+    "detectors verdict gap",
+    "claims where",
+    "unseen experiments",
+    "result",
+    "confirm",
+    "telling",
+)
+"""The same inside the diagnosis."""
+
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names.split()}
+ROOM = {name: rank for rank, names in enumerate(ROOMS) for name in names.split()}
 SOURCES = sorted(
     [*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/*.py"), ROOT / "build_fmu.py"]
 )
@@ -76,6 +91,21 @@ def test_imports_go_one_way(path: Path) -> None:
     for other in own_parts(path) - {me}:
         assert other in RANK, f"say in LAYERS where '{other}' belongs"
         assert RANK[other] < RANK[me], f"{me} may not know {other}"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [it for it in SOURCES if "diagnosis" in it.parent.parts[-2:] and "report" not in it.parts],
+    ids=lambda p: p.stem,
+)
+def test_the_rooms_of_the_diagnosis_know_those_before(path: Path) -> None:
+    me = path.relative_to(ROOT / "servo_models/diagnosis").with_suffix("").parts[0]
+    if me == "__init__":
+        return
+    names = [name.split(".") for name in imported(path)]
+    others = {steps[2] for steps in names if steps[:2] == ["servo_models", "diagnosis"]} - {me}
+    for other in others:
+        assert ROOM[other] < ROOM[me], f"{me} may not know {other}"
 
 
 @pytest.mark.parametrize("folder", ["effects", "plants"])

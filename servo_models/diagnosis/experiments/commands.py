@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import Wire
-from servo_models.experiment import display
+from servo_models.experiment import display, in_time
 
 Array = NDArray[np.float64]
 
@@ -70,11 +70,6 @@ class Command:
         for factor in (ratio, 1.0 / ratio):
             yield replace(self, size=self.size * factor)
             yield replace(self, pace=self.pace * factor)
-
-
-def in_time(value: float) -> str:
-    """A time [s] as a person reads it."""
-    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
 
 
 def grid(middle: float, size: float, response: float, seed: int) -> list[Command]:

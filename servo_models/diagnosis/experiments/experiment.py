@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from servo_models.actuator import Plant, Wire
-from servo_models.diagnosis.experiments.commands import Array, in_time
+from servo_models.diagnosis.experiments.commands import Array
 from servo_models.diagnosis.experiments.experiment_search import Stage
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.verdict import FEW, Verdict
-from servo_models.experiment import display
+from servo_models.experiment import display, in_time
 from servo_models.explain import display_unit, in_display_unit
 from servo_models.lookalikes import cause, experiment
 from servo_models.recording import Log

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from servo_models.diagnosis.experiments.commands import in_time
 from servo_models.diagnosis.where.breakdown import Array, Breakdown, Rows, Sums, grows, tabulate
 from servo_models.diagnosis.where.samples import Samples
-from servo_models.experiment import display
+from servo_models.experiment import display, in_time
 
 WINDOWS = 12
 """Windows of time, over all logs."""
