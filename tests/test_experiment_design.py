@@ -211,8 +211,13 @@ def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
     assert pairs == [{one, two}, {one, three}, {two, three}]
 
 
-def test_conditions_of_the_log_are_part_of_the_instruction(first: Log) -> None:
-    loaded = verdict_on(replace(first, constants={"load_torque": 2e-4}))
+@pytest.mark.parametrize("recorded", [False, True])
+def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first: Log) -> None:
+    """A load that was recorded sample by sample is a condition as one that the description gives."""
+    load = np.full(len(first.times), 2e-4)
+    inputs = {**first.inputs, "load_torque": load}
+    held = replace(first, inputs=inputs) if recorded else None
+    loaded = verdict_on(held or replace(first, constants={"load_torque": 2e-4}))
     told = next_experiments(replace(loaded, rivals=loaded.rivals[:2]))[0]
     assert told.constants == {"load_torque": 2e-4}
     assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text

@@ -157,14 +157,17 @@ class Stage:
     def plan(self, command: Command) -> Log:
         """Return the log of a command before it is played: nothing is measured yet.
 
-        It is taken under the conditions of the first log, and begins at rest.
+        It is taken under the conditions of the first log, other inputs where they were most of the
+        time, and begins at rest.
         """
         first, n = self.problem.logs[0], len(self.times)
         rests = command.middle == self.wire.rest
+        others = {name: it for name, it in first.inputs.items() if name != self.wire.name}
         return replace(
             first,
             times=self.times,
             inputs={self.wire.name: command.values(self.times)},
+            constants={**first.constants, **{k: float(np.median(v)) for k, v in others.items()}},
             outputs={name: np.zeros(n) for name in self.problem.sigma},
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),
