@@ -213,7 +213,7 @@ def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
 
 @pytest.mark.parametrize("recorded", [False, True])
 def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first: Log) -> None:
-    """A load that was recorded sample by sample is a condition as one that the description gives."""
+    """A load that was recorded is a condition like one that the description gives."""
     load = np.full(len(first.times), 2e-4)
     inputs = {**first.inputs, "load_torque": load}
     held = replace(first, inputs=inputs) if recorded else None
