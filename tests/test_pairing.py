@@ -16,7 +16,7 @@ from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.causes import find_causes
 from servo_models.diagnosis.search.fits import TRIED, beside, likeliest, settled
 from servo_models.diagnosis.search.further import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.search.looks import Looks, narrowed, seen_beside
+from servo_models.diagnosis.search.looks import SIZES, Looks, narrowed, seen_beside
 from servo_models.diagnosis.search.pairing import lookalikes, promising
 from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
 from servo_models.diagnosis.search.screening import Sight, look
@@ -72,6 +72,36 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     found = beside(bench, first, own[:TRIED]).values
     assert found["cogging.count"] == pytest.approx(200.0, rel=0.01)
     assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ({"coulomb_friction.level": 1.5e-3}, {"sensor_offset.value": 2e-3}),
+        ({"drive_saturation.limit": 15.0}, {"transport_delay.time": 1.1e-3}),
+        (
+            {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1},
+            {"backlash.half_width": 1e-3},
+        ),
+    ],
+)
+def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
+    first: dict[str, float], second: dict[str, float]
+) -> None:
+    """None of these laws adds to another one, and the sizes are those that would do if they did."""
+    bench, every = made({**first, **second})
+    near = narrowed(every.values(), look((bench.fit((), ()).view,), list(every.values()))[0])
+    (name,), (cause,) = ({it.partition(".")[0] for it in part} for part in (first, second))
+    fitted = bench.fit((name,), every[name].at(first))
+    few = seen_beside(fitted, near)
+    most = look((fitted.view,), [one for one in every.values() if one.name != name])[0]
+    smooth = [one.name for one in near if len(one.alone) > SIZES and one.name != name]
+    assert len(smooth) > 10
+    best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
+    assert best[1][cause] == best[0][cause]
+    apart = [best[1][it] / best[0][it] for it in smooth if it in best[0]]
+    assert np.quantile(apart, 0.9) < 1.01
+    assert max(len([it for it in few if it.candidate.name == one]) for one in smooth) <= SIZES
 
 
 @given(st.integers(0, 10**6), st.floats(1e-9, 1.0))
