@@ -95,6 +95,38 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     assert found.evidence.rms < 1.2
 
 
+def test_no_search_ends_on_the_edge_of_a_stair() -> None:
+    """There the delay can only fall off, while the other parameters still make up for it."""
+    nominal, step, count = model("sg90", "measured"), 1.2e-3, 700
+    times: Array = step * np.arange(float(count))
+    names = {"angle_reading": 3e-4, "motor_voltage": 3e-3}
+    shares = {
+        "motor_time_constant": 0.25,
+        "motor_gain": 0.2,
+        "amplifier_gain": 0.25,
+        "transport_delay.time": 0.3,
+    }
+    known, parameters = nominal.values, nominal.plant.parameters
+    free = tuple(
+        free_parameter(parameters[name], known[name], share * known[name])
+        for name, share in shares.items()
+    )
+    left = []
+    for seed in range(160):
+        random = np.random.default_rng(seed)
+        pulse = np.repeat(1e-3 * (1.5 + random.uniform(-0.1, 0.1, 7)), 100)
+        rig = {
+            name: known[name] * (1.0 + share * random.standard_normal())
+            for name, share in shares.items()
+        }
+        inputs = {"pulse_width": pulse}
+        told = simulate(replace(nominal, values={**known, **rig}), times, inputs)
+        read = {it: told[it] + noise * random.standard_normal(count) for it, noise in names.items()}
+        bench = Bench(nominal, [logged(times, inputs, read)], free, names, jobs=1)
+        left.append(bench.fit((), ()).evidence.rms)
+    assert max(left) < 1.2
+
+
 def test_where_nothing_jumps_no_delay_is_moved() -> None:
     bench, every = made({"transport_delay.time": 2e-3})
     problem = bench.problem(every["transport_delay"].at({"transport_delay.time": 1e-3}))

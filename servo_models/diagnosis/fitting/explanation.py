@@ -21,6 +21,7 @@ from servo_models.diagnosis.fitting.stepwise import (
     WIDE,
     begins_with_jump,
     others_first,
+    past_an_edge,
     sharpened,
     shifted,
     staircases_of,
@@ -253,6 +254,8 @@ class Bench:
         vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
         for _ in range(SHIFTED):
             moved = shifted(problem, vector)
+            if moved is None:
+                moved = past_an_edge(problem, vector, widths, tolerance, limit)
             if moved is None:
                 break
             vector, met, slopes = descend(problem, moved, tolerance, limit, widths)

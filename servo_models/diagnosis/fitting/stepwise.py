@@ -63,7 +63,7 @@ def others_first(
     problem: Problem,
     vector: Array,
     stepwise: Sequence[int],
-    widths: Array,
+    widths: Array | None,
     tolerance: float,
     limit: int,
 ) -> Array:
@@ -75,8 +75,31 @@ def others_first(
     free = [problem.free[i] for i in others]
     rest = Problem(model, problem.logs, free, sigma=problem.sigma, jobs=problem.jobs)
     found = vector.copy()
-    found[others], _, _ = descend(rest, vector[others], tolerance, limit, widths[others])
+    own = None if widths is None else widths[others]
+    found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)
     return found
+
+
+def past_an_edge(
+    problem: Problem, vector: Array, widths: Array | None, tolerance: float, limit: int
+) -> Array | None:
+    """Return a vector with other parameters fitted while delays stay, where they are or on the next
+    stair, if that is surely better.
+
+    Where a reading jumps, a search ends on the edge of a stair: each step that moves the delay as
+    well falls off it, and the others would go on.
+    """
+    delays, sample = delays_of(problem), _jumping(problem)
+    if not delays or not sample or len(delays) == len(vector):
+        return None
+    found = []
+    for move in (0.0, -0.5 * sample, 0.5 * sample):
+        begin = vector.copy()
+        begin[delays] += move / problem.scales[delays]
+        begin = np.clip(begin, *problem.bounds)
+        found.append(others_first(problem, begin, delays, widths, tolerance, limit))
+    before, *after = problem.costs([vector, *found])
+    return found[int(np.argmin(after))] if min(after) < WORTH * before else None
 
 
 def sharpened(
