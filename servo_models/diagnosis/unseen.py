@@ -26,7 +26,7 @@ class Unseen:
     Attributes:
         log: its name.
         retuned: left by nominal parameters alone.
-        after: left by the explanation that was taken.
+        after: left by the explanation that was taken, NaN where it cannot be simulated.
         worse: it leaves more, beyond what blocks of time scatter.
     """
 
@@ -43,7 +43,7 @@ def unseen(causes: Causes) -> tuple[Unseen, ...]:
     for log, (old, new) in zip(causes.taken.problem.logs, pairs):
         if len(old):
             parts = np.arange(len(old)) * BLOCKS // len(old)
-            worse = grows(old, new, np.zeros_like(parts), parts, 1)[0]
+            worse = not np.isfinite(new).all() or grows(old, new, np.zeros_like(parts), parts, 1)[0]
             retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))
             found.append(Unseen(log.name, retuned, after, bool(worse)))
     return tuple(found)
@@ -51,14 +51,12 @@ def unseen(causes: Causes) -> tuple[Unseen, ...]:
 
 def _squares(found: Explanation) -> list[Array]:
     """Mean squared errors of all outputs [noise floors^2] of each log, at samples held out."""
-    problem = found.problem
-    return [
-        np.mean(
-            [
-                ((response[name] - values)[log.checked] / problem.sigma[name]) ** 2
-                for name, values in log.outputs.items()
-            ],
-            axis=0,
-        )
-        for log, response in zip(problem.logs, problem.responses(found.evidence.vector))
-    ]
+    squares = []
+    for run in found.problem.runs:
+        log, columns = run.log, run.outputs_or_nan(found.values).T
+        errors = [
+            (column - measured)[log.checked] / found.problem.sigma[name]
+            for column, (name, measured) in zip(columns, log.outputs.items())
+        ]
+        squares.append(np.mean(np.square(errors), axis=0))
+    return squares

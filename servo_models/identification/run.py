@@ -11,6 +11,7 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
+from servo_models.errors import UserError
 from servo_models.recording import Log
 from servo_models.simulate import Model, check_grid
 
@@ -33,6 +34,14 @@ class Run:
     def outputs(self, values: Mapping[str, float]) -> Array:
         """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
         return np.asarray(self.simulate(values)[:, self.columns])
+
+    def outputs_or_nan(self, values: Mapping[str, float]) -> Array:
+        """The same, NaN where the model cannot be simulated: parameters that some logs ask for may
+        run away in one that no fit has seen."""
+        try:
+            return self.outputs(values)
+        except UserError:
+            return np.full((len(self.log.times), len(self.columns)), np.nan)
 
     def simulate(self, values: Mapping[str, float]) -> Array:
         """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import isnan
 
 from servo_models.actuator import Plant
 from servo_models.diagnosis.claims import Value
@@ -81,7 +82,7 @@ def _next(experiments: Sequence[Experiment]) -> str:
 
 def _held_out(found: Diagnosis) -> Iterator[tuple[str, ...]]:
     for one in found.held_out:
-        note = "gets worse" if one.worse else ""
+        note = "cannot be simulated" if isnan(one.after) else "gets worse" if one.worse else ""
         yield one.log, f"{one.retuned:.3g}", f"{one.after:.3g}", note
 
 

@@ -191,7 +191,12 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             " itself with parameters that nobody could tell apart, so what is left says little"
         )
     for one in found.held_out:
-        if one.worse:
+        if np.isnan(one.after):
+            said.append(
+                f"held out of log '{one.log}', the motion cannot be simulated with"
+                f" {listed(taken.effects)}; there, something else is missing"
+            )
+        elif one.worse:
             said.append(
                 f"held out of log '{one.log}', the motion gets worse: parameters alone leave"
                 f" {one.retuned:.3g} noise floors, with {listed(taken.effects)} it is"

@@ -94,6 +94,8 @@ def collect(causes: Causes) -> Samples:
     start = 0
     for k, run in enumerate(problem.runs):
         log, times = run.log, run.log.times
+        if not log.fitted.any():
+            continue
         position = run.simulate(values)[:, 0]
         speed = _speed(times, position)
         turns = times[_turns(speed)]
@@ -118,7 +120,7 @@ def collect(causes: Causes) -> Samples:
         logs=problem.logs,
         main=plant.wire[plant.outputs[0]],
         command=plant.inputs[column],
-        stretches=tuple(one for one in stretches if len(one.rows)),
+        stretches=tuple(stretches),
         before=causes.before.errors,
         after=causes.taken.evidence.unseen,
         parts=causes.taken.evidence.parts,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling.words import listed
 from servo_models.report.identification.readings import Reading, reading, words
@@ -23,21 +25,24 @@ def stages(found: Diagnosis) -> dict[str, str]:
 
 
 def readings(found: Diagnosis) -> list[Reading]:
-    """Return every output of every log beside what each model makes of it, in their order."""
+    """Return every output of every log beside what each model makes of it, in their order.
+
+    A model that cannot be simulated on a log that no fit has seen makes nothing of it.
+    """
     causes = found.causes
-    vectors = {
-        "before": (causes.retuned.problem, causes.before.vector),
-        "retuned": (causes.retuned.problem, causes.retuned.evidence.vector),
-        "after": (causes.taken.problem, causes.taken.evidence.vector),
-    }
-    responses = {
-        name: vectors[stage][0].responses(vectors[stage][1])
-        for stage, name in stages(found).items()
+    nominal = causes.retuned.problem
+    values = {
+        "before": nominal.values(causes.before.vector),
+        "retuned": causes.retuned.values,
+        "after": causes.taken.values,
     }
     return [
-        reading(log, output, {name: runs[k][output] for name, runs in responses.items()})
-        for k, log in enumerate(found.logs)
-        for output in log.outputs
+        reading(log, output, {n: it[:, k] for n, it in responses.items() if np.isfinite(it).all()})
+        for log, run in zip(found.logs, nominal.runs)
+        for responses in [
+            {name: run.outputs_or_nan(values[stage]) for stage, name in stages(found).items()}
+        ]
+        for k, output in enumerate(log.outputs)
     ]
 
 
