@@ -5,7 +5,7 @@ Motion is that of the fitted model: it has no noise, so its speed has a sign.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from servo_models.actuator import Wire
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import Array, Rows
 from servo_models.identification.problem import Problem
+from servo_models.identification.run import Run
 from servo_models.recording import Log
 
 STILL = 0.003
@@ -93,24 +94,18 @@ def collect(causes: Causes) -> Samples:
     gaps: list[Array] = []
     start = 0
     for k, run in enumerate(problem.runs):
-        log, times = run.log, run.log.times
+        log = run.log
         if not log.fitted.any():
             continue
-        position = run.simulate(values)[:, 0]
-        speed = _speed(times, position)
-        turns = times[_turns(speed)]
-        gaps.append(np.diff(turns))
-        command = run.inputs[-len(times) :, column]
-        moves = _moves(command, high - low)
-        circumstances = (_amplitude(command, moves), position, speed, *_around(times, turns))
+        moves, between, circumstances = _motion(run, values, column, high - low)
+        gaps.append(between)
         for name, signal in log.outputs.items():
             rows = np.arange(start, start + int(log.fitted.sum()))
             start += len(rows)
-            measured = signal / problem.sigma[name]
-            stretch = Stretch(k, names.index(name), rows, times[log.fitted], measured[log.fitted])
-            stretches.append(stretch)
-            own = (times, _amplitude(measured, moves), *circumstances)
-            found.append(tuple(part[log.fitted] for part in own))
+            measured, seen = signal / problem.sigma[name], log.fitted
+            stretches.append(Stretch(k, names.index(name), rows, log.times[seen], measured[seen]))
+            own = (log.times, _amplitude(measured, moves), *circumstances)
+            found.append(tuple(part[seen] for part in own))
     lengths = [len(one.rows) for one in stretches]
     clock, amplitude, commanded, positions, speeds, since, until = (
         np.concatenate(part) for part in zip(*found)
@@ -135,6 +130,20 @@ def collect(causes: Causes) -> Samples:
         until=until,
         between=_typical(np.concatenate(gaps)),
     )
+
+
+def _motion(
+    run: Run, values: Mapping[str, float], column: int, reach: float
+) -> tuple[Rows, Array, tuple[Array, ...]]:
+    """Moves of a log, times between its turns, and of all its samples: amplitude of the command,
+    position, speed, and times since the last turn and until the next one."""
+    times, position = run.log.times, run.simulate(values)[:, 0]
+    speed = _speed(times, position)
+    turns = times[_turns(speed)]
+    command = run.inputs[-len(times) :, column]
+    moves = _moves(command, reach)
+    around = _around(times, turns)
+    return moves, np.diff(turns), (_amplitude(command, moves), position, speed, *around)
 
 
 def moving_input(problem: Problem) -> tuple[int, float, float]:
