@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from servo_models.audit.sensor import difference_noise
 from servo_models.diagnosis.fitting.evidence import Evidence
-from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing
+from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing, sure
 from servo_models.identification.problem import Problem
 from servo_models.recording import Channel, Log
 from servo_models.simulate import model
@@ -192,3 +192,6 @@ def test_the_more_is_left_the_more_is_missing(
     assert missing(larger, gap) >= missing(left, gap)
     assert missing(left, gap) >= missing(left, more * gap)
     assert not missing(replace(left, least=0.0), gap)
+    # many effects imitate anything: whatever they surely leave is missing, and nothing else is
+    assert missing(left, gap, 3) == missing(left, 0.0, 1) == sure(left)
+    assert missing(left, gap, 2) == missing(left, gap)

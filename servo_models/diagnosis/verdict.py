@@ -75,7 +75,8 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
     hunting = unrepeatable(taken)
     left = left_over(taken.problem, taken.evidence).without(hunting)
-    lacking, rest = missing(left, gap), left.structured if sure(left) else 0.0
+    lacking = missing(left, gap, len(taken.effects))
+    rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)
     rivals = causes.alike

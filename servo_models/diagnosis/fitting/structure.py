@@ -58,6 +58,8 @@ SHARE = 0.2
 """Structured part over that before, from which on an explanation has missed something: it
 leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
 more; where it shows, a pair explains both."""
+MANY = 3
+"""Effects that together imitate what is none of them: whatever these surely leave matters."""
 
 
 @dataclass(frozen=True)
@@ -107,17 +109,20 @@ def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
     )
 
 
-def missing(left: LeftOver, gap: float) -> bool:
+def missing(left: LeftOver, gap: float, effects: int = 1) -> bool:
     """Return whether an explanation lacks something that matters.
 
     Its structured part is surely ``LARGE`` against the noise, and at least ``SHARE`` of what
     there was to explain: a small second cause, or laws that are not quite those of the
-    actuator, do not make an explanation wrong.
+    actuator, do not make an explanation by one or two effects wrong.
 
     Args:
         left: by the explanation.
         gap: RMS error [noise floors] after re-tuning alone, of a fit to everything.
+        effects: in the explanation.
     """
+    if effects >= MANY:
+        return sure(left)
     before = math.sqrt(max(gap**2 - left.noise**2, left.structured**2))
     return sure(left) and left.structured > SHARE * before
 
