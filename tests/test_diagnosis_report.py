@@ -178,6 +178,12 @@ def test_every_dimension_that_divides_the_gap_has_one_picture(found: Diagnosis, 
     assert Counter(drawn) == pictured
 
 
+def test_a_whole_is_100_percent(text: str) -> None:
+    """To two digits, all of it would be a power of ten."""
+    assert "100 %</td>" in text
+    assert not re.search("\u00d710[^ ]* %", text)
+
+
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
     page = Page(text)
     place = found.model.plant.placements

@@ -70,7 +70,10 @@ def _line(one: Bin) -> Line:
 
 
 def _percent(share: float) -> str:
-    return f"{number(100.0 * share, 2)} %" if math.isfinite(share) else NONE
+    if not math.isfinite(share):
+        return NONE
+    percent = 100.0 * share
+    return f"{number(percent, 2 if abs(percent) < 99.5 else 3)} %"
 
 
 def _picture(found: Breakdown, name: str) -> Picture:
