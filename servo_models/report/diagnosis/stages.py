@@ -29,21 +29,19 @@ def readings(found: Diagnosis) -> list[Reading]:
 
     A model that cannot be simulated on a log that no fit has seen makes nothing of it.
     """
-    causes = found.causes
+    causes, said = found.causes, []
     nominal = causes.retuned.problem
     values = {
         "before": nominal.values(causes.before.vector),
         "retuned": causes.retuned.values,
         "after": causes.taken.values,
     }
-    return [
-        reading(log, output, {n: it[:, k] for n, it in responses.items() if np.isfinite(it).all()})
-        for log, run in zip(found.logs, nominal.runs)
-        for responses in [
-            {name: run.outputs_or_nan(values[stage]) for stage, name in stages(found).items()}
-        ]
-        for k, output in enumerate(log.outputs)
-    ]
+    for log, run in zip(found.logs, nominal.runs):
+        responses = {n: run.outputs_or_nan(values[stage]) for stage, n in stages(found).items()}
+        finite = {name: it for name, it in responses.items() if np.isfinite(it).all()}
+        for k, output in enumerate(log.outputs):
+            said.append(reading(log, output, {name: it[:, k] for name, it in finite.items()}))
+    return said
 
 
 def together(effects: Iterable[str]) -> str:
