@@ -48,9 +48,10 @@ noise-free reading is its gap (RMS), and the noise follows from it:
 On the hard tier a single cause comes with a *hidden* effect of 30 % of its gap.
 A cause is *separated* from its best rival where the two, both fitted to the log without noise, are
 so far apart that an observer who knows both would confuse them in fewer than 1 of 160 logs, and
-the cause leaves less than half of the rival's error. It is *absorbed* where such an observer
-confuses it with parameters alone. Intervals are 95 %. Where fewer than {most} cases stand behind a
-figure its bar is met or missed *so far*.
+the cause leaves less than half of the rival's error. Rivals are the four nearest explanations by
+no more effects that the diagnosis itself has tried, so one that searches wider separates fewer. A
+cause is *absorbed* where such an observer confuses it with parameters alone. Intervals are 95 %.
+Where fewer than {most} cases stand behind a figure its bar is met or missed *so far*.
 """
 
 
@@ -133,7 +134,8 @@ def confusions(cases: Sequence[Case]) -> Iterator[str]:
 
 def curve(cases: Sequence[Case]) -> Iterator[str]:
     yield "## Calibration, all tiers\n"
-    yield "| probability said | mean | the effect is there | 95 % | cases |\n|---|---|---|---|---|"
+    yield "Every effect that was fitted to a rig with one or two effects of the catalogue.\n"
+    yield "| probability said | mean | effect is there | 95 % | effects |\n|---|---|---|---|---|"
     for one in calibration(cases):
         right = one.right
         yield (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
@@ -154,10 +154,18 @@ def test_calibration_sets_what_happened_against_what_was_said() -> None:
     """Cases with an effect in the catalogue and probabilities: 0.3 wrong and right; 0.6 right,
     0.65 wrong; 0.95 twice right; 1 twice right."""
     found = calibration(MADE)
-    assert [it.low for it in found] == [0.0, 0.5, 0.9, 0.99]
+    assert [it.low for it in found] == [0.05, 0.5, 0.9, 0.99]
     assert [it.probability for it in found] == pytest.approx([0.3, 0.625, 0.95, 1.0])
     assert [it.right.value for it in found] == [0.5, 0.5, 1.0, 1.0]
     assert [it.right.n for it in found] == [2, 2, 2, 2]
+
+
+def test_calibration_counts_every_effect_with_a_probability() -> None:
+    """Also those beside the most probable one, which is right more often than the others."""
+    one = case("one", "a", "effect", "a")
+    said = replace(one.said, chances={"a": 0.6, "b": 0.65, "c": 0.0})
+    found = calibration([replace(one, said=said)])
+    assert [(it.low, it.right.n, it.right.value) for it in found] == [(0.0, 1, 0.0), (0.5, 2, 0.5)]
 
 
 def test_bars_are_met_on_their_side() -> None:

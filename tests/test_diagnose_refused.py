@@ -16,6 +16,7 @@ from test_diagnose_cli import DESCRIPTION, RATE, describe
 from servo_models.description import read_description
 from servo_models.diagnosis import telling
 from servo_models.diagnosis.preconditions import check_logs
+from servo_models.errors import UserError
 from servo_models.reference.linear_drive import G_TAU, K_V
 from servo_models.simulate import model, simulate
 
@@ -126,6 +127,29 @@ def test_a_log_on_which_the_diagnosed_model_runs_away_stops_nothing(
     assert confirmed["judged"]["after"] > 0.0
     assert any("'light'" in text and "cannot be simulated" in text for text in told["warnings"])
     assert page.exists()
+
+
+def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*_: object) -> None:
+        raise UserError("FMU 'diagnosed.fmu' cannot be initialised: no binary for this platform")
+
+    monkeypatch.setattr("servo_models.diagnosis.confirm.confirm", none)
+    written = [tmp_path / name for name in ("d.json", "d.html", "d.toml")]
+    options = zip(("--json", "--report", "--out"), written)
+    path = describe(tmp_path, seconds=0.1)
+    code, out, err = run("diagnose", path, *(word for option in options for word in option))
+    assert code == 1, err
+    assert all(file.exists() for file in written)
+    told = json.loads(written[0].read_text())
+    schema = json.loads((Path(telling.__file__).parent / "schema.json").read_text())
+    Draft202012Validator(schema).validate(told)
+    assert told["confirmation"] is None
+    assert any("no binary for this platform" in text for text in told["warnings"])
+    assert "no binary for this platform" in out
+    assert "through fmpy" not in out
+    assert "no binary for this platform" in written[1].read_text()
 
 
 @pytest.mark.parametrize("name", BAD)

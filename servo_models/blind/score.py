@@ -18,7 +18,7 @@ from servo_models.blind.said import FAILED, Said
 from servo_models.diagnosis.verdict import FEW, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 
 NOTHING = "nothing"
-BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)
+BINS = (0.0, 0.05, 0.5, 0.7, 0.9, 0.99, 1.0)
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
 
 @dataclass(frozen=True)
 class Bin:
-    """Cases whose most probable effect is given a probability from ``low`` to ``high``."""
+    """Effects that are given a probability from ``low`` to ``high``."""
 
     low: float
     high: float
@@ -216,15 +216,17 @@ class Bin:
 
 
 def calibration(cases: Cases) -> list[Bin]:
-    """Return how often the most probable effect is there, against its probability.
+    """Return how often an effect is there, against the probability that it is given.
 
-    Cases with an effect, of which the diagnosis gives probabilities; bins hold their lower end.
+    All effects that were fitted, in cases with an effect of the catalogue; those of one case hang
+    together, so intervals are a little too narrow.  Bins hold their lower end.
     """
-    found = []
-    for case in cases:
-        if case.kind in ("one", "two") and case.said.chances:
-            name, chance = max(case.said.chances.items(), key=lambda item: item[1])
-            found.append((min(chance, 1.0), name in case.truth | case.hidden))
+    found = [
+        (chance, name in case.truth | case.hidden)
+        for case in cases
+        if case.kind in ("one", "two")
+        for name, chance in case.said.chances.items()
+    ]
     bins = []
     for low, high in pairwise(BINS):
         inside = [it for it in found if low <= it[0] < high or it[0] == high == BINS[-1]]

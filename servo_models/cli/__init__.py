@@ -49,7 +49,8 @@ app = typer.Typer(
     name="servo-models",
     cls=Commands,
     help="Identified actuator models: simulate, fit and diagnose them, build FMUs of them.",
-    epilog="Exit codes: 0 done, within tolerance; 1 not within tolerance; 2 could not run.",
+    epilog="Exit codes: 0 all is well; 1 it ran and something is not: out of tolerance, a gap,"
+    " a fit not converged, warnings; 2 it could not run.",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

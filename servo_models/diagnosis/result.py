@@ -32,6 +32,7 @@ class Diagnosis:
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
         flags: outputs of the logs that say yes or no, which are not judged.
+        unconfirmed: why the FMU of the diagnosed model could not be run, "" where it could.
     """
 
     model: Model
@@ -46,6 +47,7 @@ class Diagnosis:
     moved: tuple[Value, ...]
     tolerance: float
     flags: tuple[str, ...] = ()
+    unconfirmed: str = ""
 
     @property
     def within_tolerance(self) -> bool:

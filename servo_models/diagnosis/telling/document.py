@@ -28,7 +28,7 @@ FLOORS = "noise floor"
 
 def document(
     found: Diagnosis,
-    confirmation: Confirmation,
+    confirmation: Confirmation | None,
     breakdowns: Sequence[Breakdown],
     experiments: Sequence[Experiment],
     seed: int,
@@ -38,7 +38,7 @@ def document(
 
     Args:
         found: the diagnosis.
-        confirmation: its model run as an FMU.
+        confirmation: its model run as an FMU, None where that cannot be.
         breakdowns: where the gap lies.
         experiments: that would tell apart what these logs cannot.
         seed: of the diagnosis.
@@ -52,7 +52,7 @@ def document(
         "sentence": words.sentence(found),
         "tolerance": found.tolerance,
         "gap": {**_reduction(found.gap, FLOORS), "outputs": _outputs(found)},
-        "confirmation": _confirmation(found, confirmation),
+        "confirmation": _confirmation(found, confirmation) if confirmation else None,
         "effects": [_effect(found, claim) for claim in found.claims],
         "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
         "parameters": [_parameter(found, value) for value in found.found],

@@ -41,7 +41,7 @@ DETECTED = ("effect", "its own detector")
 
 def diagnosis_sheet(
     found: Diagnosis,
-    confirmation: Confirmation,
+    confirmation: Confirmation | None,
     breakdowns: Sequence[Breakdown] = (),
     experiments: Sequence[Experiment] = (),
 ) -> Sheet:
@@ -49,7 +49,7 @@ def diagnosis_sheet(
 
     Args:
         found: the diagnosis.
-        confirmation: its model run as an FMU.
+        confirmation: its model run as an FMU, None where that cannot be.
         breakdowns: where the gap lies.
         experiments: that would tell apart what these logs cannot.
     """
@@ -59,7 +59,7 @@ def diagnosis_sheet(
     next_ = tuple((str(k), one.instruction) for k, one in enumerate(experiments, start=1))
     tables = (
         Table("Gap, RMS on blocks that no fit has seen", GAP, tuple(_gaps(found))),
-        Table(_confirmed(confirmation), CONFIRMED, tuple(_confirmation(found, confirmation))),
+        *([_confirmed(found, confirmation)] if confirmation else []),
         Table("Held out, RMS in noise floors", HELD_OUT_LOGS, tuple(_held_out(found))),
         Table("Where the squared error lies", ("along", ""), places),
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
@@ -108,13 +108,14 @@ def _worst(gap: Gap) -> str:
     return f"{log}, {time:.4g} s"
 
 
-def _confirmed(confirmation: Confirmation) -> str:
+def _confirmed(found: Diagnosis, confirmation: Confirmation) -> Table:
     equal = (
         "equal to the simulation to the last bit"
         if confirmation.difference == 0.0
         else f"{confirmation.difference:.1g} of full scale from the simulation"
     )
-    return f"RMS of the whole logs, after as the FMU through fmpy ({equal})"
+    title = f"RMS by one run over each log, after as the FMU through fmpy ({equal})"
+    return Table(title, CONFIRMED, tuple(_confirmation(found, confirmation)))
 
 
 def _confirmation(found: Diagnosis, confirmation: Confirmation) -> Iterator[tuple[str, ...]]:

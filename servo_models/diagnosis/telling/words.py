@@ -183,6 +183,11 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
                 f"the model explains hardly anything of '{gap.output}': check scale and sign of its"
                 f" column, and that the log is of '{found.model.actuator.name}'"
             )
+    if found.unconfirmed:
+        said.append(
+            f"the FMU of the diagnosed model cannot be run here, so all figures are those of the"
+            f" simulation without one ({found.unconfirmed})"
+        )
     if taken.effects and not taken.converged:
         said.append(f"the fit with {listed(taken.effects)} did not converge")
     if found.verdict.hunting:
