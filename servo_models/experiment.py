@@ -140,4 +140,4 @@ def display(wire: Wire) -> tuple[float, str]:
 
 def in_time(value: float) -> str:
     """Return a time [s] as a person reads it."""
-    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+    return f"{1e3 * value:.3g} ms" if value < 0.9995 else f"{value:.3g} s"

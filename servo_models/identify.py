@@ -22,6 +22,7 @@ from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
 from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.recording import hashes
 from servo_models.sheets import Sheet
 from servo_models.simulate import Model
 
@@ -168,7 +169,7 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     def page(date: str) -> str:
         return sheet_page(table.title, table, {"Bode plot with the data": bode(found)}, date)
 
-    files = {log.path.name: log.sha256 for log in told.logs} | _sweep_hashes(told)
+    files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
     parameters = constants and _of_tables(told, constants, method, files, found.warnings)
@@ -206,7 +207,7 @@ def _of_simulation(found: Identification) -> ParameterSet:
         variant=model.variant,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
         method=found.method,
-        logs={log.path.name: f"sha256:{log.sha256}" for log in found.logs},
+        logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
         date=_today(),
         figures=_figures(found),
         warnings=tuple(found.warnings),

@@ -6,7 +6,7 @@ the audit, the identification and the diagnosis only know this.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -111,3 +111,13 @@ def regular(times: Array) -> Array:
         if np.abs(times - times[0] - short * count).max() <= tolerance:
             return np.asarray(times[0] + short * count)
     return times
+
+
+def hashes(logs: Iterable[Log]) -> dict[str, str]:
+    """Return the SHA-256 of each log's file by name, with its folder where names repeat."""
+    files = {log.path: log.sha256 for log in logs}
+    names = [path.name for path in files]
+    return {
+        path.name if names.count(path.name) == 1 else f"{path.parent.name}/{path.name}": digest
+        for path, digest in files.items()
+    }

@@ -82,6 +82,35 @@ class Section:
         return f"{self.name}.{key}" if self.name else key
 
 
+def named_files(path: Path) -> list[Path]:
+    """Return a TOML file and the files that any text in it names; none where it cannot be read.
+
+    Names are relative to its folder.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    named = [path.parent / text for text in _texts(content)]
+    return [path, *(file for file in named if _is_file(file))]
+
+
+def _texts(content: Any) -> Iterator[str]:
+    """All texts of a table, at any depth."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, Mapping | list):
+        for part in content.values() if isinstance(content, Mapping) else content:
+            yield from _texts(part)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a text that is no name at all
+        return False
+
+
 def read_toml(path: Path) -> Section:
     """Read a TOML file.
 

@@ -168,6 +168,17 @@ def test_what_other_code_began_is_not_gone_on_with(
     assert not (copy / "new.json").exists()
 
 
+@pytest.mark.parametrize("text", ["[]", '{"seal": "x"}', '"seal"', "7", '{"seal": "x", "code": 1}'])
+def test_a_damaged_journal_is_refused(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run.json").write_text(text)
+    assert main(command(tmp_path, tmp_path / "new.json")) == 2
+    said = capsys.readouterr().err
+    assert "run.json' is damaged: name a new folder" in said
+    assert "Traceback" not in said
+
+
 def test_a_folder_with_something_else_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

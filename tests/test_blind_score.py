@@ -117,8 +117,8 @@ EXPECTED = {
     "false_causes": (2, 4),
     "foreign_recall": (1, 3),
     "left_out_recall": (2, 3),
-    "wrong_abstention": (2, 12),
-    "not_identifiable": (1, 9),
+    "wrong_abstention": (3, 12),
+    "not_identifiable": (2, 9),
     "owns_up": (1, 3),
     "closed_vs_oracle": (9 * 1.0 + 0.5 + 0.0 + 0.0, 12),
     "quantisation_found": (0, 2),
@@ -158,6 +158,14 @@ def test_calibration_sets_what_happened_against_what_was_said() -> None:
     assert [it.probability for it in found] == pytest.approx([0.3, 0.625, 0.95, 1.0])
     assert [it.right.value for it in found] == [0.5, 0.5, 1.0, 1.0]
     assert [it.right.n for it in found] == [2, 2, 2, 2]
+
+
+def test_a_set_that_holds_the_truth_covers_it_whatever_else_may_be_right() -> None:
+    """Where parameters imitate the truth, a set with the hidden effect is right as well."""
+    for members, covered in (("a b", True), ("b", False)):
+        words = ("one", "a", "outside-catalogue", "b", members)
+        assert case(*words, hidden="b", absorbed=True).covered is covered
+    assert case("one", "a", "effect", "b", "b", hidden="b", absorbed=True).covered
 
 
 def test_calibration_counts_every_effect_with_a_probability() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -74,3 +75,22 @@ def test_the_page_draws_what_each_detector_sees() -> None:
         assert sentence(seen) in drawn.text
     found.claims = [SimpleNamespace(detected=None)]
     assert page.section(found) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_a_reading_rests_is_no_code(seed: int) -> None:
+    """Eight levels anywhere, each for 150 samples, with noise: some step bunches most."""
+    random = np.random.default_rng(seed)
+    levels = np.repeat(random.uniform(-0.02, 0.02, 8), 150) + 4e-5 * random.standard_normal(1200)
+    bench, every = made({})
+    (log,) = bench.logs
+    still = replace(log, outputs={"angle": levels})
+    bench = replace(bench, logs=[still])
+    steps = np.geomspace(8e-4, 1e-2, 60)
+    nominal = {free.name: free.nominal for free in bench.nominal}
+    seen = [
+        detection(bench.unfit((QUANTISER,), every[QUANTISER].free, {**nominal, **size}), QUANTISER)
+        for size in ({f"{QUANTISER}.step": step} for step in steps)
+    ]
+    assert max(it.bunched for it in seen if it) > 0.5
+    assert min(it.chance for it in seen if it) > DOUBTFUL

@@ -217,7 +217,9 @@ def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
     """A friction term whose pole is far beyond what the internal step can follow."""
     given_ = "parameters.rotor_inertia = 1e-8\nparameters.friction_coefficient = 2e-3\n"
     text = DESCRIPTION.format("").replace("[uncertainty]", f"{given_}[uncertainty]")
-    with pytest.raises(UserError, match=r"the nominal model cannot be simulated.*correct it"):
+    with pytest.raises(
+        UserError, match=r"rig.toml': the nominal model cannot be simulated on log 'log'.*correct"
+    ):
         diagnose(describe(tmp_path, text))
 
 

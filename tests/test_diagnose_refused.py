@@ -152,6 +152,23 @@ def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
     assert "no binary for this platform" in written[1].read_text()
 
 
+@pytest.mark.parametrize(
+    ("option", "name"), [("--out", "rig.toml"), ("--out", "values.toml"), ("--json", "log.json")]
+)
+def test_what_is_read_is_not_written(option: str, name: str, run: Run, tmp_path: Path) -> None:
+    path = describe(tmp_path, DESCRIPTION.format("").replace("log.csv", "log.json"))
+    path.write_text('params = "values.toml"\n' + path.read_text())
+    for other in ("values.toml", "log.json"):
+        (tmp_path / other).write_text("kept")
+    before = (tmp_path / name).read_text()
+    for command in ("diagnose", "identify") if option == "--out" else ("diagnose",):
+        code, out, err = run(command, path, option, tmp_path / name)
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert f"{name}' is read, not written: choose another name" in err
+        assert (tmp_path / name).read_text() == before
+
+
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line_and_leaves_no_file(name: str, run: Run, tmp_path: Path) -> None:
     text, what, where = BAD[name]

@@ -245,6 +245,35 @@ def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
     assert told[1e-5] == 0.0
 
 
+def test_what_is_played_does_not_hold_meanwhile(verdict: Verdict, first: Log) -> None:
+    """Where the first log holds the input that another one moves."""
+    held = replace(
+        first, inputs={"load_torque": 1e-6 * first.inputs["voltage"]}, constants={"voltage": 5.0}
+    )
+    rivals = verdict.rivals[:2]
+    rivals = tuple(replace(it, problem=replace_logs(it.problem, [held, first])) for it in rivals)
+    stage = Stage(rivals, 0)
+    plan = stage.plan(Command("triangle", 0.0, 2.0, 0.05, 0))
+    assert list(plan.inputs) == ["voltage"]
+    assert set(plan.constants) == {"load_torque"}
+
+
+def replace_logs(problem: Problem, logs: list[Log]) -> Problem:
+    return Problem(problem.model, logs, problem.free, sigma=problem.sigma)
+
+
+def test_a_log_too_coarse_for_every_pace_gets_slower_ones(verdict: Verdict, first: Log) -> None:
+    """Eight samples of 25 ms in the 0.2 s of a step of the motor."""
+    times = 0.025 * np.arange(float(len(TWO_LEVELS)))
+    coarse = played(DEAD_ZONE, times, TWO_LEVELS, 1)
+    rivals = tuple(
+        replace(it, problem=replace_logs(it.problem, [coarse])) for it in verdict.rivals[:2]
+    )
+    separation, command = Stage(rivals, 0).best(0, 1)
+    assert separation >= 0.0
+    assert command.pace >= 5.0 * 0.025
+
+
 def test_nothing_to_separate() -> None:
     assert next_experiments(Verdict("parameters", {}, (), ())) == ()
 

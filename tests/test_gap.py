@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
 from servo_models.diagnosis.search.causes import Causes
+from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import model, simulate
 
@@ -115,6 +117,28 @@ def test_an_output_that_only_a_later_log_has_has_intervals() -> None:
     assert 0.009 < low < gap["current"].rms["before"] < high < 0.011
 
 
+def test_an_output_of_logs_that_are_held_out_whole_has_no_gap() -> None:
+    assert list(found(log({"angle": simulated()["angle"]}), log(simulated(), "held", 0))) == [
+        "angle"
+    ]
+
+
+def test_what_a_log_states_is_not_free_in_it() -> None:
+    """A winding of twice the resistance, known in the second log and uncertain in the first."""
+    value = 2.0 * MODEL.values["resistance"]
+    hot = replace(MODEL, values={**MODEL.values, "resistance": value})
+    times, volts = STEP * np.arange(COUNT), {"voltage": voltage(COUNT)}
+    second = log({"angle": simulate(hot, times, volts)["angle"]}, "hot")
+    second = replace(second, constants={"resistance": value})
+    first = log({"angle": simulated()["angle"]})
+    free = free_parameter(MODEL.plant.parameters["resistance"], MODEL.values["resistance"], 100.0)
+    bench = Bench(MODEL, [first, second], (free,), {"angle": 1e-6}, 1)
+    assert bench.unfitted().evidence.rms < 1e-9
+    (run,) = bench.problem().runs[1:]
+    assert run.with_constants({"resistance": 1.0, "stiffness": 2.0})["resistance"] == value
+    assert run.with_constants({"resistance": 1.0, "stiffness": 2.0})["stiffness"] == 2.0
+
+
 def test_what_stands_still_has_no_range() -> None:
     """Where it is fitted; it may move where it is held out."""
     angle = np.where(np.arange(COUNT) < 500, 0.01, 0.02)
@@ -145,6 +169,27 @@ def test_the_share_closed_is_that_of_what_is_above_the_floor(
 ) -> None:
     assert closed(before, after, 1.0) == pytest.approx(share)
     assert closed(1.0, after, 1.0) is None
+
+
+def test_what_is_hardly_above_the_floor_has_no_share() -> None:
+    assert closed(1.05, 0.9, 1.0) is None
+    assert reduced(1.03, 1.05, 1).closed is None
+
+
+def test_a_gap_in_one_block_has_an_interval_that_says_something() -> None:
+    """A third of all draws of 20 blocks miss it, and have nothing to close."""
+    random, parts = np.random.default_rng(2), np.repeat(np.arange(20), 50)
+    after = random.standard_normal(len(parts))
+    before = after + np.where(parts == 7, 15.0, 0.0)
+    first, last = (Evidence(np.empty(0), it, it, parts) for it in (before, after))
+    causes: Any = SimpleNamespace(
+        before=first, retuned=SimpleNamespace(evidence=first), taken=SimpleNamespace(evidence=last)
+    )
+    found = whole_gap(causes, 0).closed
+    assert found is not None
+    share, low, high = found
+    assert 0.9 < share <= high == 1.0
+    assert -2.0 < low < 0.5
 
 
 def test_intervals_hold_the_true_value_in_95_of_100_draws() -> None:

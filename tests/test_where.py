@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
@@ -15,6 +18,7 @@ from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where import Breakdown, where
 from servo_models.diagnosis.where.alone import by_block
+from servo_models.diagnosis.where.regimes import _between, _digits
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Model, model, simulate
 
@@ -203,3 +207,31 @@ def test_the_blocks_of_a_loop_are_told_apart() -> None:
     assert weak[mechanics].relative_before < 0.01
     assert weak[controller].relative_before > 0.1
     assert heavy[mechanics].relative_before > 5.0 * weak[mechanics].relative_before
+
+
+@given(st.floats(1e-4, 1e4), st.floats(1e-5, 10.0))
+def test_edges_about_an_offset_differ(offset: float, width: float) -> None:
+    cuts = offset + width * np.arange(7.0)
+    digits = _digits(float(np.abs(cuts).max()), width)
+    labels = [_between(low, high, "deg", digits) for low, high in itertools.pairwise(cuts)]
+    assert len(set(labels)) == 6
+    assert all(label.split(" to ")[0] != label.split(" to ")[1][:-4] for label in labels)
+
+
+def test_a_single_sample_has_no_spectrum() -> None:
+    n = len(TIMES)
+    log = Log(
+        "rig",
+        Path("rig.csv"),
+        "",
+        TIMES,
+        {"voltage": VOLTAGE},
+        {"angle": clean()["angle"] + 1e-3},
+        {"angle": Channel("angle", "angle", "rad")},
+        np.arange(n),
+        np.arange(n) != 700,
+    )
+    fitted = Bench(MODEL, [log], (), {"angle": 1e-4}, 1).fit((), ())
+    places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
+    assert "frequency" not in {one.dimension for one in places}
+    assert next(one for one in places if one.dimension == "signal").bins[0].count == 1

@@ -132,7 +132,9 @@ def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
     try:
         known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
         seal, began = str(known.pop("seal")), known.pop("code", "")
-    except (ValueError, KeyError, AttributeError) as error:
+        if known.keys() != wanted.keys():
+            raise KeyError(path)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError(f"'{path}' is damaged: name a new folder") from error
     if known != wanted:
         raise UserError(

@@ -1,7 +1,7 @@
 """The figures of a withheld check: every one is a function whose docstring defines it.
 
 Cases are those of one tier.  *Separated* and *absorbed* are defined in ``oracle``; a failed
-diagnosis counts as wrong wherever its case is counted.
+diagnosis counts as wrong wherever its case is counted (it closes nothing that could be compared).
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ class Case:
         """The set holds the truth; where parameters imitate it, a set that holds the hidden
         effect, or none, is right as well."""
         members = frozenset(self.said.members)
-        if self.known and self.known.absorbed and (not members or members & self.hidden):
-            return self.said.verdict not in (OUTSIDE, FAILED)
+        imitated = self.known is not None and self.known.absorbed
+        if imitated and (not members or members & self.hidden):
+            return self.truth <= members or self.said.verdict not in (OUTSIDE, FAILED)
         return self.truth <= members
 
 
@@ -145,12 +146,16 @@ def left_out_recall(cases: Cases) -> Figure:
 
 def wrong_abstention(cases: Cases) -> Figure:
     """One or two effects, separated or not: the verdict is ``outside-catalogue``."""
-    return share(case.said.verdict == OUTSIDE for case in cases if case.kind in ("one", "two"))
+    return share(
+        case.said.verdict in (OUTSIDE, FAILED) for case in cases if case.kind in ("one", "two")
+    )
 
 
 def not_identifiable(cases: Cases) -> Figure:
     """One effect, separated or not: the verdict is ``not-identifiable``."""
-    return share(case.said.verdict == NOT_IDENTIFIABLE for case in cases if case.kind == "one")
+    return share(
+        case.said.verdict in (NOT_IDENTIFIABLE, FAILED) for case in cases if case.kind == "one"
+    )
 
 
 def owns_up(cases: Cases) -> Figure:

@@ -86,7 +86,7 @@ def diagnose(
     from servo_models.report.diagnosis import diagnosis_page
     from servo_models.validate import conditions
 
-    check_outputs((json, ".json"), (report, ".html"), (out, ".toml"))
+    check_outputs((json, ".json"), (report, ".html"), (out, ".toml"), description=description)
     allowed = TOLERANCE if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
@@ -100,16 +100,13 @@ def diagnose(
         bar(0, 1, "looking for the next experiment")
         next_ = next_experiments(found.verdict, seed)
     places, versions, today = where(found.causes), conditions(), date.today()
-    if folders := {file.parent for file in (json, report) if file}:
+    folders = {file.parent for file in (json, report) if file}
+    if folders:
         next_ = _with_tables(next_, description.stem, {log.path.name for log in found.logs})
-    for folder in folders:
-        for experiment in next_:
-            experiment.write(folder)
     told = finite_json(document(found, confirmed, places, next_, seed, versions))
-    if json:
-        write_whole(json, f"{told}\n".encode())
+    texts = {json: f"{told}\n"} if json else {}
     if report:
-        page = diagnosis_page(
+        texts[report] = diagnosis_page(
             description.stem,
             found,
             places,
@@ -118,7 +115,11 @@ def diagnose(
             conditions=versions,
             date=today.isoformat(),
         )
-        write_whole(report, page.encode())
+    for folder in folders:
+        for experiment in next_:
+            experiment.write(folder)
+    for file, text in texts.items():
+        write_whole(file, text.encode())
     if out:
         write_parameters(parameter_set(found, today), out)
     if format_ is Format.JSON:

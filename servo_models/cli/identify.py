@@ -60,7 +60,7 @@ def identify(
     from servo_models.identify import identify as run
     from servo_models.parameter_set import write_parameters
 
-    check_outputs((out, ".toml"), (report, ".html"))
+    check_outputs((out, ".toml"), (report, ".html"), description=description)
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, 1, it))

@@ -23,17 +23,22 @@ class Format(str, Enum):
     GITHUB = "github"
 
 
-def check_outputs(*outputs: tuple[Path | None, str]) -> None:
+def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = None) -> None:
     """Look at the names of files to write, each with its suffix, before long work.
 
     Raises:
-        UserError: another suffix, or a folder that cannot be written.
+        UserError: another suffix, a folder that cannot be written, or a file that the description
+            is or names.
     """
     from servo_models.files import check_writable
+    from servo_models.toml_file import named_files
 
+    read = named_files(description) if description else []
     for path, suffix in outputs:
         if path and path.suffix.lower() != suffix:
             raise UserError(f"'{path}': let the name end in {suffix}")
+        if path and path.exists() and any(path.samefile(other) for other in read):
+            raise UserError(f"'{path}' is read, not written: choose another name")
         if path:
             check_writable(path)
 

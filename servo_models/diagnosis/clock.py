@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.diagnosis.codes import as_bunched, bunched
+from servo_models.diagnosis.codes import bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.run import prepared
 from servo_models.recording import Log
@@ -25,6 +25,8 @@ STEPS = 4
 """Steps of the command that tell a clock from chance, at least."""
 PART, BEFORE, AFTER = 12, 0.5, 1.5
 """Parts of a period by which commands are moved, and how far to either side, in periods."""
+ORDERS, ROUNDING = 1999, 1e-9
+"""Orders at random that answers are compared with, and what rounding makes of equal heights."""
 COARSE = 2.0
 """Rows in a period, below which a log is too coarse to tell when a step is answered."""
 
@@ -52,8 +54,14 @@ class Answers:
 
     @property
     def chance(self) -> float:
-        """Probability that answers that know no clock are as bunched."""
-        return as_bunched(self.bunched, len(self.due))
+        """Probability that answers that know no clock are as bunched: in any order (permutation
+        test).  Where a clock would have all late alike, as steps at one phase of it, no order
+        differs."""
+        orders = np.random.default_rng(0).permuted(np.tile(self.late, (ORDERS, 1)), axis=1)
+        turns = (orders - self.due) / self.period
+        heights = np.abs(np.mean(np.exp(2j * np.pi * turns), axis=1))
+        as_high = np.count_nonzero(heights >= self.bunched - ROUNDING)
+        return float((1.0 + as_high) / (1.0 + ORDERS))
 
 
 def answers(found: Explanation, effect: str) -> Answers | None:

@@ -50,7 +50,7 @@ def confirm(found: Diagnosis) -> Confirmation:
                 out = run.outputs_or_nan(taken.values)
                 if np.isfinite(out).all():
                     expected = out
-                    chosen = replace(run.model, values={**run.model.values, **taken.values})
+                    chosen = replace(run.model, values=run.with_constants(taken.values))
                     whole = fmu.run(chosen, run.times, run.inputs)
                     out = whole[-len(run.log.times) :, run.columns]
                     off = max(off, difference(expected, out))

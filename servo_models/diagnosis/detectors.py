@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from servo_models.actuator import Wire
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched, bunched
+from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.experiment import display
 
@@ -23,6 +23,8 @@ DOUBTFUL = 0.05
 """Probability of as much by chance, above which a detector confirms nothing."""
 RARE = 1e-3
 """Probability below which the number itself says no more."""
+ROUNDING = 1e-6
+"""Part of a step that is none, where a reading moves by exactly one."""
 
 
 @dataclass(frozen=True)
@@ -33,24 +35,30 @@ class Codes:
         effect: the quantiser, and the wire ``reading`` that it quantises.
         step: [SI].
         phases: of the readings on the step [steps], -0.5 to 0.5 about the codes, shape (n,).
+        stays: of each reading, shape (n,): from 0, the next one where it has moved by a step.
     """
 
     effect: str
     reading: Wire
     step: float
     phases: Array
+    stays: NDArray[np.int64]
 
     @property
     def bunched(self) -> float:
-        """Length of the mean of the phases: 1 on codes, 0 anywhere."""
-        return bunched(self.phases)
+        """Length of the mean of the phases: 1 on codes, 0 anywhere.
+
+        Stays count alike, however long they are: where a reading rests a few times, any step has
+        most of its samples near codes.
+        """
+        return float(np.abs(_mean_of_stays(np.exp(2j * np.pi * self.phases), self.stays)))
 
     @property
     def chance(self) -> float:
         """Probability that readings that know no codes are as bunched at any step at all: the step
         was not known beforehand (Bonferroni's bound)."""
-        one = as_bunched(self.bunched, len(self.phases) / MEMORY)
-        return min(1.0, (CODES[1] - CODES[0]) * one)
+        independent = min(int(self.stays[-1]) + 1, len(self.phases) / MEMORY)
+        return min(1.0, (CODES[1] - CODES[0]) * as_bunched(self.bunched, independent))
 
 
 Detection = Codes | Answers
@@ -94,6 +102,24 @@ def _codes(found: Explanation, name: str, wire: str) -> Codes | None:
         return None
     step = found.values[f"{name}.step"]
     turns = np.concatenate(records) / step
-    middle = float(np.angle(np.mean(np.exp(2j * np.pi * turns)))) / (2.0 * np.pi)
+    stays = _stays(turns)
+    middle = float(np.angle(_mean_of_stays(np.exp(2j * np.pi * turns), stays))) / (2.0 * np.pi)
     phases = turns - middle - np.round(turns - middle)
-    return Codes(name, found.problem.model.plant.wire[wire], step, phases)
+    return Codes(name, found.problem.model.plant.wire[wire], step, phases, stays)
+
+
+def _stays(turns: Array) -> NDArray[np.int64]:
+    """Number of the stay of each reading [steps]: it ends where one is a step from its first."""
+    found, first, number = np.empty(len(turns), dtype=np.int64), turns[0], 0
+    for i, value in enumerate(turns):
+        if abs(value - first) >= 1.0 - ROUNDING:
+            first, number = value, number + 1
+        found[i] = number
+    return found
+
+
+def _mean_of_stays(phasors: NDArray[np.complex128], stays: NDArray[np.int64]) -> complex:
+    """Mean over stays of the mean in each."""
+    counts = np.bincount(stays)
+    sums = np.bincount(stays, phasors.real) + 1j * np.bincount(stays, phasors.imag)
+    return complex(np.mean(sums / counts))

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 STAGES = ("before", "retuned", "after")
 DRAWS = 400
 """Draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1989))."""
+CLEAR = 0.1
+"""Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +66,12 @@ class Gap(Reduction):
 def gaps(
     causes: Causes, floors: dict[str, float], origins: dict[str, str], seed: int
 ) -> tuple[Gap, ...]:
-    """Return the gap of every output."""
+    """Return the gap of every output that a fit may see."""
     problem, stages = causes.retuned.problem, _stages(causes)
-    rows = rows_of(problem)
     return tuple(
-        _gap(name, rows[name], problem, stages, floors[name], origins[name], seed) for name in rows
+        _gap(name, rows, problem, stages, floors[name], origins[name], seed)
+        for name, rows in rows_of(problem).items()
+        if len(rows)
     )
 
 
@@ -149,7 +152,8 @@ def closed(before: float, after: float, floor: float) -> float | None:
     Args:
         before, after, floor: RMS errors, in one unit.
     """
-    return min((before - after) / (before - floor), 1.0) if before > floor else None
+    beyond = before - floor
+    return min((before - after) / beyond, 1.0) if beyond > CLEAR * floor else None
 
 
 def _closed(
@@ -159,7 +163,7 @@ def _closed(
     share = closed(rms["before"], rms["after"], floor)
     if share is None:
         return None
-    beyond = np.maximum(drawn["before"] - floor, 1e-9 * rms["before"])
+    beyond = np.maximum(drawn["before"] - floor, CLEAR * floor)
     low, high = _interval((drawn["before"] - drawn["after"]) / beyond)
     return share, min(low, 1.0), min(high, 1.0)
 

@@ -40,10 +40,15 @@ def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
             f" of '{model.actuator.name}' is {slowest:.3g} s: log ten of them, or name the"
             " actuator that made it"
         )
-    try:
-        Problem(model, logs, []).responses(np.empty(0))
-    except UserError as error:
-        raise UserError(f"the nominal model cannot be simulated: {error}; correct it") from error
+    for log in logs:
+        try:
+            Problem(model, [log], []).responses(np.empty(0))
+        except UserError as error:
+            stated = ", or the constants of this log" if log.constants else ""
+            raise UserError(
+                f"'{where}': the nominal model cannot be simulated on log '{log.name}': {error};"
+                f" correct its parameters{stated}"
+            ) from error
 
 
 def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], tuple[str, ...]]:

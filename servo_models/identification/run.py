@@ -43,11 +43,22 @@ class Run:
         except UserError:
             return np.full((len(self.log.times), len(self.columns)), np.nan)
 
+    def with_constants(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return all parameters [SI] with these values: what the log states stays as it states it,
+        also where other logs leave it open."""
+        stated = self.log.constants
+        own = {name: value for name, value in values.items() if name not in stated}
+        return {**self.model.values, **own}
+
     def simulate(self, values: Mapping[str, float]) -> Array:
-        """All outputs of the plant with these parameters, shape (n, outputs of the plant)."""
-        vector = self._base.copy()
+        """All outputs of the plant with these parameters, shape (n, outputs of the plant).
+
+        What the log states as a constant stays, see ``with_constants``.
+        """
+        vector, stated = self._base.copy(), self.log.constants
         for name, value in values.items():
-            vector[self._places[name]] = value
+            if name not in stated:
+                vector[self._places[name]] = value
         return _simulated(self, vector)[-len(self.log.times) :]
 
     def errors(self, values: Mapping[str, float]) -> Array:

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from servo_models.actuator import Wire
-from servo_models.diagnosis.experiments.commands import FAMILIES, Array, Command, grid
+from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Array, Command, grid
 from servo_models.diagnosis.fitting.evidence import dispersion
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.where.samples import moving_input
@@ -45,7 +45,7 @@ class Stage:
         rivals: explanations that are left.
         wire: the input that is played.
         low, high: its limits [SI], those of the logs or of the actuator's standard step.
-        unit: of its paces and its length [s].
+        unit: of its paces and its length [s], as fast as the sampling can follow.
         times: of an experiment [s], shape (n,).
         farthest: outputs [noise floors] from which a model runs away.
     """
@@ -57,7 +57,9 @@ class Stage:
         self.wire, self.low, self.high = _limits(self.problem)
         self.step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
         longest = max(log.duration for log in self.problem.logs)
-        self.unit = min(self.problem.model.stop_time, longest)
+        # the fastest paces may be too fast for the sampling, the slowest is none that it is
+        playable = (1.0 + 1e-9) * FINEST * self.step / PACES[-1]
+        self.unit = max(min(self.problem.model.stop_time, longest), playable)
         count = round(LENGTH * self.unit / self.step)
         self.times = self.step * np.arange(count + 1.0)
         measured = [
@@ -113,7 +115,7 @@ class Stage:
         """What logs so far say of each rival's free parameters, each (p, p) per scale."""
         found = []
         for rival in self.rivals:
-            slopes = rival.problem.jacobian(rival.evidence.vector)
+            slopes = rival.problem.jacobian(rival.evidence.vector, rival.widths)
             data, priors = np.split(slopes, [rival.problem.samples])
             coloured = max(dispersion(rival.evidence.errors), 1.0)
             found.append(data.T @ data / coloured + priors.T @ priors)
@@ -150,7 +152,7 @@ class Stage:
         """Slopes of ``_response`` per scale of each free parameter, shape (m, p)."""
         if (i, command) not in self._slopes:
             problem = self._played(i, command)
-            slopes = problem.jacobian(self.rivals[i].evidence.vector)
+            slopes = problem.jacobian(self.rivals[i].evidence.vector, self.rivals[i].widths)
             self._slopes[i, command] = slopes[: problem.samples]
         return self._slopes[i, command]
 
@@ -162,12 +164,13 @@ class Stage:
         """
         first, n = self.problem.logs[0], len(self.times)
         rests = command.middle == self.wire.rest
-        others = {name: it for name, it in first.inputs.items() if name != self.wire.name}
+        held = {**first.constants, **{k: float(np.median(v)) for k, v in first.inputs.items()}}
+        held.pop(self.wire.name, None)
         return replace(
             first,
             times=self.times,
             inputs={self.wire.name: command.values(self.times)},
-            constants={**first.constants, **{k: float(np.median(v)) for k, v in others.items()}},
+            constants=held,
             outputs={name: np.zeros(n) for name in self.problem.sigma},
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),

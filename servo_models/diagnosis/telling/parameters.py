@@ -7,14 +7,16 @@ import datetime
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.recording import hashes
 
 
 def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
     """Return ``found.fitted`` with standard errors, and what it is known from."""
     model = found.fitted
+    tuned = () if found.within_tolerance else found.found  # without a gap nothing is
     estimated = {
         one.name: Estimate(one.name, one.value, known_error(one.standard_error), "diagnosed")
-        for one in found.found
+        for one in tuned
     }
     wires = model.plant.wire
     return ParameterSet(
@@ -22,7 +24,7 @@ def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> Parame
         variant=model.variant,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
         method=f"diagnosis, {found.verdict.kind}: {_causes(found)}",
-        logs={log.path.name: f"sha256:{log.sha256}" for log in found.logs},
+        logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
         date=date,
         figures={
             f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)

@@ -177,7 +177,8 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             " [uncertainty] to the description"
         )
     for gap in found.gaps:
-        readings = [log.outputs[gap.output] for log in found.logs if gap.output in log.outputs]
+        own = [log for log in found.logs if gap.output in log.outputs]
+        readings = [log.outputs[gap.output][log.fitted] for log in own]
         if gap.rms["after"] > HARDLY * np.std(np.concatenate(readings)):
             said.append(
                 f"the model explains hardly anything of '{gap.output}': check scale and sign of its"

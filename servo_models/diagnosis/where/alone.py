@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -21,6 +22,7 @@ from servo_models.block import Block, Param, effect
 from servo_models.diagnosis.fitting.evidence import BLOCKS
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import WORSE, Array, Breakdown, Sums, tabulate
+from servo_models.errors import UserError
 from servo_models.identification.run import Run
 from servo_models.simulate import Model, flat_of
 
@@ -84,7 +86,8 @@ def by_block(causes: Causes) -> Breakdown | None:
         for run in problem.runs:
             if others and {name, *others} <= run.log.outputs.keys():
                 bench = _Bench(run, led, others, name, problem.sigma[name])
-                sums[:, k] += bench.sums(causes.taken.values)
+                with suppress(UserError):  # a block that runs away with what was measured
+                    sums[:, k] += bench.sums(causes.taken.values)
     before, after, amplitude, weight = sums
     if not weight.any():
         return None
@@ -129,7 +132,7 @@ class _Bench:
         variant = replace(model.actuator.variant(model.variant), plant=plant)
         actuator = replace(model.actuator, plant=plant, variants=(variant,))
         switches = {f"measured_{name}.on": float(name in self.others) for name in self.led}
-        known = {**model.values, **values, **switches}
+        known = {**run.with_constants(values), **switches}
         chosen = Model(
             actuator,
             variant.name,

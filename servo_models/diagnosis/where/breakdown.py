@@ -157,8 +157,8 @@ def _sentence(dimension: str, bins: Sequence[Bin], phrase: str, whole: float) ->
             f" its RMS there goes from {top.rms_before:.3g} to {top.rms_after:.3g} noise floors."
         )
     moving = [one for one in bins if one.rms_before > MOVING * one.relative_before]
-    small = max(moving, key=lambda one: one.relative_before, default=top)
-    if small.relative_before > STANDS_OUT * whole:
+    small = max(moving, key=lambda one: one.relative_before, default=None)
+    if small and small.relative_before > STANDS_OUT * whole:
         text += (
             f" Over the local amplitude it is largest {phrase}{small.label}:"
             f" {_percent(small.relative_before)} before, {_percent(small.relative_after)} after."

@@ -109,7 +109,8 @@ def by_position(samples: Samples) -> Breakdown:
     low, high = float(values.min()), float(values.max())
     cuts = np.linspace(low, high, POSITIONS + 1)
     at = np.clip(np.searchsorted(cuts, values, side="right") - 1, 0, POSITIONS - 1)
-    edges = [(_between(a, b, unit), a, b) for a, b in itertools.pairwise(cuts)]
+    digits = _digits(float(np.abs(cuts).max()), (high - low) / POSITIONS)
+    edges = [(_between(a, b, unit, digits), a, b) for a, b in itertools.pairwise(cuts)]
     return _split(samples, "position", unit, edges, at, "at position ")
 
 
@@ -132,10 +133,15 @@ def _split(
     return tabulate(dimension, unit, edges, sums, phrase)
 
 
-def _between(low: float, high: float, unit: str) -> str:
+def _between(low: float, high: float, unit: str, digits: int = 3) -> str:
     if high == math.inf:
-        return f"above {low:.3g} {unit}".rstrip()
-    return f"{low:.3g} to {high:.3g} {unit}".rstrip()
+        return f"above {low:.{digits}g} {unit}".rstrip()
+    return f"{low:.{digits}g} to {high:.{digits}g} {unit}".rstrip()
+
+
+def _digits(largest: float, width: float) -> int:
+    """Significant digits by which edges so far apart differ; three at least."""
+    return 3 + (max(0, math.ceil(math.log10(largest / (10.0 * width)))) if width > 0.0 else 0)
 
 
 def _round(value: float) -> float:

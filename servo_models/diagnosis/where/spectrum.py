@@ -27,10 +27,15 @@ GAP = 1.5
 """Sampling steps between neighbours beyond which samples do not belong together."""
 
 
-def by_frequency(samples: Samples) -> Breakdown:
-    """Shares of bands up to the highest frequency that sampling shows; the lowest has offsets."""
+def by_frequency(samples: Samples) -> Breakdown | None:
+    """Shares of bands up to the highest frequency that sampling shows; the lowest has offsets.
+
+    None without neighbouring samples.
+    """
     several = [one.times for one in samples.stretches if len(one.times) > 1]
-    step = min((float(np.median(np.diff(times))) for times in several), default=1.0)
+    if not several:
+        return None
+    step = min(float(np.median(np.diff(times))) for times in several)
     longest = max(float(np.ptp(one.times)) for one in samples.stretches)
     count = int(np.clip(1 + np.log2(longest / (4.0 * step)) / OCTAVES, 1, BANDS))
     tops = 0.5 / step * np.exp2(-OCTAVES * np.arange(count - 1.0, -1.0, -1.0))
@@ -58,6 +63,8 @@ def by_frequency(samples: Samples) -> Breakdown:
 
 def _pieces(times: Array) -> list[Rows]:
     """Indices of samples that follow each other without a gap."""
+    if len(times) < 2:
+        return []
     steps = np.diff(times)
     cuts = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     return [piece for piece in np.split(np.arange(len(times)), cuts) if len(piece) > 1]

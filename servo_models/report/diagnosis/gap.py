@@ -93,7 +93,8 @@ def _fmu(found: Diagnosis, confirmed: Confirmation) -> Table:
     off = confirmed.difference
     same = "the same bits as the simulation" if off == 0.0 else f"off by {number(off, 2)} at most"
     caption = f"The FMU with the diagnosed parameters, run through fmpy: {same}"
-    units = {gap.output: unit_for(found, gap) for gap in found.gaps}
+    units = {output: unit_among(found.logs, output) for log in found.logs for output in log.outputs}
+    units |= {gap.output: unit_for(found, gap) for gap in found.gaps}
     own = {(log.name, output): units[output] for log in found.logs for output in log.outputs}
     return accuracy_table(caption, confirmed.rows, own)
 

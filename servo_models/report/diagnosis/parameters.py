@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.fitting.explanation import BELIEVED
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.explain import display_scale, display_unit
 from servo_models.report.diagnosis.stages import RETUNED, stages
@@ -131,7 +132,9 @@ def _moved(
         return 0.0
     label, tint, marker = style
     moved = [(one.value - one.nominal) / priors[one.name] for one in values]
-    errors = np.nan_to_num([one.standard_error / priors[one.name] for one in values])
+    known = [one.standard_error / priors[one.name] for one in values]
+    # what the logs do not determine has the whole width
+    errors = np.clip(np.nan_to_num(known), 0.0, BELIEVED)
     rows = np.arange(len(values)) + shift
     axes.errorbar(
         moved, rows, xerr=errors, fmt=marker, color=colour(tint), ms=4.5, lw=1.4, label=label

@@ -17,7 +17,7 @@ def stages(found: Diagnosis) -> dict[str, str]:
     """Return the stages of ``Gap.rms`` that differ, each with its name for people."""
     taken = found.causes.taken
     named = {"before": NOMINAL}
-    if taken.problem.free and found.causes.retuned.problem.free:
+    if found.causes.retuned.problem.free and not found.within_tolerance:
         named["retuned"] = RETUNED
     if taken.effects:
         named["after"] = WITH_ONE if len(taken.effects) == 1 else WITH_MORE
