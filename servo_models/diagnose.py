@@ -10,7 +10,8 @@ from pathlib import Path
 from servo_models.audit import NO_NOISE, Audit, audit, noise_floors
 from servo_models.description import Description, read_description
 from servo_models.diagnosis.claims import claims, estimates
-from servo_models.diagnosis.fitting.explanation import Bench, nominal_parameters
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.nominal import nominal_parameters
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs, without_flags
 from servo_models.diagnosis.result import Diagnosis

@@ -15,7 +15,8 @@ from servo_models.description import read_description
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.descent import _Point, _step, descend
 from servo_models.diagnosis.fitting.evidence import blocks, judge
-from servo_models.diagnosis.fitting.explanation import BELIEVED, Bench, nominal_parameters
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.nominal import BELIEVED, nominal_parameters
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist

@@ -33,7 +33,8 @@ from servo_models.description import Description, read_description
 from servo_models.diagnose import diagnose
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.evidence import dispersion
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation, nominal_parameters
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.nominal import nominal_parameters
 from servo_models.diagnosis.search.fits import beside, likeliest, together
 from servo_models.diagnosis.search.pairs_seen import pairs
 from servo_models.diagnosis.search.screening import Sight, look

@@ -97,8 +97,15 @@ class Candidate:
         return tuple((name, 0.0 if name in sizes else it) for name, it in settings.items())
 
     def at(self, settings: Settings) -> tuple[Free, ...]:
-        """Return the parameters with the starts that ``settings`` give."""
-        started = [replace(it, start=settings.get(it.name, it.start)) for it in self.free]
+        """Return the parameters with the starts that ``settings`` give.
+
+        A switch that they do not name is as good as off, as it was where they were looked at.
+        """
+        off = {name: 0.0 for name in self.switches} if settings.keys() & self.switches else {}
+        starts = {**off, **settings}
+        started = [
+            replace(it, start=_inside(it, starts.get(it.name, it.start))) for it in self.free
+        ]
         kinds = {it.name.rpartition(".")[2]: it for it in started}
         if not kinds.keys() >= set(RESONANT):
             return tuple(started)
@@ -226,6 +233,10 @@ def _range(model: Model, log: Log, wire: str) -> float:
         return ranges[wire]
     alike = [it for name, it in ranges.items() if plant.wire[name].unit == plant.wire[wire].unit]
     return min((it for it in alike if it > 0.0), default=math.inf)
+
+
+def _inside(free: Free, value: float) -> float:
+    return min(max(value, free.low), free.high)
 
 
 def _near(free: Free, least: float) -> Free:

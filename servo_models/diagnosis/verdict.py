@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from servo_models.diagnosis.belief import covering, probabilities
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.structure import left_over, missing, sure
+from servo_models.diagnosis.fitting.structure import missing, sure
 from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.search.causes import Causes
 
@@ -74,7 +74,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
         return Verdict(NO_GAP, {}, (), ())
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
     hunting = unrepeatable(taken)
-    left = left_over(taken.problem, taken.evidence).without(hunting)
+    left = taken.left.without(hunting)
     lacking = missing(left, gap, len(taken.effects))
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:

@@ -11,6 +11,7 @@ import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -31,7 +32,8 @@ DIFFERENCE = 1e-4
 EDGE = 1e-6
 """Distance from a bound, in scales and relative to the value, that counts as on it."""
 REFUSED, LARGEST = 1e3, 1e100
-"""Weighted residual of a run that leaves the finite numbers, or those with finite squares."""
+"""Weighted residual of a run that leaves the finite numbers, or those with finite squares, over
+the measured range where that is more than 1: no motion at all leaves less."""
 
 
 _workers = functools.cache(ThreadPoolExecutor)
@@ -166,8 +168,8 @@ class Problem:
     def values(self, vector: Array) -> dict[str, float]:
         """Return a vector as SI values by name, inside their bounds to the last bit."""
         return {
-            free.name: float(min(max(value * free.scale, free.low), free.high))
-            for free, value in zip(self.free, vector)
+            free.name: min(max(value * free.scale, free.low), free.high)
+            for free, value in zip(self.free, vector.tolist())
         }
 
     def responses(self, vector: Array) -> list[dict[str, Array]]:
@@ -208,9 +210,13 @@ class Problem:
         self.evaluations += len(vectors)
         return list(map_on(self.jobs, self._residuals, vectors))
 
-    def errors_with(self, values: Mapping[str, float]) -> Array:
-        """Return ``residuals`` with these values [SI], of other parameters as well."""
-        data = [self._errors(run, values) for run in self.runs if run.measured.size]
+    def errors_with(self, values: Mapping[str, float], strict: bool = False) -> Array:
+        """Return ``residuals`` with these values [SI], of other parameters as well.
+
+        Raises:
+            UserError: if ``strict``, for a run that leaves the finite numbers.
+        """
+        data = [self._errors(run, values, strict) for run in self.runs if run.measured.size]
         priors = [
             (values[free.name] - free.nominal) / free.prior
             for free in self.free
@@ -218,19 +224,33 @@ class Problem:
         ]
         return np.concatenate([*data, priors])
 
-    def _errors(self, run: Run, values: Mapping[str, float]) -> Array:
+    def _errors(self, run: Run, values: Mapping[str, float], strict: bool) -> Array:
         """Weighted errors of one log, output by output."""
-        sigma = np.array([self.sigma[name] for name in run.log.outputs])
+        sigma = self._weights(run)
         try:
-            errors = (run.errors(values) / sigma[:, None]).ravel()
+            errors = run.errors(values)
         except UserError:
-            return np.full(run.measured.size, REFUSED)
-        return np.where(np.abs(errors) < LARGEST, errors, REFUSED)
+            if strict:
+                raise
+            return self._refused(run)
+        errors /= sigma
+        if float(np.vdot(errors, errors)) < LARGEST:
+            return errors.ravel()
+        return np.where(np.abs(errors.ravel()) < LARGEST, errors.ravel(), self._refused(run))
+
+    def _weights(self, run: Run) -> Array:
+        """Standard deviations of the outputs of a log, shape (outputs, 1)."""
+        return np.array([[self.sigma[name]] for name in run.log.outputs])
+
+    def _refused(self, run: Run) -> Array:
+        """Weighted errors of a run that leaves the finite numbers."""
+        reach = np.ptp(run.measured, axis=1, keepdims=True) / self._weights(run)
+        return np.asarray((REFUSED * np.maximum(reach, 1.0) + 0.0 * run.measured).ravel())
 
     def _residuals(self, vector: Array) -> Array:
         return self.errors_with(self.values(vector))
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """Number of weighted errors that a fit may see."""
         return sum(int(log.fitted.sum()) * len(log.outputs) for log in self.logs)

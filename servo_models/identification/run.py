@@ -67,7 +67,9 @@ class Run:
         Raises:
             UserError: a run that leaves the finite numbers.
         """
-        return np.asarray(self.simulate(values).take(self._seen)) - self.measured
+        errors = np.asarray(self.simulate(values).take(self._seen))
+        errors -= self.measured
+        return errors
 
     @cached_property
     def measured(self) -> Array:

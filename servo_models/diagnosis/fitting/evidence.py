@@ -90,7 +90,8 @@ def judge(
         problem: with the fit's free parameters and weights.
         seen: errors and slopes at the fit.
         parts: from ``blocks``.
-        held: parameters that stay, since the response is a staircase of them.
+        held: parameters that stay, since the response is a staircase of them, or a bound holds
+            them.
     """
     n = problem.samples
     slopes = seen.slopes.copy()

@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.description import Description
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
 from servo_models.diagnosis.fitting.stepwise import (
@@ -27,8 +26,9 @@ from servo_models.diagnosis.fitting.stepwise import (
     staircases_of,
     turned,
 )
+from servo_models.diagnosis.fitting.structure import LeftOver, left_over
 from servo_models.diagnosis.fitting.view import View, view
-from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
+from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.slopes import steps
 from servo_models.recording import Log
 from servo_models.simulate import Model
@@ -43,8 +43,6 @@ DISGUISE = 1.25
 """Factor on the squared errors that an effect on its bound leaves."""
 PRESSED = 9.0
 """Twice the log likelihood ratio that a step over a bound promises, from which it holds a fit."""
-BELIEVED = 4.0
-"""Prior deviations that a nominal parameter may move."""
 COARSE, GRAIN = 0.02, 0.01
 """Widths of slopes where an effect makes a staircase of the response, or a jump in it: of the
 parameters in scales, and of a stepwise size relative to it."""
@@ -93,6 +91,11 @@ class Explanation:
                     return True
         return False
 
+    @cached_property
+    def left(self) -> LeftOver:
+        """What the errors that it leaves consist of."""
+        return left_over(self.problem, self.evidence)
+
     @property
     def cost(self) -> float:
         """Sum of squared errors, priors included, that the fit leaves."""
@@ -108,20 +111,6 @@ class Explanation:
         """
         seen = float(self.evidence.losses.sum()) * (DISGUISE if self.disguised else 1.0)
         return seen + 2.0 * self.chance * self.evidence.dispersion
-
-
-def nominal_parameters(told: Description) -> tuple[Free, ...]:
-    """Return what is free in every fit: parameters with an uncertainty, within its reach.
-
-    Without the limit a large gap takes them anywhere, and an effect that is missing is
-    imitated by constants that nobody would believe.
-    """
-    parameters, found = told.model.plant.parameters, []
-    for name, prior in told.uncertainty.items():
-        free = free_parameter(parameters[name], told.model.values[name], prior)
-        low, high = free.nominal - BELIEVED * prior, free.nominal + BELIEVED * prior
-        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
-    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +216,8 @@ class Bench:
     ) -> Explanation:
         widths = self.widths(problem)
         seen = view(problem, vector, widths, slopes)
-        evidence = judge(problem, seen, blocks(problem), staircases_of(problem))
+        held = [*staircases_of(problem), *_pressed(seen)]
+        evidence = judge(problem, seen, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
         return Explanation(effects, problem, seen, evidence, converged, chance, widths)
@@ -265,6 +255,13 @@ class Bench:
         if stepwise:
             return sharpened(problem, vector, stepwise, widths, NARROW), met, None
         return vector, met, slopes
+
+
+def _pressed(seen: View) -> list[int]:
+    """Which parameters a bound holds from a better fit: without a block it would hold them too."""
+    sides, gradient = seen.problem.sides(seen.vector), seen.slopes.T @ seen.errors
+    inward = {"low": 1.0, "high": -1.0}
+    return [i for i, side in enumerate(sides) if side and inward[side] * gradient[i] > 0.0]
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:

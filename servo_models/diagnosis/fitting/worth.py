@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servo_models.diagnosis.fitting.evidence import advantage, consistency
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.structure import left_over, sure
+from servo_models.diagnosis.fitting.structure import sure
 
 LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
@@ -24,7 +24,7 @@ def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
     if one.disguised and not other.disguised:
         worth = max(worth, PRESSED)
     trials = 2.0 * max(one.chance - other.chance, 0.0)
-    by_chance = not sure(left_over(other.problem, other.evidence))
+    by_chance = not sure(other.left)
     saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
     return (
         saved > worth

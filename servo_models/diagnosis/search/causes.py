@@ -90,7 +90,9 @@ def find_causes(
     say("re-tuning nominal parameters")
     bench = bench.surveyed()
     retuned = bench.finish(bench.fit((), ()))
-    every = candidates(bench.model, bench.logs, left_out)
+    # an effect with an uncertain size is one of the nominal ones, and free in every fit
+    owners = {bench.model.plant.parameters[free.name].owner for free in bench.nominal}
+    every = candidates(bench.model, bench.logs, owners.union(left_out))
     bench = replace(bench, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
     plain = [retuned]

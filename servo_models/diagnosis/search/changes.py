@@ -17,6 +17,7 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.stepwise import delays_of
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.sizes import Settings
+from servo_models.errors import UserError
 
 Array = NDArray[np.float64]
 
@@ -99,7 +100,8 @@ def _held(
         (period,) = size.values()
         sooner = dict.fromkeys(max(base[delay] - part * period, least) for part in parts)
         tried = [_change(seen, {**base, delay: time}, size) for time in sooner]
-        found.append(min(tried, key=partial(_left, seen))[:, None])
+        best = tried[0] if len(tried) == 1 else min(tried, key=partial(_left, seen))
+        found.append(best[:, None])
     return found
 
 
@@ -117,6 +119,8 @@ def _delay(seen: View) -> str:
 def _change(seen: View, values: Settings, size: Settings) -> Array:
     """A change by an effect with other parameters at ``values``, less what their slopes do."""
     change = _difference(seen, {**values, **size})
+    if not change.any():
+        return change
     vector = np.array(list(values.values())) / seen.problem.scales
     change -= seen.slopes @ (vector - seen.vector)
     change[seen.problem.samples :] = 0.0
@@ -124,8 +128,13 @@ def _change(seen: View, values: Settings, size: Settings) -> Array:
 
 
 def _difference(seen: View, values: dict[str, float]) -> Array:
-    """Change of the weighted errors; the priors do not change."""
+    """Change of the weighted errors, none where nothing can be simulated; the priors do not
+    change."""
     problem = seen.problem
-    changed = problem.errors_with(values) - seen.errors
+    try:
+        changed = problem.errors_with(values, strict=True)
+    except UserError:
+        return np.zeros(len(seen.errors))
+    changed -= seen.errors
     changed[problem.samples :] = 0.0
     return changed

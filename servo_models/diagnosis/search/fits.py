@@ -8,7 +8,6 @@ from functools import partial
 
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.structure import left_over
 from servo_models.diagnosis.search.screening import Sight
 from servo_models.diagnosis.search.starts import Start, best_start
 from servo_models.identification.problem import Free, map_on
@@ -164,8 +163,7 @@ def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:
 
 def settled(explanation: Explanation) -> bool:
     """Whether what is left is noise."""
-    left = left_over(explanation.problem, explanation.evidence)
-    return left.structured < SETTLED * left.noise
+    return explanation.left.structured < SETTLED * explanation.left.noise
 
 
 def best_of_each(found: Iterable[Explanation]) -> list[Explanation]:

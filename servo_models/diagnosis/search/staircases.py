@@ -142,7 +142,7 @@ def _over_all(
     sights = part.look(full.name, grid)
     alone = not full.late and not beside
     if alone and sights and sights[0].left < SHOWN * part.view.left:
-        nearer = _about(sights[0].settings, every)
+        nearer = [it for it in _about(sights[0].settings, every) if it not in grid]
         grid += nearer
         sights = sorted([*sights, *part.look(full.name, nearer)], key=lambda it: it.left)
     return grid, sights

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.diagnosis.claims import Claim, Value
-from servo_models.diagnosis.fitting.explanation import BELIEVED
+from servo_models.diagnosis.fitting.nominal import BELIEVED
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.explain import display_scale, display_unit
 from servo_models.report.diagnosis.stages import RETUNED, stages
