@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from servo_models.description import read_description
 from servo_models.diagnosis.candidates import candidates
@@ -127,3 +128,15 @@ def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(staircases, "_over_all", spied)
     staircases.shortlist(bench, retuned, [one], sights)
     assert len(seen) == len(set(seen)) > 100
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0), (2.0, 0.0), (-1.0, 3.0)])
+def test_strained_parameters_count_as_their_priors_say(moved: tuple[float, float]) -> None:
+    """Minus the logarithm of two normal densities, beyond that of the nominal values."""
+    bench, _ = made({})
+    values = {
+        free.name: free.nominal + by * (free.prior or np.nan)
+        for free, by in zip(bench.nominal, moved)
+    }
+    expected = -sum(norm.logpdf(by) - norm.logpdf(0.0) for by in moved)
+    assert bench.unfit((), (), values).chance == pytest.approx(expected, abs=1e-9)

@@ -59,7 +59,7 @@ class Explanation:
         evidence: how it predicts.
         converged: whether the search met its tolerance.
         chance: logarithm of how many trials its effects are the best of, and of how strange
-            their sizes are.
+            their sizes and the nominal parameters are.
         widths: over which slopes of it mean something, see ``slopes.steps``.
     """
 
@@ -265,11 +265,16 @@ def _pressed(seen: View) -> list[int]:
 
 
 def _strangeness(problem: Problem, vector: Array) -> float:
-    """How far sizes of effects are from the typical ones: minus the logarithm of a probability.
+    """How far nominal parameters are from their nominal values, and sizes of effects from typical
+    ones: minus the logarithm of a probability.
 
-    A factor of ten is one standard deviation, so this only decides between look-alikes.
+    Of a size a factor of ten is one standard deviation, so this only decides between look-alikes.
+    An effect that imitates the cause often strains the parameters, which the cause itself does not.
     """
     found, plant = 0.0, problem.model.plant
+    for free, value in zip(problem.free, vector * problem.scales):
+        if free.prior is not None:
+            found += 0.5 * ((value - free.nominal) / free.prior) ** 2
     for name, value in problem.values(vector).items():
         param = plant.parameters[name].param
         own = plant.parameters[name].owner and param.switch and param.typical > 0.0
