@@ -245,6 +245,29 @@ def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
     assert told[1e-5] == 0.0
 
 
+def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(first: Log) -> None:
+    """A spring half as stiff again, of which a log at rest says nothing and its prior little."""
+    still = replace(first, inputs={"voltage": 0.0 * TWO_LEVELS})
+    spring = nominal().plant.parameters["stiffness"]
+    value = nominal().values["stiffness"]
+    bench = Bench(
+        nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}, 1
+    )
+    rivals = [bench.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
+    stage = Stage(rivals, 0)
+    command = Command("triangle", 0.0, 10.0, 0.05, 0)
+    assert stage.difference(command, 0, 1) > 50.0
+    assert stage.separation(command, 0, 1) > 0.3  # slopes are those of another spring
+    assert stage.imitated(command, 0, 1) < 0.1
+
+
+def test_a_refit_leaves_no_more_than_there_was(verdict: Verdict) -> None:
+    stage = Stage(verdict.rivals[:2], 0)
+    for family in ("triangle", "chirp"):
+        command = Command(family, 0.0, 10.0, 0.05, 0)
+        assert 0.0 <= stage.imitated(command, 0, 1) <= stage.difference(command, 0, 1)
+
+
 def test_what_is_played_does_not_hold_meanwhile(verdict: Verdict, first: Log) -> None:
     """Where the first log holds the input that another one moves."""
     held = replace(
