@@ -18,6 +18,7 @@ from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where import Breakdown, where
 from servo_models.diagnosis.where.alone import by_block
+from servo_models.diagnosis.where.breakdown import plain
 from servo_models.diagnosis.where.regimes import _between, _digits
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Model, model, simulate
@@ -235,3 +236,9 @@ def test_a_single_sample_has_no_spectrum() -> None:
     places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert "frequency" not in {one.dimension for one in places}
     assert next(one for one in places if one.dimension == "signal").bins[0].count == 1
+
+
+@given(st.floats(1e-3, 1e9))
+def test_numbers_of_a_breakdown_have_no_powers_of_ten(value: float) -> None:
+    assert "e" not in plain(value)
+    assert float(plain(value)) == pytest.approx(value, rel=0.0051)

@@ -154,7 +154,8 @@ def _sentence(dimension: str, bins: Sequence[Bin], phrase: str, whole: float) ->
         of = f", {_percent(top.count / total)} of the samples" if top.count < total else ""
         text = (
             f"{_percent(top.share_before)} of the squared error lies {phrase}{top.label}{of};"
-            f" its RMS there goes from {top.rms_before:.3g} to {top.rms_after:.3g} noise floors."
+            f" its RMS there goes from {plain(top.rms_before)} to {plain(top.rms_after)} noise"
+            " floors."
         )
     moving = [one for one in bins if one.rms_before > MOVING * one.relative_before]
     small = max(moving, key=lambda one: one.relative_before, default=None)
@@ -168,6 +169,11 @@ def _sentence(dimension: str, bins: Sequence[Bin], phrase: str, whole: float) ->
         return text
     several = ", ".join(grown[:-1])
     return f"{text} It grows {phrase}{several}{' and ' if several else ''}{grown[-1]}."
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, without a power of ten up to 10^10."""
+    return f"{float(f'{value:.{digits}g}'):.10g}"
 
 
 def _percent(share: float) -> str:

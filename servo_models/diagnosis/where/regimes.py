@@ -8,7 +8,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from servo_models.diagnosis.where.breakdown import Array, Breakdown, Rows, Sums, grows, tabulate
+from servo_models.diagnosis.where.breakdown import (
+    Array,
+    Breakdown,
+    Rows,
+    Sums,
+    grows,
+    plain,
+    tabulate,
+)
 from servo_models.diagnosis.where.samples import Samples
 from servo_models.experiment import display, in_time
 
@@ -135,8 +143,8 @@ def _split(
 
 def _between(low: float, high: float, unit: str, digits: int = 3) -> str:
     if high == math.inf:
-        return f"above {low:.{digits}g} {unit}".rstrip()
-    return f"{low:.{digits}g} to {high:.{digits}g} {unit}".rstrip()
+        return f"above {plain(low, digits)} {unit}".rstrip()
+    return f"{plain(low, digits)} to {plain(high, digits)} {unit}".rstrip()
 
 
 def _digits(largest: float, width: float) -> int:

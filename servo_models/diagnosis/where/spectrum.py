@@ -15,6 +15,7 @@ from servo_models.diagnosis.where.breakdown import (
     Breakdown,
     Rows,
     Sums,
+    plain,
     tabulate,
 )
 from servo_models.diagnosis.where.samples import Samples
@@ -50,7 +51,7 @@ def by_frequency(samples: Samples) -> Breakdown | None:
     before, after, amplitude = powers
     bottoms = np.array([0.0, *tops[:-1]])
     edges = [
-        (f"below {top:.3g} Hz" if not low else f"{low:.3g} to {top:.3g} Hz", low, top)
+        (f"below {plain(top)} Hz" if not low else f"{plain(low)} to {plain(top)} Hz", low, top)
         for low, top in zip(bottoms.tolist(), tops.tolist())
     ]
     weight = np.full(count, float(len(samples.before)))
