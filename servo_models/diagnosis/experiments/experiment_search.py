@@ -60,7 +60,7 @@ class Stage:
         self.wire, self.low, self.high = _limits(self.problem)
         self.step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
         longest = max(log.duration for log in self.problem.logs)
-        # the fastest paces may be too fast for the sampling, the slowest is none that it is
+        # where the sampling could not follow the slowest pace, all are made slower
         playable = (1.0 + 1e-9) * FINEST * self.step / PACES[-1]
         self.unit = max(min(self.problem.model.stop_time, longest), playable)
         count = round(LENGTH * self.unit / self.step)
