@@ -157,17 +157,17 @@ if __name__ == "__main__":
 # Result: two cores, nothing beside it; CPython 3.11, numba 0.68.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             13.4 s    7.5 s    581 MiB
-# torque motor, 1 s at 10 kHz       8.6 s    4.0 s    549 MiB
+# SG90, 60 s at 200 Hz             15.3 s    8.2 s    636 MiB
+# torque motor, 1 s at 10 kHz       8.4 s    4.3 s    600 MiB
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             2.1 s   2.7 s   4.6 s  10.0 s
-# torque motor, 1 s at 10 kHz      0.5 s   0.8 s   1.4 s   2.6 s
+# SG90, 60 s at 200 Hz             2.6 s   2.9 s   5.0 s  10.2 s
+# torque motor, 1 s at 10 kHz      0.5 s   0.7 s   1.1 s   2.0 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz             6.8 s   2.5 s   4.2 s   4.3 s
-# torque motor, 1 s at 10 kHz      1.0 s   1.2 s   1.0 s   1.3 s
+# SG90, 60 s at 200 Hz             6.7 s   2.4 s   4.0 s   4.6 s
+# torque motor, 1 s at 10 kHz      1.0 s   1.2 s   1.0 s   1.1 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz             8.0 s   4.4 s  1.81
-# torque motor, 1 s at 10 kHz      1.8 s   1.2 s  1.53
+# SG90, 60 s at 200 Hz             8.3 s   4.7 s  1.76
+# torque motor, 1 s at 10 kHz      1.7 s   1.1 s  1.55
