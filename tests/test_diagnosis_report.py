@@ -25,9 +25,8 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.verdict import EFFECT, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.diagnosis.where import where
-from servo_models.experiment import in_time
 from servo_models.identification.result import Accuracy
-from servo_models.recording import Channel, Log, hashes
+from servo_models.recording import Channel, Log
 from servo_models.report.diagnosis import diagnosis_page
 from servo_models.report.diagnosis.evidence import intervals
 from servo_models.report.diagnosis.gap import unit_for
@@ -385,18 +384,3 @@ def test_a_parameter_that_the_logs_do_not_determine_has_a_bar_of_the_whole_width
     text = diagnosis_page("Bench", replace(found, moved=unknown))
     assert "How far nominal parameters moved" in text
     assert not [it for it in recwarn if "overflow" in str(it.message)]
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(0.9994, "999 ms"), (0.9996, "1 s"), (1.0, "1 s"), (0.0123, "12.3 ms")]
-)
-def test_times_are_told_without_powers_of_ten(seconds: float, text: str) -> None:
-    assert in_time(seconds) == text
-
-
-def test_files_of_one_name_keep_both_hashes(found: Diagnosis) -> None:
-    (log, *_) = found.logs
-    paths = ("a/log.csv", "b/log.csv", "b/log.csv", "b/other.csv")
-    logs = [replace(log, path=Path(path), sha256=path) for path in paths]
-    names = ("a/log.csv", "b/log.csv", "other.csv")
-    assert hashes(logs) == dict(zip(names, ("a/log.csv", "b/log.csv", "b/other.csv")))

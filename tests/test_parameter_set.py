@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import fmpy
@@ -23,6 +24,7 @@ from servo_models.parameter_set import (
     read_parameters,
     write_parameters,
 )
+from servo_models.recording import Log, hashes
 
 PLANT = actuator("torque_motor").plant
 FULL = ParameterSet(
@@ -212,3 +214,12 @@ def test_commands_take_the_file_in_place_of_a_name(
     out = capsys.readouterr().out
     for said in ("5.228  ", "6.432", "sha256:0a", "not excited", "0.011 deg"):
         assert said in out
+
+
+def test_logs_of_one_name_keep_both_hashes() -> None:
+    rows = np.arange(2)
+    empty = Log("log", Path(), "", 1.0 * rows, {}, {}, {}, rows, rows < 0)
+    paths = ("a/log.csv", "b/log.csv", "b/log.csv", "b/other.csv")
+    logs = [replace(empty, path=Path(path), sha256=path) for path in paths]
+    names = ("a/log.csv", "b/log.csv", "other.csv")
+    assert hashes(logs) == dict(zip(names, ("a/log.csv", "b/log.csv", "b/other.csv")))

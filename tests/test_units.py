@@ -8,6 +8,7 @@ import pytest
 
 from servo_models.catalogue import actuators
 from servo_models.errors import UserError
+from servo_models.experiment import in_time
 from servo_models.units import exponents, factor, parse
 
 
@@ -94,3 +95,10 @@ def test_every_display_unit_converts_to_its_unit() -> None:
                 exponents(unit)
                 if display:
                     assert factor(display, unit) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.9994, "999 ms"), (0.9996, "1 s"), (1.0, "1 s"), (0.0123, "12.3 ms")]
+)
+def test_times_are_told_without_powers_of_ten(seconds: float, text: str) -> None:
+    assert in_time(seconds) == text

@@ -36,22 +36,18 @@ def clean() -> Mapping[str, Array]:
     return simulate(MODEL, TIMES, {"voltage": VOLTAGE}).outputs
 
 
+def measured(outputs: Mapping[str, Array], held_out: NDArray[np.bool_] = TIMES < 0.0) -> Log:
+    """A log of these readings of the motor."""
+    channels = {name: Channel(name, name, "rad") for name in outputs}
+    rows, inputs = np.arange(len(TIMES)), {"voltage": VOLTAGE}
+    return Log("rig", Path("rig.csv"), "", TIMES, inputs, outputs, channels, rows, held_out)
+
+
 def found(
     before: Array, after: Array, outputs: tuple[str, ...] = ("angle",)
 ) -> dict[str, Breakdown]:
     """Breakdowns of errors [noise floors] that are given, of shape (n,) for each output."""
-    n = len(TIMES)
-    log = Log(
-        "rig",
-        Path("rig.csv"),
-        "",
-        TIMES,
-        {"voltage": VOLTAGE},
-        {name: clean()[name] for name in outputs},
-        {name: Channel(name, name, "rad") for name in outputs},
-        np.arange(n),
-        np.zeros(n, dtype=bool),
-    )
+    log = measured({name: clean()[name] for name in outputs})
     bench = Bench(MODEL, [log], (), {name: FLOOR[name] for name in outputs}, 1)
     fitted = bench.fit((), ())
     parts = blocks(fitted.problem)
@@ -220,18 +216,7 @@ def test_edges_about_an_offset_differ(offset: float, width: float) -> None:
 
 
 def test_a_single_sample_has_no_spectrum() -> None:
-    n = len(TIMES)
-    log = Log(
-        "rig",
-        Path("rig.csv"),
-        "",
-        TIMES,
-        {"voltage": VOLTAGE},
-        {"angle": clean()["angle"] + 1e-3},
-        {"angle": Channel("angle", "angle", "rad")},
-        np.arange(n),
-        np.arange(n) != 700,
-    )
+    log = measured({"angle": clean()["angle"] + 1e-3}, np.arange(len(TIMES)) != 700)
     fitted = Bench(MODEL, [log], (), {"angle": 1e-4}, 1).fit((), ())
     places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert "frequency" not in {one.dimension for one in places}

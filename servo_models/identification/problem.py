@@ -245,7 +245,7 @@ class Problem:
     def _refused(self, run: Run) -> Array:
         """Weighted errors of a run that leaves the finite numbers."""
         reach = np.ptp(run.measured, axis=1, keepdims=True) / self._weights(run)
-        return np.asarray((REFUSED * np.maximum(reach, 1.0) + 0.0 * run.measured).ravel())
+        return np.repeat(REFUSED * np.maximum(reach, 1.0), run.measured.shape[1])
 
     def _residuals(self, vector: Array) -> Array:
         return self.errors_with(self.values(vector))

@@ -18,6 +18,7 @@ import numpy as np
 
 from servo_models.actuator import Wire
 from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Array, Command, grid
+from servo_models.diagnosis.experiments.refit import left_after_refit
 from servo_models.diagnosis.fitting.evidence import dispersion
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.where.samples import moving_input
@@ -32,8 +33,8 @@ SHORTLIST = 2
 """Commands of each family that look best before anything is re-fitted."""
 RATIOS = (1.8, 1.35)
 """Steps of size and pace around the best one."""
-EARNEST, EVALUATIONS = 4, 40
-"""Commands on which the models are re-fitted in earnest, and slopes that a fit may take."""
+EARNEST = 4
+"""Commands on which the models are re-fitted in earnest."""
 FARTHEST = 1000.0
 """Outputs over the largest ones of the logs from which a fitted model runs away: its command is no
 experiment."""
@@ -124,36 +125,11 @@ class Stage:
 
     def _left(self, command: Command, rig: int, model: int) -> float:
         """What a model leaves of the response of another one as the rig."""
-        from scipy.optimize import least_squares
-
-        rival, plan, names = self.rivals[model], self.plan(command), list(self.problem.sigma)
-        measured = np.split(self._response(rig, command), len(names))
-        outputs = {name: self.problem.sigma[name] * it for name, it in zip(names, measured)}
-        problem = played(rival, replace(plan, outputs=outputs))
-        start, (low, high) = rival.evidence.vector, problem.bounds
-        room = np.flatnonzero(high > low)
-        size, axes = np.linalg.eigh(self.known[model])
-        root = np.sqrt(np.maximum(size, 0.0))[:, None] * axes.T
-
-        def at(values: Array) -> Array:
-            vector = start.copy()
-            vector[room] = values
-            return vector
-
-        def errors(values: Array) -> Array:
-            vector = at(values)
-            data = problem.residuals(vector)[: problem.samples]
-            return np.concatenate([data, root @ (vector - start)])
-
-        def slopes(values: Array) -> Array:
-            data = problem.jacobian(at(values), rival.widths, room.tolist())[: problem.samples]
-            return np.vstack([data, root[:, room]])
-
-        begin = np.clip(start, low, high)[room]
-        limits = (low[room], high[room])
-        found = least_squares(errors, begin, slopes, limits, max_nfev=EVALUATIONS).x
-        data = errors(found)[: problem.samples]
-        return float(np.sqrt(np.mean(data**2)))
+        plan, names = self.plan(command), list(self.problem.sigma)
+        parts = np.split(self._response(rig, command), len(names))
+        outputs = {name: self.problem.sigma[name] * part for name, part in zip(names, parts)}
+        problem = played(self.rivals[model], replace(plan, outputs=outputs))
+        return left_after_refit(self.rivals[model], problem, self.known[model])
 
     @cached_property
     def known(self) -> list[Array]:

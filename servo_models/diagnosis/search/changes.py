@@ -119,7 +119,7 @@ def _delay(seen: View) -> str:
 def _change(seen: View, values: Settings, size: Settings) -> Array:
     """A change by an effect with other parameters at ``values``, less what their slopes do."""
     change = _difference(seen, {**values, **size})
-    if not change.any():
+    if not change.any():  # also where nothing can be simulated: slopes would make a change of it
         return change
     vector = np.array(list(values.values())) / seen.problem.scales
     change -= seen.slopes @ (vector - seen.vector)
