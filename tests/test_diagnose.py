@@ -47,8 +47,10 @@ def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagno
     found, told = case
     fitted = [text for text in told if text.startswith("fitting ")]
     for claim in found.claims:
-        assert any(text.split(",")[0].endswith(claim.name) for text in fitted) or claim.taken
+        assert any(text.split(";")[0].endswith(claim.name) for text in fitted) or claim.taken
     assert any("best so far transport_delay" in text for text in fitted)
+    first = next(i for i, text in enumerate(told) if "best so far" in text)
+    assert all("best so far" in text and "noise floors" in text for text in told[first:])
 
 
 def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:

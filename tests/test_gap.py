@@ -61,6 +61,15 @@ def test_a_simulation_that_is_shifted_has_that_delay(late: int) -> None:
     assert gap.delay == pytest.approx(late * STEP, rel=0.01)
 
 
+@pytest.mark.parametrize("late", [10, 80, 120])
+def test_a_delay_is_that_of_the_whole_shift_not_of_its_slope(late: int) -> None:
+    """A quarter of the sine's period is 125 samples, where the slope of the error says nothing."""
+    angle = simulated()["angle"]
+    shifted = np.concatenate([np.zeros(late), angle[:-late]])
+    gap = found(log({"angle": shifted}))["angle"]
+    assert gap.delay == pytest.approx(late * STEP, rel=0.02)
+
+
 def test_noise_hides_no_delay() -> None:
     """A fifth of the amplitude, white at 1 kHz: its rate is far above that of the motion."""
     angle = simulated(COUNT)["angle"]

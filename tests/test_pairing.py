@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.causes import find_causes
-from servo_models.diagnosis.search.fits import TRIED, beside, likeliest, settled
+from servo_models.diagnosis.search.fits import TRIED, Teller, beside, likeliest, settled
 from servo_models.diagnosis.search.further import RIVAL, RIVALS, _rivals
 from servo_models.diagnosis.search.looks import SIZES, Looks, narrowed, seen_beside
 from servo_models.diagnosis.search.pairing import lookalikes, promising
@@ -53,7 +53,7 @@ def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
     names = ("coulomb_friction", "constant_load")
     found = bench.fit(names, [free for name in names for free in every[name].at(load)])
     assert not settled(found)
-    alike = lookalikes(bench, found, list(every.values()), lambda _: None)
+    alike = lookalikes(bench, found, list(every.values()), Teller())
     twin = next(it for it in alike if set(it.effects) == {"constant_load", "load_friction"})
     assert twin.cost == pytest.approx(found.cost, rel=1e-3)
 

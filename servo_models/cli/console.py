@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 from servo_models.sheets import Sheet
 
-Progress = Callable[[int, int, str], None]
-"""Called with steps done, steps in all, and what is being done."""
+Progress = Callable[[int, int | None, str], None]
+"""Called with steps done, steps in all where that is known, and what is being done."""
 
 ONE_LINE = 2000
 """Characters; no row of a table is longer, so a filter such as grep finds all of it."""

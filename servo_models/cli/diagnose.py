@@ -91,13 +91,13 @@ def diagnose(
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
     with progress("diagnosing") as bar:
-        found = run(description, allowed, seed, jobs, tell=lambda it: bar(0, 1, it))
-        bar(0, 1, "running the FMU with the diagnosed parameters")
+        found = run(description, allowed, seed, jobs, tell=lambda it: bar(0, None, it))
+        bar(0, None, "running the FMU with the diagnosed parameters")
         try:
             confirmed = confirm(found)
         except UserError as error:  # no FMUs on this platform; what took minutes is told
             confirmed, found = None, replace(found, unconfirmed=str(error))
-        bar(0, 1, "looking for the next experiment")
+        bar(0, None, "looking for the next experiment")
         next_ = next_experiments(found.verdict, seed)
     places, versions, today = where(found.causes), conditions(), date.today()
     folders = {file.parent for file in (json, report) if file}

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 STAGES = ("before", "retuned", "after")
 DRAWS = 400
 """Draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1989))."""
+SHIFTS, CONVERGED = 30, 0.9999
+"""Steps to the equivalent delay at most, and the squared error over that before from which another
+step is none."""
 CLEAR = 0.1
 """Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
 
@@ -116,7 +119,7 @@ def _gap(
         origin=origin,
         full_scale=float(np.ptp(measured)),
         worst=_worst(problem, name, errors),
-        delay=_delay(problem, name, scale * errors),
+        delay=_delay(problem, name),
     )
 
 
@@ -179,17 +182,34 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
     raise AssertionError("every error belongs to a log")
 
 
-def _delay(problem: Problem, name: str, errors: Array) -> float:
-    """Least squares of simulated minus measured on the simulated rate; positive: the rig lags.
+def _delay(problem: Problem, name: str) -> float:
+    """Shift of the simulation to which least squares go from no shift; positive: the rig lags.
 
-    The measured rate would carry the noise, which hides a part of the delay.
+    Gauss-Newton on the simulated rate: the measured one would carry the noise, which hides a
+    part of the delay.
     """
     responses = problem.responses(problem.nominal)
-    rates = [
-        np.gradient(response[name], log.times)[log.fitted]
+    runs = [
+        (log, response[name])
         for log, response in zip(problem.logs, responses)
         if name in log.outputs
     ]
-    rate = np.concatenate(rates)
-    power = float(rate @ rate)
-    return float(errors @ rate) / power if power > 0.0 else 0.0
+    measured = np.concatenate([log.outputs[name][log.fitted] for log, _ in runs])
+
+    def late(shift: float) -> tuple[Array, Array]:
+        """Errors that a shift [s] leaves, and the shifted rate."""
+        at = [(log.times[log.fitted] - shift, log.times, values) for log, values in runs]
+        values = np.concatenate([np.interp(*one) for one in at])
+        rates = [np.interp(t, times, np.gradient(one, times)) for t, times, one in at]
+        return values - measured, np.concatenate(rates)
+
+    best = shift = 0.0
+    least = math.inf
+    for _ in range(SHIFTS):
+        errors, rate = late(shift)
+        left, power = float(errors @ errors), float(rate @ rate)
+        if power == 0.0 or left >= CONVERGED * least:
+            break
+        best, least = shift, left
+        shift += float(errors @ rate) / power
+    return best

@@ -15,7 +15,7 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.fits import (
     Seen,
-    Tell,
+    Teller,
     beside_each,
     best_of_each,
     settled,
@@ -49,7 +49,7 @@ def attempts(
     retuned: Explanation,
     sights: Sequence[Sight],
     every: Sequence[Candidate],
-    say: Tell,
+    say: Teller,
 ) -> Attempts:
     """Return fits of the most promising effects, one and two at a time.
 
@@ -90,7 +90,7 @@ def _paired_with_stairs(
     sights: Sequence[Sight],
     near: Sequence[Candidate],
     looks: Looks,
-    say: Tell,
+    say: Teller,
 ) -> list[Explanation]:
     """Pairs with staircases too; these are sought anew beside the best effect, unless some pair
     leaves so much less that none beside it need be."""
@@ -103,7 +103,7 @@ def _paired_with_stairs(
 
 
 def _smooth(
-    bench: Bench, retuned: Explanation, sights: Sequence[Sight], say: Tell
+    bench: Bench, retuned: Explanation, sights: Sequence[Sight], say: Teller
 ) -> list[Explanation]:
     """Fits of the most promising smooth effects, best first."""
     starts = list(starts_of(sights, SINGLES))
@@ -118,7 +118,7 @@ def _with_likely_stairs(
     sights: Iterable[Sight],
     singles: Sequence[Explanation],
     found: Sequence[Explanation],
-    say: Tell,
+    say: Teller,
 ) -> list[Explanation]:
     """Single effects with the staircases that may do what one of those ``found`` does."""
     stairs = starts_of([it for it in sights if it.candidate.fine], STAIRCASES)
@@ -132,7 +132,7 @@ def _closer(
     singles: Sequence[Explanation],
     sights: Sequence[Sight],
     every: Sequence[Candidate],
-    say: Tell,
+    say: Teller,
 ) -> list[Sight]:
     """What is seen of staircases at the sizes that look best where the best fit has put the
     nominal parameters, from there and from where these alone go."""

@@ -16,7 +16,14 @@ from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.worth import earns
 from servo_models.diagnosis.search.attempts import Attempts, attempts
-from servo_models.diagnosis.search.fits import Tell, beside_each, best_of_each, settled, starts_of
+from servo_models.diagnosis.search.fits import (
+    Tell,
+    Teller,
+    beside_each,
+    best_of_each,
+    settled,
+    starts_of,
+)
 from servo_models.diagnosis.search.further import further
 from servo_models.diagnosis.search.looks import narrowed
 from servo_models.diagnosis.search.pairing import LESS, halves_of, lookalikes
@@ -82,7 +89,7 @@ def find_causes(
         tell: is told what goes on.
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
-    say = tell or (lambda _: None)
+    say = Teller(tell) if tell else Teller()
     as_it_is = bench.unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
@@ -113,7 +120,7 @@ def _tried(
     retuned: Explanation,
     sights: Sequence[Sight],
     every: Sequence[Candidate],
-    say: Tell,
+    say: Teller,
 ) -> Attempts:
     """Fits of one and of two effects, those to the end that leave least."""
     if settled(retuned):
@@ -132,7 +139,7 @@ def _tried(
 
 
 def _explained(
-    bench: Bench, retuned: Explanation, tried: Attempts, say: Tell
+    bench: Bench, retuned: Explanation, tried: Attempts, say: Teller
 ) -> tuple[list[Explanation], list[Explanation], Explanation]:
     """Explanations by two effects, by more, and the one that is taken."""
     couples = tried.couples

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from servo_models.diagnosis.candidates import Candidate
@@ -13,6 +13,26 @@ from servo_models.diagnosis.search.starts import Start, best_start
 from servo_models.identification.problem import Free, map_on
 
 Tell = Callable[[str], None]
+
+
+@dataclass
+class Teller:
+    """Tells what goes on, with the best explanation so far."""
+
+    tell: Tell = lambda _: None
+    best: Explanation | None = None
+
+    def __call__(self, text: str) -> None:
+        if self.best:
+            names, left = " and ".join(self.best.effects), self.best.evidence.rms
+            text = f"{text}; best so far {names}, {left:.3g} noise floors"
+        self.tell(text)
+
+    def saw(self, one: Explanation) -> None:
+        if self.best is None or one.loss < self.best.loss:
+            self.best = one
+
+
 Task = tuple[str, Callable[[Bench], Explanation]]
 """What is fitted, in words, and how."""
 
@@ -132,22 +152,20 @@ def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanati
     return found
 
 
-def side_by_side(bench: Bench, tasks: Sequence[Task], say: Tell) -> Iterator[Explanation]:
+def side_by_side(bench: Bench, tasks: Sequence[Task], say: Teller) -> Iterator[Explanation]:
     """Yield fits in the order of their names, as many at once as the bench has jobs."""
     alone = replace(bench, jobs=1)
     found = map_on(bench.jobs, lambda task: task[1](alone), tasks)
-    best: Explanation | None = None
     for name, _ in tasks:
-        say(f"fitting {name}" + (f", best so far {' and '.join(best.effects)}" if best else ""))
+        say(f"fitting {name}")
         one = next(found)
         one.problem.jobs = bench.jobs
-        if best is None or one.loss < best.loss:
-            best = one
+        say.saw(one)
         yield one
 
 
 def beside_each(
-    bench: Bench, first: Explanation, starts: Iterable[Seen], say: Tell
+    bench: Bench, first: Explanation, starts: Iterable[Seen], say: Teller
 ) -> list[Explanation]:
     """Fits of some effects, each beside those of ``first``, best first."""
     tasks = [(name, partial(beside, first=first, own=own)) for name, own in starts]

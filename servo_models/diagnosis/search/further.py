@@ -14,7 +14,7 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.conditions import carried_over
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.worth import WORTH, earns
-from servo_models.diagnosis.search.fits import Tell, best_of_each, settled, side_by_side
+from servo_models.diagnosis.search.fits import Teller, best_of_each, settled, side_by_side
 from servo_models.diagnosis.search.looks import seen_beside
 from servo_models.diagnosis.search.pairing import (
     added,
@@ -42,7 +42,7 @@ def further(
     taken: Explanation,
     couples: Sequence[Explanation],
     every: Sequence[Candidate],
-    say: Tell,
+    say: Teller,
 ) -> list[Explanation]:
     """Return explanations by more effects than ``taken``, the one that earns its place first.
 
@@ -83,7 +83,7 @@ class _Grown(NamedTuple):
 
 
 def _grown(
-    bench: Bench, taken: Explanation, every: Sequence[Candidate], say: Tell
+    bench: Bench, taken: Explanation, every: Sequence[Candidate], say: Teller
 ) -> _Grown | None:
     """Add effects to an explanation as long as they earn their place."""
     grown: _Grown | None = None

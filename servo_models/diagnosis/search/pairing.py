@@ -13,7 +13,7 @@ from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.fits import (
     Seen,
     Task,
-    Tell,
+    Teller,
     beside,
     best_of_each,
     likeliest,
@@ -54,7 +54,7 @@ def paired(
     sights: Sequence[Sight],
     every: Sequence[Candidate],
     looks: Looks,
-    say: Tell,
+    say: Teller,
     known: Iterable[Explanation] = (),
 ) -> list[Explanation]:
     """Pairs seen together from the start, and second effects seen beside the best first ones.
@@ -119,7 +119,7 @@ def _same(one: Sight, other: Sight) -> bool:
 
 
 def stairs_beside(
-    bench: Bench, first: Explanation, every: Sequence[Candidate], looks: Looks, say: Tell
+    bench: Bench, first: Explanation, every: Sequence[Candidate], looks: Looks, say: Teller
 ) -> Iterator[Explanation]:
     """Fits of staircases beside an effect, at the sizes that look best there."""
     say(f"looking closer at staircases beside {' and '.join(first.effects)}")
@@ -144,7 +144,7 @@ def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
 
 
 def swapped(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Teller
 ) -> list[Explanation]:
     """Explanations in which one effect is sought again, the others kept as they are.
 
@@ -157,7 +157,7 @@ def swapped(
 
 
 def lookalikes(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Tell
+    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Teller
 ) -> list[Explanation]:
     """Explanations in which another effect takes the place of one, and may do as well.
 
@@ -173,7 +173,7 @@ def _sought(
     every: Sequence[Candidate],
     enough: float,
     count: int,
-    say: Tell,
+    say: Teller,
     unlike: bool = True,
 ) -> list[Explanation]:
     """Explanations with each effect in turn taken out, and another one of ``every`` fitted in its
