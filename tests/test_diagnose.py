@@ -16,13 +16,13 @@ from threadpoolctl import threadpool_info
 
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.confirm import confirm
+from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.parameters import parameter_set
-from servo_models.diagnosis.verdict import Verdict
+from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 from servo_models.linear_model import LinearModel
@@ -126,6 +126,51 @@ def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) 
         assert f"'{value.name}' by +5" in text
     finally:
         del found.__dict__["found"]
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.4, False), (0.6, True)])
+def test_motion_that_counts_as_noise_is_warned_of(
+    case: tuple[Diagnosis, Told], share: float, warned: bool
+) -> None:
+    found, _ = case
+    (gap,) = found.gaps
+    assert gap.motion < 0.1 * gap.floor
+    seen = replace(found, gaps=(replace(gap, motion=share * gap.floor),))
+    assert any("holds motion" in text for text in words.warnings(seen)) == warned
+
+
+@pytest.mark.parametrize(
+    ("times", "tolerance", "said"),
+    [(2.0, 2.0, ""), (4.0, 2.0, "counts as noise"), (4.0, 1e9, "a smaller --tolerance")],
+)
+def test_repeats_that_differ_by_more_than_noise_are_warned_of(
+    case: tuple[Diagnosis, Told], times: float, tolerance: float, said: str
+) -> None:
+    found, _ = case
+    (gap,), (audit,) = found.gaps, found.audits
+    (reading,) = audit.readings
+    spread = times * max(reading.floor.quantum, reading.floor.residual)
+    seen = replace(reading, floor=replace(reading.floor, repeats=spread))
+    told = replace(
+        found,
+        audits=(replace(audit, readings=(seen,)),),
+        gaps=(replace(gap, floor=spread, origin=seen.floor.origin),),
+        verdict=decide(found.causes, tolerance),
+    )
+    about = [text for text in words.warnings(told) if "between repeats" in text]
+    assert bool(about) == bool(said)
+    assert all(said in text for text in about)
+    assert all(("--tolerance" in text) == told.within_tolerance for text in about)
+
+
+@pytest.mark.parametrize(("off", "warned"), [(0.0, False), (1e-3, True)])
+def test_an_fmu_that_differs_from_the_simulation_is_warned_of(
+    case: tuple[Diagnosis, Told], off: float, warned: bool
+) -> None:
+    seen = replace(case[0], unconfirmed=Confirmation((), off).doubt)
+    about = [text for text in words.warnings(seen) if "FMU" in text]
+    assert len(about) == warned
+    assert all("0.001 of full scale" in text for text in about)
 
 
 def test_the_parameter_file_is_the_fitted_model(case: tuple[Diagnosis, Told]) -> None:

@@ -115,6 +115,18 @@ def test_the_gap_before_is_the_error_of_the_nominal_model(session: Session) -> N
     assert before == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-3)
 
 
+def test_the_audit_of_the_log_and_what_moved_without_effects_are_told(session: Session) -> None:
+    (log,) = session.document["logs"]
+    assert (log["samples"], log["gaps"]) == (0.5 * RATE, 0)
+    assert log["step"] == pytest.approx(1.0 / RATE)
+    assert log["readings"]["angle"]["floor"]["residual"] == pytest.approx(NOISE, rel=0.1)
+    retuned = {one["name"]: one["retuned"] for one in session.document["parameters"]}
+    assert retuned["transport_delay.time"] is None  # an effect is none of the parameters
+    assert (
+        retuned["torque_constant"] != model("torque_motor", "identified").values["torque_constant"]
+    )
+
+
 def check_schema(document: object) -> None:
     path = Path(telling.__file__).parent / "schema.json"
     schema = json.loads(path.read_text(encoding="utf-8"))

@@ -5,32 +5,36 @@ What does not hold is written down there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pytest
 
 from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
-from servo_models.diagnosis.verdict import OUTSIDE
+from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.verdict import OUTSIDE, TOLERANCE
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs" / "diagnosis"
-Diagnosed = Callable[[str], Diagnosis]
+
+
+class Diagnosed(Protocol):
+    def __call__(self, name: str, tolerance: float = TOLERANCE) -> Diagnosis: ...
 
 
 @pytest.fixture(scope="module")
 def diagnosed(logs_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     """Return the diagnosis of an example, its logs taken from the folder of measured logs."""
     folder = tmp_path_factory.mktemp("descriptions")
-    found: dict[str, Diagnosis] = {}
+    found: dict[tuple[str, float], Diagnosis] = {}
 
-    def of(name: str) -> Diagnosis:
-        if name not in found:
+    def of(name: str, tolerance: float = TOLERANCE) -> Diagnosis:
+        if (name, tolerance) not in found:
             text = (EXAMPLES / name).read_text(encoding="utf-8")
             (folder / name).write_text(text.replace('"../logs/', f'"{logs_folder.as_posix()}/'))
-            found[name] = diagnose(folder / name)
-        return found[name]
+            found[name, tolerance] = diagnose(folder / name, tolerance)
+        return found[name, tolerance]
 
     return of
 
@@ -75,6 +79,19 @@ def test_sg90_saturates_late_and_its_steps_show_no_dry_friction(diagnosed: Diagn
 def test_sg90_is_met_on_the_steps_held_out(diagnosed: Diagnosed) -> None:
     """A count of its gyro is 7.75 deg/s, see the description."""
     assert held_out(diagnosed("sg90_steps.toml"), "rate_reading") <= 4.5 * np.radians(7.75)
+
+
+def test_what_differs_between_repeats_of_the_film_is_a_frame_that_drifts(
+    diagnosed: Diagnosed,
+) -> None:
+    """It counts as noise, so it is no gap until the tolerance is below that."""
+    found = diagnosed("sg90_video.toml")
+    assert found.within_tolerance
+    assert any("between repeats" in text for text in words.warnings(found))
+    looked = diagnosed("sg90_video.toml", 1.0)
+    assert looked.causes.taken.effects == ("sample_hold",)
+    (period,) = [one.value for one in looked.found if one.name == "sample_hold.period"]
+    assert period == pytest.approx(0.02, rel=0.05)
 
 
 def test_wrist_roll_has_a_dead_zone_and_is_met_on_the_motions_held_out(

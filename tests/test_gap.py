@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servo_models.audit import audit, noise_floors
+from servo_models.audit.signals import REPEATS, RESIDUAL
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
@@ -68,6 +70,21 @@ def test_a_delay_is_that_of_the_whole_shift_not_of_its_slope(late: int) -> None:
     shifted = np.concatenate([np.zeros(late), angle[:-late]])
     gap = found(log({"angle": shifted}))["angle"]
     assert gap.delay == pytest.approx(late * STEP, rel=0.02)
+
+
+def test_a_log_without_noise_has_a_floor_of_motion_alone() -> None:
+    """A command that jumps every sample: the current follows, faster than samples can show."""
+    jumps = 20.0 * np.random.default_rng(7).standard_normal(COUNT)
+    times = STEP * np.arange(COUNT)
+    angle = {"current": simulate(MODEL, times, {"voltage": jumps})["current"]}
+    moved = replace(log(angle), inputs={"voltage": jumps})
+    floors = noise_floors([audit(moved, MODEL.plant)])
+    nominal = Bench(MODEL, (moved,), (), floors, 1).unfitted()
+    causes = Causes(nominal.evidence, nominal, [], [], [], nominal, {})
+    (gap,) = gaps(causes, floors, {"current": RESIDUAL}, 0)
+    assert gap.motion == pytest.approx(floors["current"], rel=1e-6)
+    (gap,) = gaps(causes, floors, {"current": REPEATS}, 0)
+    assert gap.motion == 0.0
 
 
 def test_noise_hides_no_delay() -> None:

@@ -95,8 +95,12 @@ def diagnose(
         bar(0, None, "running the FMU with the diagnosed parameters")
         try:
             confirmed = confirm(found)
+            found = replace(found, unconfirmed=confirmed.doubt)
         except UserError as error:  # no FMUs on this platform; what took minutes is told
-            confirmed, found = None, replace(found, unconfirmed=str(error))
+            why = (
+                f"cannot be run here: all figures are those of the simulation without one ({error})"
+            )
+            confirmed, found = None, replace(found, unconfirmed=why)
         bar(0, None, "looking for the next experiment")
         next_ = next_experiments(found.verdict, seed)
     places, versions, today = where(found.causes), conditions(), date.today()

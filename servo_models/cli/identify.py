@@ -63,7 +63,7 @@ def identify(
     check_outputs((out, ".toml"), (report, ".html"), description=description)
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
-        found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, 1, it))
+        found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
     show(found.sheet)
     if out and found.parameters:
         write_parameters(found.parameters, out)

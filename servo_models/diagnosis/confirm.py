@@ -12,7 +12,7 @@ import numpy as np
 from servo_models.build import build
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.identification.result import Accuracy, accuracy
-from servo_models.validation.implementation import difference
+from servo_models.validation.implementation import LIMIT, difference
 from servo_models.validation.subject import Subject
 
 
@@ -29,6 +29,16 @@ class Confirmation:
 
     rows: tuple[Accuracy, ...]
     difference: float
+
+    @property
+    def doubt(self) -> str:
+        """What is amiss with the FMU, "" for nothing."""
+        if self.difference <= LIMIT:
+            return ""
+        return (
+            f"differs from the simulation by {self.difference:.2g} of full scale, so figures of"
+            " fits are not its own: take those of the FMU, and report a fault of servo-models"
+        )
 
 
 def confirm(found: Diagnosis) -> Confirmation:

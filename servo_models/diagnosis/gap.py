@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.audit.sensor import difference_noise
+from servo_models.audit.signals import RESIDUAL
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.identification.problem import Problem
@@ -52,6 +54,8 @@ class Gap(Reduction):
         full_scale: largest less smallest measured value.
         worst: log and time [s] of the largest error before.
         delay: shift [s] of the simulation that would take most of the gap before away.
+        motion: noise that the method of the floor sees in the simulation, which has none; 0
+            where differences of neighbouring samples are not that method.
     """
 
     output: str
@@ -59,6 +63,7 @@ class Gap(Reduction):
     full_scale: float
     worst: tuple[str, float]
     delay: float
+    motion: float
 
     @property
     def nrmse(self) -> float:
@@ -120,6 +125,7 @@ def _gap(
         full_scale=float(np.ptp(measured)),
         worst=_worst(problem, name, errors),
         delay=_delay(problem, name),
+        motion=_motion(problem, name) if origin == RESIDUAL else 0.0,
     )
 
 
@@ -180,6 +186,11 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
                 return log.name, float(log.times[log.fitted][k - start])
             start += count
     raise AssertionError("every error belongs to a log")
+
+
+def _motion(problem: Problem, name: str) -> float:
+    responses = problem.responses(problem.nominal)
+    return max(difference_noise(one[name]) for one in responses if name in one)
 
 
 def _delay(problem: Problem, name: str) -> float:

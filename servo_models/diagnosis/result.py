@@ -32,7 +32,7 @@ class Diagnosis:
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
         flags: outputs of the logs that say yes or no, which are not judged.
-        unconfirmed: why the FMU of the diagnosed model could not be run, "" where it could.
+        unconfirmed: what is amiss with the FMU of the diagnosed model, "" for nothing.
     """
 
     model: Model

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from servo_models.audit import Audit, Reading
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
@@ -62,9 +63,7 @@ def document(
         "warnings": list(words.warnings(found)),
         "seed": seed,
         "versions": dict(versions),
-        "logs": [
-            {"name": log.name, "file": log.path.name, "sha256": log.sha256} for log in found.logs
-        ],
+        "logs": [_log(found, audit) for audit in found.audits],
     }
 
 
@@ -148,8 +147,10 @@ def _detected(seen: Detection) -> dict[str, Any]:
 
 def _parameter(found: Diagnosis, value: Value) -> dict[str, Any]:
     moved, doubt = words.moves(found), words.doubts(found)
+    retuned = {one.name: one.value for one in found.moved}
     return {
         **_value(found, value),
+        "retuned": retuned.get(value.name),
         "prior_deviations": moved.get(value.name),
         "doubt": doubt.get(value.name, ""),
     }
@@ -158,6 +159,35 @@ def _parameter(found: Diagnosis, value: Value) -> dict[str, Any]:
 def _value(found: Diagnosis, value: Value) -> dict[str, Any]:
     unit = found.model.plant.parameters[value.name].param.unit
     return {**asdict(value), "unit": unit}
+
+
+def _log(found: Diagnosis, audit: Audit) -> dict[str, Any]:
+    log, clock = audit.log, audit.sampling
+    return {
+        "name": log.name,
+        "file": log.path.name,
+        "sha256": log.sha256,
+        "samples": clock.samples,
+        "duration": clock.duration,
+        "step": clock.step,
+        "jitter": clock.jitter,
+        "gaps": len(clock.gaps),
+        "at_rest": audit.at_rest,
+        "readings": {one.name: _reading(found, one) for one in audit.readings},
+    }
+
+
+def _reading(found: Diagnosis, reading: Reading) -> dict[str, Any]:
+    floor = reading.floor
+    return {
+        "unit": found.model.plant.wire[reading.name].unit,
+        "low": reading.low,
+        "high": reading.high,
+        "step": reading.step,
+        "clipped": reading.clipped,
+        "stale": reading.stale,
+        "floor": {"quantum": floor.quantum, "repeats": floor.repeats, "residual": floor.residual},
+    }
 
 
 def _experiment(next_: Experiment) -> dict[str, Any]:

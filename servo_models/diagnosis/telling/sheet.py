@@ -10,7 +10,6 @@ from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
-from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.where import Breakdown
@@ -28,9 +27,8 @@ GAP = (
     "floor",
     "unit",
     "closed",
-    "worst before",
-    "floor is from",
 )
+BEFORE = ("output", "of its range", "worst moment", "equivalent delay", "floor is from")
 CONFIRMED = ("output", "samples", "before", "after", "unit")
 HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
@@ -59,6 +57,7 @@ def diagnosis_sheet(
     next_ = tuple((str(k), one.instruction) for k, one in enumerate(experiments, start=1))
     tables = (
         Table("Gap, RMS on blocks that no fit has seen", GAP, tuple(_gaps(found))),
+        Table("The nominal model", BEFORE, tuple(_before(found))),
         *([_confirmed(found, confirmation)] if confirmation else []),
         Table("Held out, RMS in noise floors", HELD_OUT_LOGS, tuple(_held_out(found))),
         Table("Where the squared error lies", ("along", ""), places),
@@ -98,14 +97,14 @@ def _gaps(found: Diagnosis) -> Iterator[tuple[str, ...]]:
             f"{scale * gap.floor:.3g}",
             unit,
             words.closed(gap),
-            _worst(gap),
-            gap.origin,
         )
 
 
-def _worst(gap: Gap) -> str:
-    log, time = gap.worst
-    return f"{log}, {time:.4g} s"
+def _before(found: Diagnosis) -> Iterator[tuple[str, ...]]:
+    for gap in found.gaps:
+        log, time = gap.worst
+        share = "" if isnan(gap.nrmse) else f"{100.0 * gap.nrmse:.3g} %"
+        yield gap.output, share, f"{log}, {time:.4g} s", f"{1e3 * gap.delay:.3g} ms", gap.origin
 
 
 def _confirmed(found: Diagnosis, confirmation: Confirmation) -> Table:

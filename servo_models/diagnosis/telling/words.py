@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from servo_models.audit.signals import REPEATS
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
 from servo_models.diagnosis.gap import Reduction
@@ -25,6 +26,10 @@ SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which it is not explained."""
+UNLIKE = 3.0
+"""Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
+MOTION = 0.5
+"""Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
 SURPRISING = 3.0
 """Prior standard deviations from which a nominal parameter has moved further than it should."""
 
@@ -176,7 +181,14 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             "no nominal parameter has an uncertainty, and frozen ones invent effects: add"
             " [uncertainty] to the description"
         )
+    said += _about_repeats(found)
     for gap in found.gaps:
+        if gap.motion > MOTION * gap.floor:
+            said.append(
+                f"the noise floor of '{gap.output}' holds motion, which is fast for these samples:"
+                f" the simulation, which has no noise, has {gap.motion / gap.floor:.2g} of it; log"
+                " faster or repeat a command, or look for smaller gaps by --tolerance"
+            )
         own = [log for log in found.logs if gap.output in log.outputs]
         readings = [log.outputs[gap.output][log.fitted] for log in own]
         if gap.rms["after"] > HARDLY * np.std(np.concatenate(readings)):
@@ -185,10 +197,7 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
                 f" column, and that the log is of '{found.model.actuator.name}'"
             )
     if found.unconfirmed:
-        said.append(
-            f"the FMU of the diagnosed model cannot be run here, so all figures are those of the"
-            f" simulation without one ({found.unconfirmed})"
-        )
+        said.append(f"the FMU of the diagnosed model {found.unconfirmed}")
     if taken.effects and not taken.converged:
         said.append(f"the fit with {listed(taken.effects)} did not converge")
     if found.verdict.hunting:
@@ -219,6 +228,21 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
         if name.rpartition(".")[0] in taken.effects:
             said.append(f"'{name}' is {doubtful}")
     return tuple(said)
+
+
+def _about_repeats(found: Diagnosis) -> Iterator[str]:
+    """Noise floors from repeats that differ by more than samples scatter."""
+    floors = [(one.name, one.floor) for audit in found.audits for one in audit.readings]
+    for gap in found.gaps:
+        scatter = max(max(it.quantum, it.residual) for name, it in floors if name == gap.output)
+        if gap.origin == REPEATS and gap.floor > UNLIKE * scatter:
+            sought = "; a smaller --tolerance has it sought"
+            yield (
+                f"'{gap.output}' differs between repeats of a command by {gap.floor / scatter:.2g}"
+                " times what it scatters by from sample to sample: something that acts otherwise"
+                " each time, such as a clock or heat, counts as noise"
+                f"{sought if found.verdict.kind == NO_GAP else ''}"
+            )
 
 
 def moves(found: Diagnosis) -> dict[str, float]:

@@ -11,7 +11,7 @@ from servo_models.diagnosis.belief import COVERED
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import DRAWS
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.verdict import chances_of
+from servo_models.diagnosis.verdict import OUTSIDE, chances_of
 from servo_models.report.diagnosis.stages import together
 from servo_models.report.diagnosis.verdict import percent
 from servo_models.report.parts import NONE, Line, Section, Table, number
@@ -49,10 +49,19 @@ def section(found: Diagnosis) -> Section | None:
         TITLE,
         "Held-out error with each effect switched on and fitted, nominal parameters free inside"
         " their uncertainty. What counts is whether an effect predicts blocks of time that its"
-        f" fit has not seen. The set holds the cause with {100 * COVERED:.0f} % probability.",
+        f" fit has not seen. {_about_set(found)} Read probabilities as a ranking: they come out"
+        " too sure.",
         tuple(tables),
         tuple(pictures),
     )
+
+
+def _about_set(found: Diagnosis) -> str:
+    aim = (
+        f"The set is meant to hold a cause of the catalogue with {100 * COVERED:.0f} % probability"
+    )
+    outside = found.verdict.kind == OUTSIDE
+    return f"{aim}; here something is missing that is none." if outside else f"{aim}."
 
 
 def intervals(explanations: Sequence[Explanation]) -> list[tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""Section: effects that are not the cause, and those on which these logs say nothing."""
+"""Section: effects less likely than those named, and those on which these logs say nothing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def section(found: Diagnosis) -> Section | None:
     fitted = found.causes.fitted
     seen = [name for name in reasons if found.causes.reach[name] >= said.SEEN]
     groups = {
-        "Fitted, and not the cause": [name for name in seen if name in fitted],
+        "Fitted, and less likely": [name for name in seen if name in fitted],
         "Seen, but explain less than those that were fitted": [
             name for name in seen if name not in fitted
         ],
