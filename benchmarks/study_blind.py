@@ -32,8 +32,9 @@ RUNS, NOTES = TABLES / "runs.csv", TABLES / "notes.md"
 HEAD = """# Withheld checks of the diagnosis
 
 What `servo-models blind` has found, on rigs of a generator that shares no simulation code with
-the models: other friction laws, another integrator, its own parameters. The diagnosis has seen
-logs and the nominal model. Thresholds were set on rigs of other seeds.
+the models: other laws of friction, play and hysteresis, another integrator, its own parameters
+(other effects have one law only). The diagnosis has seen logs and the nominal model. Thresholds
+were set on rigs of other seeds.
 
 A rig of the SG90 or of the torque motor has nothing wrong, one effect, two, or a cause *outside
 the catalogue*, and its parameters are off by their uncertainty. What a cause does alone to the
@@ -45,10 +46,12 @@ noise-free reading is its gap (RMS), and the noise follows from it:
 | hard | 5 to 20 | coloured, 3 floors; a reading quantum | 5 or more | steps, triangles, chirp |
 | poor | 5 to 20 | white, 1 floor | 20 or more | one large step there and back |
 
-On the hard tier a single cause comes with a *hidden* effect of 30 % of its gap.
-A cause is *separated* from its best rival where the two, both fitted to the log without noise, are
+On the hard tier a single cause, of the catalogue or not, comes with a *hidden* effect of 30 % of
+its gap. A cause is *separated* from its best rival where the two, both fitted to the log without noise, are
 so far apart that an observer who knows both would confuse them in fewer than 1 of 160 logs, and
-the cause leaves less than half of the rival's error. Rivals are the four nearest explanations by
+the cause leaves less than half of the rival's error, which one outside the catalogue does by
+definition. The observer takes errors to change slowly beside coloured noise, so more could be told
+apart. Rivals are the four nearest explanations by
 no more effects that the diagnosis itself has tried, so one that searches wider separates fewer. A
 cause is *absorbed* where such an observer confuses it with parameters alone. Intervals are 95 %.
 Where fewer than {most} cases stand behind a figure its bar is met or missed *so far*.
@@ -108,6 +111,22 @@ def figures(tier: str, cases: Sequence[Case]) -> Iterator[str]:
     yield ""
 
 
+def by_actuator(cases: Sequence[Case]) -> Iterator[str]:
+    """Every figure that has a bar, for each actuator alone."""
+    actuators = sorted({case.actuator for case in cases})
+    yield "## Each actuator alone\n"
+    yield f"| tier | figure | bar | {' | '.join(actuators)} |\n|{'---|' * (3 + len(actuators))}"
+    for tier, bars in BARS.items():
+        for define in (it for it in FIGURES if it.__name__ in bars):
+            own = [
+                define([c for c in cases if (c.tier, c.actuator) == (tier, a)]) for a in actuators
+            ]
+            said = [f"{it.value:.3f} of {it.n}" if it.n else "" for it in own]
+            way, limit = bars[define.__name__]
+            yield f"| {tier} | {define.__name__} | {way} {limit:g} | {' | '.join(said)} |"
+    yield ""
+
+
 def meanings() -> Iterator[str]:
     """What each figure counts, as its function says."""
     yield "## What the figures count\n"
@@ -134,7 +153,14 @@ def confusions(cases: Sequence[Case]) -> Iterator[str]:
 
 def curve(cases: Sequence[Case]) -> Iterator[str]:
     yield "## Calibration, all tiers\n"
-    yield "Every effect that was fitted to a rig with one or two effects of the catalogue.\n"
+    asked = [case for case in cases if case.kind in ("one", "two")]
+    true = [(case, name) for case in asked for name in case.truth | case.hidden]
+    unsaid = sum(name not in case.said.chances for case, name in true)
+    yield (
+        "Every effect that was given a probability on a rig with one or two effects of the"
+        " catalogue: those of explanations by as many effects as were taken. Of"
+        f" {len(true)} true effects, hidden ones included, {unsaid} were given none.\n"
+    )
     yield "| probability said | mean | effect is there | 95 % | effects |\n|---|---|---|---|---|"
     for one in calibration(cases):
         right = one.right
@@ -166,7 +192,7 @@ def main(words: Sequence[str]) -> None:
         own = [case for case in cases if case.tier == tier]
         if own:
             lines += figures(tier, own)
-    lines += [*meanings(), *confusions(cases), *curve(cases), *runs_made(runs)]
+    lines += [*by_actuator(cases), *meanings(), *confusions(cases), *curve(cases), *runs_made(runs)]
     lines.append(NOTES.read_text(encoding="utf-8") if NOTES.exists() else "")
     write_whole(PAGE, ("\n".join(lines).rstrip() + "\n").encode())
 

@@ -63,8 +63,13 @@ class Case:
         members = frozenset(self.said.members)
         imitated = self.known is not None and self.known.absorbed
         if imitated and (not members or members & self.hidden):
-            return self.truth <= members or self.said.verdict not in (OUTSIDE, FAILED)
-        return self.truth <= members
+            return self.held or self.said.verdict not in (OUTSIDE, FAILED)
+        return self.held
+
+    @property
+    def held(self) -> bool:
+        """The set holds the truth."""
+        return self.truth <= frozenset(self.said.members)
 
 
 Cases = Sequence[Case]
@@ -106,15 +111,20 @@ def only_true_ones(cases: Cases) -> Figure:
     return share(case.right for case in cases if case.kind == "one" and case.separated)
 
 
+def set_holds(cases: Cases) -> Figure:
+    """One effect, separated or not: the set that cannot be told apart holds it."""
+    return share(case.held for case in cases if case.kind == "one")
+
+
 def set_coverage(cases: Cases) -> Figure:
-    """One effect, separated or not: the set that cannot be told apart holds it, or it is
-    absorbed by nominal parameters and the set holds the hidden effect, or there is none."""
+    """The same, and right as well where the effect is absorbed by nominal parameters and the set
+    holds the hidden effect, or there is none."""
     return share(case.covered for case in cases if case.kind == "one")
 
 
 def mean_set_size(cases: Cases) -> Figure:
     """One effect: number of effects in the set, the hidden one not counted, since it is there;
-    mean over the cases in which there is a set."""
+    mean over the cases in which the set has another one."""
     sizes = [len(frozenset(it.said.members) - it.hidden) for it in cases if it.kind == "one"]
     return mean(size for size in sizes if size)
 
@@ -159,19 +169,19 @@ def not_identifiable(cases: Cases) -> Figure:
 
 
 def owns_up(cases: Cases) -> Figure:
-    """One effect that is not covered by a set of at most 3: ``not-identifiable``."""
+    """One effect that is not in a set of at most 3: ``not-identifiable``."""
     lost = (
         case
         for case in cases
-        if case.kind == "one" and not (case.covered and len(case.said.members) <= FEW)
+        if case.kind == "one" and not (case.held and len(case.said.members) <= FEW)
     )
     return share(case.said.verdict == NOT_IDENTIFIABLE for case in lost)
 
 
 def closed_vs_oracle(cases: Cases) -> Figure:
     """One or two effects: gap closed over that of the product's own fit when told the names,
-    (before - after) / (before - after when told), held out, at most 1 and at least 0 each;
-    cases in which being told the names closes something."""
+    (before - after) / (before - after when told), held out, at most 1 and at least 0 each, and 1
+    where it named no others; cases in which being told the names closes something."""
     ratios = []
     for case in cases:
         if case.known and case.known.after is not None and case.said.before > case.known.after:
@@ -195,6 +205,7 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     separated,
     first_place,
     only_true_ones,
+    set_holds,
     set_coverage,
     mean_set_size,
     both_named,
@@ -223,8 +234,9 @@ class Bin:
 def calibration(cases: Cases) -> list[Bin]:
     """Return how often an effect is there, against the probability that it is given.
 
-    All effects that were fitted, in cases with an effect of the catalogue; those of one case hang
-    together, so intervals are a little too narrow.  Bins hold their lower end.
+    All effects that were given one, in cases with an effect of the catalogue: those of the
+    explanations by as many effects as were taken.  Those of one case hang together, so intervals
+    are a little too narrow.  Bins hold their lower end.
     """
     found = [
         (chance, name in case.truth | case.hidden)

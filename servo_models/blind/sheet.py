@@ -34,6 +34,7 @@ BARS: dict[str, dict[str, Bar]] = {
     "easy": {"first_place": (AT_LEAST, 0.95), "not_identifiable": (AT_MOST, 0.05), **RICH, **QUICK},
     "hard": {
         "first_place": (AT_LEAST, 0.85),
+        "set_holds": (AT_LEAST, 0.95),
         "set_coverage": (AT_LEAST, 0.95),
         "mean_set_size": (AT_MOST, 2.5),
         **RICH,
