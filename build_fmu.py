@@ -44,7 +44,7 @@ def main() -> int:
     """Build, then validate what was built; return the exit code."""
     chosen = options()
     bootstrap.ensure("", needs="pythonfmu")
-    from servo_models.catalogue import actuators
+    from servo_models.catalogue import actuator, actuators
     from servo_models.cli import main as command
     from servo_models.parameter_set import read_parameters
 
@@ -57,11 +57,13 @@ def main() -> int:
     if code := command(build):
         return code
     named = read_parameters(chosen.params).actuator if chosen.params else chosen.actuator
-    names = [named] if named else list(actuators())
+    chosen_one = actuator(named) if named else None
+    names = [chosen_one.name] if chosen_one else list(actuators())
+    own = ["--actuator", str(chosen_one.file)] if chosen_one and chosen_one.file else []
     folder = Path(chosen.out)
     report = folder / "report.html"
     fmus = [str(folder / f"{name}.fmu") for name in names]
-    code = command(["validate", *fmus, "--report", str(report)])
+    code = command(["validate", *fmus, *own, "--report", str(report)])
     if code != bootstrap.COULD_NOT_RUN:
         print(f"report: {report}")
     return code

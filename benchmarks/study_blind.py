@@ -47,13 +47,13 @@ noise-free reading is its gap (RMS), and the noise follows from it:
 | poor | 5 to 20 | white, 1 floor | 20 or more | one large step there and back |
 
 On the hard tier a single cause, of the catalogue or not, comes with a *hidden* effect of 30 % of
-its gap. A cause is *separated* from its best rival where the two, both fitted to the log without noise, are
-so far apart that an observer who knows both would confuse them in fewer than 1 of 160 logs, and
-the cause leaves less than half of the rival's error, which one outside the catalogue does by
-definition. The observer takes errors to change slowly beside coloured noise, so more could be told
-apart. Rivals are the four nearest explanations by
-no more effects that the diagnosis itself has tried, so one that searches wider separates fewer. A
-cause is *absorbed* where such an observer confuses it with parameters alone. Intervals are 95 %.
+its gap. A cause is *separated* from its best rival where the two, both fitted to the log without
+noise, are so far apart that an observer who knows both would confuse them in fewer than 1 of 160
+logs, and the cause leaves less than half of the rival's error, which one outside the catalogue does
+by definition. The observer takes errors to change slowly beside coloured noise, so more could be
+told apart. Rivals are the four nearest explanations by no more effects that the diagnosis itself
+has tried, so one that searches wider separates fewer. A cause is *absorbed* where such an observer
+confuses it with parameters alone. Intervals are 95 %.
 Where fewer than {most} cases stand behind a figure its bar is met or missed *so far*.
 """
 

@@ -70,7 +70,12 @@ class Memory:
 
 @dataclass(frozen=True)
 class Clock(Memory):
-    """A memory that holds the time of the block's next event; a sub-step ends there."""
+    """A memory that holds the time of the block's next event; a sub-step ends there.
+
+    It starts in the past, wherever a run may start: the first event is due at once.
+    """
+
+    start: float | str = -1e300
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuator import Plant, Wire, unknown
+from servo_models.actuator import Plant, Wire, outside, unknown
+from servo_models.description.values import is_outside
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.logs import csv, parquet
@@ -61,8 +62,9 @@ def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Ar
 
     Raises:
         UserError: a file that is missing, damaged or empty; an unknown, repeated or missing
-            column, a unit that does not convert; a cell that is empty, no number or not
-            finite; time that runs backward.  It names the file, the row and the column.
+            column, a unit that does not convert; a cell that is empty, no number, not finite
+            or out of the signal's bounds; time that runs backward.  It names the file, the row
+            and the column.
     """
     check_suffix(path)
     source = Source(path, read_bytes(path), header=True)
@@ -75,6 +77,7 @@ def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Ar
         if name in signals:
             raise UserError(f"'{path}' has two columns '{name}': remove one")
         signals[name] = scale * columns.numbers(number)
+        _check_bounds(columns, number, known[name], signals[name])
         if name == "time":
             columns.check_order(number, signals[name])
     if "time" not in signals:
@@ -114,6 +117,14 @@ def check_suffix(path: Path) -> None:
 
 def _header(wire: Wire) -> str:
     return wire.name if wire.unit == "1" else f"{wire.name} [{wire.unit}]"
+
+
+def _check_bounds(columns: Columns, number: int, wire: Wire, values: Array) -> None:
+    bad = np.flatnonzero(is_outside(values, wire))
+    if len(bad):
+        row = int(bad[0])
+        said = outside("signal", wire.name, float(values[row]), wire)
+        raise UserError(f"{columns.where(number, row)}: {said}")
 
 
 def _heading(path: Path, header: str, known: Mapping[str, Wire]) -> tuple[str, float]:

@@ -27,6 +27,7 @@ from servo_models.validation.rows import (
 )
 
 if TYPE_CHECKING:
+    from servo_models.actuator import Actuator
     from servo_models.simulate import Model
     from servo_models.validation.cases import Case
     from servo_models.validation.subject import Subject
@@ -41,6 +42,7 @@ Job = tuple[str, Callable[[], "list[Row] | CostCurve"]]
 def validate(
     subjects: Iterable[Model | str | Path] | None = None,
     on_progress: Progress | None = None,
+    own: Actuator | None = None,
 ) -> Validation:
     """Validate FMUs against the simulation, references and the papers.
 
@@ -52,6 +54,7 @@ def validate(
     Args:
         subjects: FMU files, or models that are built first; None for every actuator and
             every plant of it.
+        own: an actuator of your own, which its FMU files need; there are no references for it.
         on_progress: is told of the jobs; the last call is (n, n, "").
 
     Raises:
@@ -60,7 +63,7 @@ def validate(
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="servo-models-")))
         chosen = every_model() if subjects is None else subjects
-        opened = [_open(subject, folder / str(k)) for k, subject in enumerate(chosen)]
+        opened = [_open(subject, folder / str(k), own) for k, subject in enumerate(chosen)]
         for subject in opened:
             stack.callback(subject.close)
         rows: list[Row] = []
@@ -99,14 +102,15 @@ def conditions() -> dict[str, str]:
     return found | {name: version(name) for name in PACKAGES}
 
 
-def _open(subject: Model | str | Path, folder: Path) -> Subject:
+def _open(subject: Model | str | Path, folder: Path, own: Actuator | None) -> Subject:
     from servo_models.build import build
     from servo_models.simulate import Model
     from servo_models.validation.subject import Subject
 
     if isinstance(subject, Model):
-        subject = build(subject, folder / f"{subject.actuator.name}.fmu")
-    return Subject(subject)
+        own = subject.actuator
+        subject = build(subject, folder / f"{own.name}.fmu")
+    return Subject(subject, own)
 
 
 def _fmu_jobs(subject: Subject) -> list[Job]:

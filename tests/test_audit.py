@@ -23,7 +23,7 @@ from servo_models.audit.sensor import (
 from servo_models.logs import read_columns
 from servo_models.recording import Array, Channel, Log
 
-PLANT = Plant((Wire("u", "V", "", low=-10.0, high=10.0),), (), (), (), ("y",))
+PLANT = Plant((Wire("u", "V", "", low=-10.0, high=10.0),), (Wire("y", "rad", ""),), (), (), ("y",))
 ENCODER = 2.0 * math.pi / 4096.0
 seeds = st.integers(0, 2**32 - 1)
 

@@ -225,6 +225,26 @@ def test_a_reader_that_left_is_no_error() -> None:
     assert done.stderr == b""
 
 
+@pytest.mark.skipif(os.name == "nt", reason="pipes end by a signal on POSIX only")
+def test_files_are_written_though_the_reader_left(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    out = tmp_path / "step.csv"
+    words = ["-u", "-m", "servo_models", "simulate", "torque_motor", "--out", str(out)]
+    subprocess.run([sys.executable, *words], stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert out.is_file()
+
+
+def test_an_input_out_of_bounds_is_told_with_the_row_of_its_file(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "inputs.csv"
+    path.write_text("time,voltage\n0,0\n0.1,1\n0.2,2\n0.3,5000\n")
+    code, _, err = run("simulate", "torque_motor", "--inputs", path)
+    assert code == 2
+    assert "inputs.csv', row 5, column 'voltage'" in err
+    assert "5000 V is outside" in err
+
+
 @pytest.mark.parametrize(
     ("line", "expected"),
     [

@@ -96,6 +96,27 @@ def test_inputs_not_named_stay_at_rest_and_scalars_are_held() -> None:
     assert one["supply_voltage"].tolist() == [5.0] * len(TIMES)
 
 
+@pytest.mark.parametrize(
+    ("actuator", "variant", "command", "size"),
+    [
+        ("linear_drive", "identified", "reference", 0.05),
+        ("smart_servo", "xl330", "goal", 0.5),
+        ("sg90", "printed", "pulse_width", 1.9e-3),
+        ("torque_motor", "identified", "voltage", 5.0),
+    ],
+)
+def test_a_run_that_begins_before_zero_is_the_same_run(
+    actuator: str, variant: str, command: str, size: float
+) -> None:
+    """As the log of a scope with its trigger inside; half a second is a whole number of ticks."""
+    servo, times = model(actuator, variant), 1e-3 * np.arange(900)
+    inputs = {command: np.where(times > 0.1, size, servo.plant.wire[command].rest)}
+    later, sooner = (simulate(servo, times - shift, inputs) for shift in (0.0, 0.5))
+    for name in servo.plant.outputs:
+        scale = np.ptp(later[name]) or 1.0
+        np.testing.assert_allclose(sooner[name], later[name], atol=1e-6 * scale)
+
+
 def test_parameters_with_units() -> None:
     in_degrees = model("torque_motor", "measured", {"end_stops.half_range": "2 deg"})
     in_radians = model("torque_motor", "measured", {"end_stops.half_range": math.radians(2.0)})

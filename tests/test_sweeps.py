@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
-from servo_models import UserError, simulate
-from servo_models.actuators.torque_motor import EQ_12_DELAY
+from servo_models import UserError, model, simulate
+from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
+from servo_models.reference.torque_motor import TABLE_1
 from servo_models.toml_file import read_toml
 from servo_models.transfer import (
     Structure,
+    Sweep,
+    TransferFunction,
     identify_transfer,
     raw_records,
     read_sweeps,
@@ -101,6 +105,64 @@ def test_raw_records_of_a_sweep_are_named_in_the_description(tmp_path: Path) -> 
     assert raw_records(document) == set(names)
     with pytest.raises(UserError, match="logs: unknown log '5 Hz'"):
         read_sweeps(document, tmp_path, MOTOR.plant, logs[1:])
+
+
+def test_two_sweeps_of_one_file_count_each_for_itself(sweep_file: Path) -> None:
+    sweep_file.write_text(SWEEP + SWEEP + "held_out = true\n")
+    first, second = read_sweeps(read_toml(sweep_file), sweep_file.parent, MOTOR.plant)
+    assert first.name != second.name
+    shapes = [Structure(2, 0, True), Structure(3, 0, True)]
+    found = identify_transfer([], [first, second], model=MOTOR, structures=shapes)
+    assert found.chosen.name == str(shapes[1])
+    score = found.chosen.score
+    assert len(score.errors[first.name]) == len(score.held_out_errors[second.name]) > 0
+
+
+def test_a_sweep_of_another_output_is_said_to_be_left_out(sweep_file: Path) -> None:
+    sweep_file.write_text(SWEEP + SWEEP.replace('"angle"', '"current"').replace("deg/V", "A/V"))
+    sweeps = read_sweeps(read_toml(sweep_file), sweep_file.parent, MOTOR.plant)
+    found = identify_transfer([], sweeps, model=MOTOR, structures=[Structure(3, 0, True)])
+    assert any("'voltage' to 'current', and is left out" in text for text in found.warnings)
+
+
+def test_a_sine_record_without_the_signal_is_one_clear_line() -> None:
+    times = DT * np.arange(4000)
+    u = np.sin(200.0 * times)
+    other = log("rates", times, u, u, signals=("voltage", "rate"))
+    with pytest.raises(UserError, match=r"rates.csv: the log has no output 'angle'"):
+        sweep_of_sines([other] * 4, "voltage", "angle")
+    other = log("loads", times, u, u, signals=("load_torque", "angle"))
+    with pytest.raises(UserError, match=r"loads.csv: the log has no input 'voltage'"):
+        sweep_of_sines([other] * 4, "voltage", "angle")
+
+
+def swept(gain: float, s2: float, s1: float, s0: float) -> Sweep:
+    """A clean sweep of gain / (s^3 + s2 s^2 + s1 s + s0), without delay."""
+    w = 2.0 * np.pi * np.geomspace(1.0, 400.0, 30)
+    response = TransferFunction.of([gain], [1.0, s2, s1, s0]).response(w)
+    return Sweep("s", "voltage", "angle", w, response, np.ones(30), np.zeros(30, dtype=bool))
+
+
+def test_constants_of_a_function_without_delay_have_none() -> None:
+    """The default variant has one of 1.1 ms, which would come back with its parameter file."""
+    assert MOTOR.values["transport_delay.time"] > 0.0
+    found = identify_transfer([], [swept(*EQ_12)], model=MOTOR, structures=[Structure(3, 0, False)])
+    assert found.constants
+    assert found.constants.estimates["transport_delay.time"] == (0.0, None)
+
+
+def test_a_constant_out_of_its_bounds_is_taken_on_the_bound_and_told() -> None:
+    """A spring that is stiffer than the one that is known: friction would have to be negative."""
+    true = replace(TABLE_1, k_s=1.3**2 * TABLE_1.k_s, k_f=4e-5)
+    gain, (_, *rest) = true.equation_9()
+    measured, shapes = model("torque_motor", "measured"), [Structure(3, 0, False)]
+    found = identify_transfer([], [swept(gain, *rest)], model=measured, structures=shapes)
+    assert found.constants
+    assert found.constants.estimates["friction_coefficient"] == (0.0, None)
+    assert any(
+        text.startswith("'friction_coefficient' was found at -1") and "taken as 0" in text
+        for text in found.warnings
+    )
 
 
 def test_gain_and_phase_of_sine_records_are_those_of_the_function() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -358,6 +359,14 @@ def test_what_cannot_be_identified_is_one_clear_line() -> None:
         with pytest.raises(UserError) as error:
             identify_transfer(logs, model=MOTOR, **names)
         assert said in str(error.value)
+
+
+def test_samples_that_are_not_judged_are_refused() -> None:
+    times = DT * np.arange(2000)
+    u = np.sign(np.sin(60.0 * times))
+    skipping = replace(log("rests", times, u, u), skipped=times > 0.1)
+    with pytest.raises(UserError, match=r"rests.csv: .* 'judged' leaves some out: remove it"):
+        identify_transfer([skipping], model=MOTOR)
 
 
 def test_an_interrupt_keeps_the_structures_that_are_done() -> None:

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Run
 from numpy.typing import NDArray
+from test_description import OWN
 
 from servo_models.build import build
 from servo_models.errors import UserError
@@ -261,3 +263,21 @@ def test_cost_curve_shows_the_order_of_the_method() -> None:
     assert curve.default_step in {point.internal_step for point in curve.points}
     assert slope(curve, "angle") == pytest.approx(4.0, abs=0.4)
     assert all(point.seconds > 0.0 for point in curve.points)
+
+
+def test_an_actuator_of_ones_own_is_validated_with_its_file(tmp_path: Path, run: Run) -> None:
+    mine, params, folder = tmp_path / "mine.py", tmp_path / "P.toml", tmp_path / "fmus"
+    mine.write_text(OWN)
+    params.write_text(
+        'actuator = "mine.py"\n[parameters.time_constant]\nvalue = 0.35\nunit = "s"\n'
+    )
+    code, out, err = run("validate", "--params", params)
+    assert (code, err) == (0, "")
+    assert "joint" in out
+    assert run("build", "--params", params, "--out", folder)[0] == 0
+    fmu = folder / "joint.fmu"
+    assert run("validate", fmu, "--actuator", mine)[0] == 0
+    code, _, err = run("validate", fmu)
+    assert code == 2
+    assert "unknown actuator 'joint'" in err
+    assert "--actuator" in err

@@ -47,7 +47,7 @@ def audit(log: Log, plant: Plant) -> Audit:
     The high-frequency residual supposes samples that are almost evenly spaced.
     """
     clock = sampling(log)
-    readings = tuple(read_output(log, name) for name in log.outputs)
+    readings = tuple(read_output(log, plant.wire[name]) for name in log.outputs)
     commands = tuple(read_input(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     return Audit(log, clock, commands, readings, _at_rest(log, readings))
 

@@ -19,6 +19,8 @@ from servo_models.audit.sensor import (
 from servo_models.recording import Array, Log
 
 QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
+FLAG = 1.0 / math.sqrt(12.0)
+"""Noise floor of a reading that says yes or no."""
 SAME_CLOCK = 1.5
 """Intervals below this many shortest ones are one period of a command's clock."""
 
@@ -102,9 +104,12 @@ class Command:
     band: tuple[float, float] | None
 
 
-def read_output(log: Log, name: str) -> Reading:
-    """Return how an output was read."""
-    values = log.outputs[name]
+def read_output(log: Log, wire: Wire) -> Reading:
+    """Return how an output was read.  One that says yes or no has the floor of its step, 1."""
+    name, values = wire.name, log.outputs[wire.name]
+    if wire.flag:
+        floor, ends = Floor(FLAG, None, 0.0), (float(values.min()), float(values.max()))
+        return Reading(name, *ends, step=0.0, between=0.0, clipped=0.0, stale=0.0, floor=floor)
     step, between = reading_step(values)
     quantum, residual = step / math.sqrt(12.0), difference_noise(values)
     command = np.column_stack([np.zeros(len(values)), *log.inputs.values()])

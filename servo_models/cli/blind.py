@@ -64,8 +64,8 @@ def blind(
             lambda seal: print(f"seal of the answers, SHA-256: {seal}", flush=True),
             bar,
         )
-    show(check_sheet(done))
     if json:
         told = finite_json(document(done, conditions()))
         write_whole(json, f"{told}\n".encode())
+    show(check_sheet(done))
     return 0

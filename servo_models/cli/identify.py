@@ -64,13 +64,20 @@ def identify(
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
         found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
-    show(found.sheet)
-    if out and found.parameters:
-        write_parameters(found.parameters, out)
-        print(f"parameters: {out}")
-    if report:
-        found.write_report(report)
-        print(f"report: {report}")
+    written = []
+    try:  # files come first: whoever reads the text may have seen enough and go
+        if out and found.parameters:
+            write_parameters(found.parameters, out)
+            written.append(f"parameters: {out}")
+        if report:
+            found.write_report(report)
+            written.append(f"report: {report}")
+    finally:
+        show(found.sheet)
+        for line in written:
+            print(line)
     if out and not found.parameters:
-        raise UserError(f"'{out}' is not written: this actuator has no parameters of this kind")
+        raise UserError(
+            f"'{out}' is not written: no parameter of this actuator was found this way, see above"
+        )
     return 0 if found.converged else NOT_CONVERGED

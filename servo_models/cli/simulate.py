@@ -77,10 +77,10 @@ def simulate(
             result = run(chosen, *tables.read_inputs(inputs, chosen.plant))
         else:
             result = experiment.step(chosen, assignments("--step", step or ()), stop, dt)
-    show(experiment.summary(result, chosen, stepped=not inputs))
     if out:
         signals = {**result.inputs, **result.outputs}
         tables.write_signals(out, result.times, signals, chosen.plant.wire)
     if plot:
         title = f"{chosen.actuator.name}, variant {chosen.variant}"
         pictures.save(pictures.response(result, chosen.plant, title), plot)
+    show(experiment.summary(result, chosen, stepped=not inputs))

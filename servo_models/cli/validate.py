@@ -20,6 +20,10 @@ def validate(
         Path | None,
         typer.Option(metavar="FILE", help="Parameter file, .toml: validate its FMU as well."),
     ] = None,
+    actuator: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Python file of your own actuator, for its FMU files."),
+    ] = None,
     junit: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the result as JUnit XML.")
     ] = None,
@@ -45,14 +49,22 @@ def validate(
     """
     from servo_models import formats
     from servo_models.cli.console import progress, show
+    from servo_models.own_actuator import load_actuator
     from servo_models.parameter_set import read_parameters
     from servo_models.validate import validate as run
 
     subjects: list[Any] = [*(fmus or ())]
     if params:
         subjects.append(read_parameters(params).model())
+    own = load_actuator(actuator) if actuator else None
     with progress("validating") as on_progress:
-        result = run(subjects or None, on_progress=on_progress)
+        result = run(subjects or None, on_progress=on_progress, own=own)
+    if junit:
+        formats.write_junit(result, junit)
+    if report:
+        from servo_models.report import write_report
+
+        write_report(result, report, date.today().isoformat())
     if format_ is Format.JSON:
         print(formats.as_json(result))
     elif format_ is Format.GITHUB:
@@ -60,10 +72,4 @@ def validate(
     else:
         show(formats.text(result, every))
         print(f"\n{formats.sentence(result)}")
-    if junit:
-        formats.write_junit(result, junit)
-    if report:
-        from servo_models.report import write_report
-
-        write_report(result, report, date.today().isoformat())
     return 0 if result.passed else 1

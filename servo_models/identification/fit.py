@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import unknown
+from servo_models.audit.signals import FLAG
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.estimate import spread, warnings
 from servo_models.identification.problem import Problem, free_names, free_parameter
@@ -109,7 +110,9 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
         ]
         if errors:
             rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
-            problem.sigma[name] = max(rms, 1e-12 * problem.sigma[name])
+            flag = problem.model.plant.wire[name].flag
+            least = FLAG if flag else 1e-12 * problem.sigma[name]  # a flag may be met exactly
+            problem.sigma[name] = max(rms, least)
     problem.restart(found.vector)
     if len(problem.sigma) == 1 and not any(free.prior for free in problem.free):
         return found  # one weight on everything moves no optimum

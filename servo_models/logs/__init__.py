@@ -46,7 +46,7 @@ def read_columns(path: Path, table: str | None = None, header: bool | None = Non
         for column in columns
     ]
     if not any(map(len, cells)):
-        raise UserError(f"'{source.place}' has no rows of numbers: record it again")
+        raise UserError(f"{source.place} has no rows of numbers: record it again")
     return Columns(
         path, tuple(cells), tables.first_row, table or "", hashlib.sha256(content).hexdigest()
     )

@@ -96,6 +96,15 @@ class Evidence(Protocol):
         """
 
 
+def check_signals(log: Log, source: str, output: str) -> None:
+    """Raise UserError unless a log has this input and this output."""
+    for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
+        if name not in known:
+            raise UserError(
+                f"{log.path.name}: the log has no {kind} '{name}'; {did_you_mean(name, known)}"
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """A time record of one input and one output, SI.
@@ -121,13 +130,15 @@ class Record:
         without in that of ``rest`` [SI].
 
         Raises:
-            UserError: a signal that the log lacks, or an input that never moves.
+            UserError: a signal that the log lacks, an input that never moves, or samples that
+                are not judged.
         """
-        for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
-            if name not in known:
-                raise UserError(
-                    f"{log.path.name}: the log has no {kind} '{name}'; {did_you_mean(name, known)}"
-                )
+        check_signals(log, source, output)
+        if log.skipped is not None and np.any(log.skipped):
+            raise UserError(
+                f"{log.path.name}: a transfer function is fitted to every sample, 'judged' leaves"
+                " some out: remove it, or cut the log with 'window'"
+            )
         u, y = log.inputs[source], log.outputs[output]
         given = u - (u[0] if log.settle > 0.0 else rest)
         if not np.any(given):

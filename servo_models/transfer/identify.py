@@ -9,7 +9,13 @@ import numpy as np
 
 from servo_models.actuator import Wire, unknown
 from servo_models.errors import UserError
-from servo_models.grey_box import KNOWN, PhysicalConstants, torque_motor_constants
+from servo_models.grey_box import (
+    DELAY,
+    KNOWN,
+    Constant,
+    PhysicalConstants,
+    torque_motor_constants,
+)
 from servo_models.recording import Log
 from servo_models.simulate import Model
 from servo_models.transfer.choose import Candidate, Scored, choose, warnings, with_criteria
@@ -87,6 +93,7 @@ def identify_transfer(
     constants, vague = _grey_box(model, ends, judged, chosen, known_errors)
     warned = (
         *((INTERRUPTED,) if interrupted else ()),
+        *_left_out(sweeps, ends),
         *warnings(chosen, judged, longest),
         *vague,
         *(constants.warnings if constants else ()),
@@ -121,6 +128,16 @@ def _evidence(
             " them that is not held out"
         )
     return found
+
+
+def _left_out(sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]) -> tuple[str, ...]:
+    source, output = (wire.name for wire in ends)
+    return tuple(
+        f"'{one.name}' is from '{one.source}' to '{one.output}', and is left out of what is fitted"
+        f" from '{source}' to '{output}'"
+        for one in sweeps
+        if (one.source, one.output) != (source, output)
+    )
 
 
 def _fits(
@@ -180,12 +197,29 @@ def _grey_box(
     found = torque_motor_constants(
         taken.fit.coefficients, taken.fit.covariance, known, known_errors
     )
+    found, moved = _inside(found, model)
     if taken is chosen:
-        return found, ()
+        return found, moved
     return found, (
+        *moved,
         f"the physical constants are those of '{taken.name}', which the data do not prefer:"
         f" {taken.reason}",
     )
+
+
+def _inside(found: PhysicalConstants, model: Model) -> tuple[PhysicalConstants, tuple[str, ...]]:
+    """Constants that the actuator takes: no delay where the function has none, and those beyond
+    a bound on it, with what to say of these."""
+    known, constants, said = model.plant.parameters, dict(found.constants), []
+    if model.values.get(DELAY):
+        constants.setdefault(DELAY, Constant(DELAY, 0.0, None))
+    for name, one in constants.items():
+        low, high = known[name].param.low, known[name].param.high
+        if not low <= one.value <= high:
+            value = min(max(one.value, low), high)
+            constants[name] = replace(one, value=value, standard_error=None)
+            said.append(f"'{name}' was found at {one.value:.3g} and is taken as {value:g}")
+    return replace(found, constants=constants), tuple(said)
 
 
 def _third_order(structure: Structure) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from servo_models.errors import UserError
 from servo_models.logs import Columns, read_columns
 from servo_models.recording import Log
 from servo_models.toml_file import Section
-from servo_models.transfer.evidence import Sweep
+from servo_models.transfer.evidence import Sweep, check_signals
 from servo_models.units import exponents, factor, parse
 
 Array = NDArray[np.float64]
@@ -60,9 +61,14 @@ def read_sweeps(
     entries = document.content.get("sweeps", [])
     if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
         document.fail("sweeps", "no list of tables; write [[sweeps]]")
-    return tuple(
+    found = [
         _read(Section(document.file, f"sweeps[{k}]", entry), base, plant, logs)
         for k, entry in enumerate(entries, start=1)
+    ]
+    names = [one.name for one in found]
+    return tuple(
+        replace(one, name=f"{one.name} ({k})") if names.count(one.name) > 1 else one
+        for k, one in enumerate(found, start=1)
     )
 
 
@@ -173,7 +179,7 @@ def sweep_of_sines(logs: Sequence[Log], source: str, output: str) -> Sweep:
     Source: IEEE Std 1057-2017, sec. 4.6 (fit of a sine by least squares).
 
     Raises:
-        UserError: a log in whose second half there are fewer than two periods.
+        UserError: a log without the signals, or with fewer than two periods in its second half.
     """
     points = [_sine(log, source, output) for log in logs]
     frequencies, response, spread = (np.array(column) for column in zip(*points))
@@ -185,6 +191,7 @@ def sweep_of_sines(logs: Sequence[Log], source: str, output: str) -> Sweep:
 def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
     from scipy.optimize import minimize_scalar
 
+    check_signals(log, source, output)
     kept = log.times >= 0.5 * log.duration
     times, u, y = log.times[kept], log.inputs[source][kept], log.outputs[output][kept]
     step = float(np.median(np.diff(times)))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.actuator import Actuator
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.errors import UserError
 from servo_models.simulate import Model, model
@@ -35,8 +36,8 @@ class Subject:
         model: with the start values as parameters.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        """Unpack and read an FMU.
+    def __init__(self, path: str | Path, own: Actuator | None = None) -> None:
+        """Unpack and read an FMU, of the actuator ``own`` if that is not in the catalogue.
 
         Raises:
             UserError: no such file, no FMU, or one of an unknown actuator.
@@ -58,7 +59,7 @@ class Subject:
                 f"cannot read FMU '{path}' ({cause}): build it again with servo-models build"
             ) from error
         try:
-            self.model = self._named_model()
+            self.model = self._named_model(own)
         except UserError as error:
             self.close()
             raise UserError(f"FMU '{path}': {error}") from error
@@ -84,9 +85,10 @@ class Subject:
         finally:
             one.free()
 
-    def _named_model(self) -> Model:
+    def _named_model(self, own: Actuator | None) -> Model:
         """Find the variant and the parameters by the start values."""
-        found = find_actuator(self._description.modelName)
+        name = self._description.modelName
+        found = own if own and own.name == name else _known(name)
         starts = {
             v.name: float(v.start)
             for v in self._description.modelVariables
@@ -105,6 +107,13 @@ class Subject:
                 " build it again with this version"
             )
         return model(found, min(differing, key=lambda name: differing[name]), starts)
+
+
+def _known(name: str) -> Actuator:
+    try:
+        return find_actuator(name)
+    except UserError as error:
+        raise UserError(f"{error}; or name the file of your own with --actuator") from error
 
 
 class Instance:
