@@ -4,8 +4,10 @@
 
 A 60 s log of the SG90 at 200 Hz and 1 s of the torque motor at 10 kHz, each with one effect that
 the model lacks, are written as files.  The command runs on them as a process of its own, first
-with an empty cache, then again.  After that, in this process, how the cost grows with the
-length of a log and with the number of effects, and what a second processor brings.
+with an empty cache, then again; and on logs with two such effects, and with a hum that is no effect
+of the catalogue, for which pairs and further effects are sought.  After that, in this process, how
+the cost grows with the length of a log and with the number of effects, and what a second processor
+brings.
 """
 
 from __future__ import annotations
@@ -33,6 +35,15 @@ PEAK = (
 )
 
 
+NOISE, HUM = 2e-3, 1e-2
+"""Of a reading's range: its noise, and the amplitude of a hum of 50 Hz."""
+SECOND = {
+    "sg90": {"backlash.half_width": 0.02},
+    "torque_motor": {"transport_delay.time": 5e-4},
+}
+"""The effect that a log with two has beside the first one, by actuator."""
+
+
 def excitation(count: int) -> Array:
     """Steps of several sizes, a slow triangle and a chirp, in shares of the largest."""
     third = count // 3
@@ -45,22 +56,26 @@ def excitation(count: int) -> Array:
     return np.concatenate([steps, triangle, chirp])
 
 
-def sg90(folder: Path, seconds: float = 60.0) -> Path:
+def sg90(folder: Path, seconds: float = 60.0, second: bool = False, hum: float = 0.0) -> Path:
     times: Array = 5e-3 * np.arange(200.0 * seconds)
     pulse: Array = 1.5e-3 + 500e-6 * excitation(len(times))
     rig = {"drive_saturation.limit": 3.0, "motor_gain": 47.0}
+    rig |= SECOND["sg90"] if second else {}
     uncertain = "motor_time_constant = '20 %'\nmotor_gain = '10 %'\namplifier_gain = '20 %'\n"
     uncertain += "transport_delay.time = '35 %'\npotentiometer_gain = '5 %'\n"
-    return write(folder, "sg90", times, "pulse_width", pulse, "angle_reading", rig, uncertain)
+    return write(folder, "sg90", times, "pulse_width", pulse, "angle_reading", rig, hum, uncertain)
 
 
-def torque_motor(folder: Path, seconds: float = 1.0) -> Path:
+def torque_motor(
+    folder: Path, seconds: float = 1.0, second: bool = False, hum: float = 0.0
+) -> Path:
     times: Array = 1e-4 * np.arange(10_000.0 * seconds)
     volts: Array = np.round(30.0 * excitation(len(times)), 3)
     rig = {"coulomb_friction.level": 2e-3, "torque_constant": 5.2}
+    rig |= SECOND["torque_motor"] if second else {}
     uncertain = "torque_constant = '25 %'\ninductance = '25 %'\nback_emf_constant = '50 %'\n"
     uncertain += "friction_coefficient = '50 %'\nresistance = '1 %'\nstiffness = '1 %'\n"
-    return write(folder, "torque_motor", times, "voltage", volts, "angle", rig, uncertain)
+    return write(folder, "torque_motor", times, "voltage", volts, "angle", rig, hum, uncertain)
 
 
 def write(
@@ -71,12 +86,14 @@ def write(
     values: Array,
     output: str,
     rig: Mapping[str, float],
+    hum: float,
     uncertain: str,
 ) -> Path:
     """A log of a simulated rig with noise of 0.2 % of its range, and its description."""
     measured = simulate(model(actuator, "measured", dict(rig)), times, {command: values})[output]
-    noise = 2e-3 * np.ptp(measured) * np.random.default_rng(1).standard_normal(len(times))
-    rows = np.column_stack([times, values, measured + noise])
+    noise = NOISE * np.random.default_rng(1).standard_normal(len(times))
+    noise += hum * np.sin(2.0 * np.pi * 50.0 * times + 1.0)
+    rows = np.column_stack([times, values, measured + np.ptp(measured) * noise])
     np.savetxt(folder / f"{actuator}.csv", rows, delimiter=",", header="t,u,y", comments="")
     unit = "s" if command == "pulse_width" else "V"
     path = folder / f"{actuator}.toml"
@@ -129,6 +146,13 @@ def main() -> None:
             warm, peak = whole_process(path, cache)
             print(f"{title:30} {cold:6.1f} s {warm:6.1f} s {peak:6.0f} MiB")
         made = {"sg90": sg90, "torque_motor": torque_motor}
+        print(f"\n{'whole process, warm':30} {'one':>8} {'two':>8}  {'unknown':>8}")
+        for title, path in logs.items():
+            cache, spent = folder / f"cache_{path.stem}", []
+            for second, hum in ((False, 0.0), (True, 0.0), (False, HUM)):
+                made[path.stem](folder, second=second, hum=hum)
+                spent.append(whole_process(path, cache)[0])
+            print(f"{title:30}" + "".join(f"{it:7.1f} s" for it in spent))
         print("\nlog length, over that above      1/4     1/2       1       2")
         for title, path in logs.items():
             whole = 60.0 if path.stem == "sg90" else 1.0
