@@ -159,10 +159,18 @@ def test_an_even_error_is_called_even() -> None:
     assert "evenly" in one["position"].sentence
 
 
+LOGGED = {
+    "voltage": ("angle", "current"),
+    "reference": ("position", "drive"),
+    "pulse_width": ("angle", "feedback_voltage", "motor_voltage"),
+}
+"""Outputs that are logged beside a command."""
+
+
 def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Array) -> Breakdown:
     """Blocks of a model that differs from the rig by ``changes``, without noise."""
     rig = replace(chosen, values={**chosen.values, **changes})
-    outputs = ("position", "drive") if command == "reference" else ("angle", "current")
+    outputs = LOGGED[command]
     simulated = simulate(rig, TIMES, {command: values})
     n = len(TIMES)
     log = Log(
@@ -204,6 +212,29 @@ def test_the_blocks_of_a_loop_are_told_apart() -> None:
     assert weak[mechanics].relative_before < 0.01
     assert weak[controller].relative_before > 0.1
     assert heavy[mechanics].relative_before > 5.0 * weak[mechanics].relative_before
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong"),
+    [
+        ({"potentiometer_gain": 1.1}, "feedback_voltage from measured angle and motor_voltage"),
+        ({"amplifier_gain": 0.8}, "motor_voltage from measured angle and feedback_voltage"),
+        ({"motor_gain": 1.2}, "angle from measured feedback_voltage and motor_voltage"),
+    ],
+)
+def test_a_servos_sensor_amplifier_and_motor_are_told_apart(
+    changes: dict[str, float], wrong: str
+) -> None:
+    servo = model("sg90", "measured")
+    pulses = 1.5e-3 + 2e-4 * np.sign(np.sin(2.0 * np.pi * 1.3 * TIMES))
+    scaled = {name: factor * servo.values[name] for name, factor in changes.items()}
+    found = {
+        one.label: one.relative_before for one in alone(servo, scaled, "pulse_width", pulses).bins
+    }
+    # of the angle, which integrates, only what is no straight line in a block of time counts
+    others = max(error for label, error in found.items() if label != wrong)
+    assert found[wrong] > 0.01
+    assert found[wrong] > 20.0 * others
 
 
 @given(st.floats(1e-4, 1e4), st.floats(1e-5, 10.0))
