@@ -61,7 +61,8 @@ def _about_set(found: Diagnosis) -> str:
         f"The set is meant to hold a cause of the catalogue with {100 * COVERED:.0f} % probability"
     )
     outside = found.verdict.kind == OUTSIDE
-    return f"{aim}; here something is missing that is none." if outside else f"{aim}."
+    beyond = "here something beyond it is missing"
+    return f"{aim}; {beyond}." if outside else f"{aim}."
 
 
 def intervals(explanations: Sequence[Explanation]) -> list[tuple[float, float]]:
