@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 from servo_models.block import SIGNAL, Block, Param
+from servo_models.bounds import outside
 from servo_models.errors import UserError, did_you_mean
-from servo_models.units import factor
 
 
 @dataclass(frozen=True)
@@ -273,17 +272,6 @@ def check_bounds(parameter: Parameter, value: float) -> None:
     param = parameter.param
     if not param.low <= value <= param.high:
         raise UserError(outside("parameter", parameter.name, value, param))
-
-
-def outside(kind: str, name: str, value: float, bounds: Param | Wire) -> str:
-    """Sentence about a value [SI] out of bounds, in the unit that a person reads it in."""
-    unit = bounds.display or bounds.unit
-    scale = factor(bounds.unit, unit)
-    low, high = (math.nan if b is None else b * scale for b in (bounds.low, bounds.high))
-    return (
-        f"{kind} '{name}' = {value * scale:g} {unit} is outside [{low:g}, {high:g}] {unit}:"
-        " choose a value inside"
-    )
 
 
 def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") -> str:

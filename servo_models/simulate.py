@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from servo_models.actuator import Actuator, Plant, Wire, check_bounds, outside, unknown
+from servo_models.actuator import Actuator, Plant, Wire, check_bounds, unknown
+from servo_models.bounds import is_outside, outside
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.errors import UserError
@@ -239,9 +240,7 @@ def check_grid(times: Array, inputs: Array, wires: Sequence[Wire]) -> None:
             " sort the rows by time"
         )
     for wire, column in zip(wires, inputs.T):
-        low = -math.inf if wire.low is None else wire.low
-        high = math.inf if wire.high is None else wire.high
-        bad = np.flatnonzero(~((low <= column) & (column <= high) & np.isfinite(column)))
+        bad = np.flatnonzero(is_outside(column, wire) | ~np.isfinite(column))
         if len(bad) and not math.isfinite(column[bad[0]]):
             raise UserError(f"input '{wire.name}' in row {bad[0]} is not finite: fill or drop it")
         if len(bad):

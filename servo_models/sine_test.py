@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuator import outside
+from servo_models.bounds import outside
 from servo_models.errors import UserError
 from servo_models.linearise import inputs_at
 from servo_models.simulate import Model

@@ -8,14 +8,14 @@ columns are separated by commas, whatever the country of the machine.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuator import Plant, Wire, outside, unknown
-from servo_models.description.values import is_outside
+from servo_models.actuator import Plant, Wire, unknown
+from servo_models.bounds import is_outside, outside
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.logs import csv, parquet
@@ -38,11 +38,11 @@ def read_inputs(path: Path, plant: Plant) -> tuple[Array, dict[str, Array]]:
         times [s] of shape (n,), and SI values of shape (n,) by name of the input.
 
     Raises:
-        UserError: see ``read_signals``; or no input among the columns.
+        UserError: see ``read_signals``; an input out of its bounds, or none among the columns.
     """
     outputs = [plant.wire[name] for name in plant.outputs]
-    times, signals = read_signals(path, (*plant.inputs, *outputs))
     names = [wire.name for wire in plant.inputs]
+    times, signals = _read(path, (*plant.inputs, *outputs), names)
     found = {name: signals[name] for name in names if name in signals}
     if not found:
         raise UserError(f"'{path}' has no column for an input: add one of {', '.join(names)}")
@@ -62,10 +62,16 @@ def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Ar
 
     Raises:
         UserError: a file that is missing, damaged or empty; an unknown, repeated or missing
-            column, a unit that does not convert; a cell that is empty, no number, not finite
-            or out of the signal's bounds; time that runs backward.  It names the file, the row
-            and the column.
+            column, a unit that does not convert; a cell that is empty, no number or not
+            finite; time that runs backward.  It names the file, the row and the column.
     """
+    return _read(path, wires, ())
+
+
+def _read(
+    path: Path, wires: Sequence[Wire], bounded: Collection[str]
+) -> tuple[Array, dict[str, Array]]:
+    """The same; signals that are ``bounded`` have to be inside the bounds of their wires."""
     check_suffix(path)
     source = Source(path, read_bytes(path), header=True)
     tables = _read_csv(source) if path.suffix.lower() == ".csv" else parquet.read(source)
@@ -77,9 +83,10 @@ def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Ar
         if name in signals:
             raise UserError(f"'{path}' has two columns '{name}': remove one")
         signals[name] = scale * columns.numbers(number)
-        _check_bounds(columns, number, known[name], signals[name])
         if name == "time":
             columns.check_order(number, signals[name])
+        if name in bounded:
+            _check_bounds(columns, number, known[name], signals[name])
     if "time" not in signals:
         raise UserError(f"'{path}' has no column 'time': add one, in seconds")
     times = signals.pop("time")
@@ -123,7 +130,7 @@ def _check_bounds(columns: Columns, number: int, wire: Wire, values: Array) -> N
     bad = np.flatnonzero(is_outside(values, wire))
     if len(bad):
         row = int(bad[0])
-        said = outside("signal", wire.name, float(values[row]), wire)
+        said = outside("input", wire.name, float(values[row]), wire)
         raise UserError(f"{columns.where(number, row)}: {said}")
 
 

@@ -15,6 +15,7 @@ LAYERS = (
     "errors sheets threads interchange",
     "files noise compare reference recording toml_file linear_model",
     "units block flat logs",
+    "bounds",
     "inline actuator printer plants effects",
     "actuators flatten stepper compiled audit lookalikes own_actuator",
     "catalogue grey_box",

@@ -28,7 +28,9 @@ def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Let ``validate`` give these rows."""
 
     def give(*rows: Row) -> None:
-        def stand_in(fmus: object, on_progress: Callable[[int, int, str], None]) -> Validation:
+        def stand_in(
+            fmus: object, on_progress: Callable[[int, int, str], None], own: object
+        ) -> Validation:
             on_progress(1, 2, "half way")
             return Validation(rows)
 

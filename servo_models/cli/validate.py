@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from servo_models.cli.options import Format
+from servo_models.cli.options import Format, check_outputs
 
 
 def validate(
@@ -53,6 +53,7 @@ def validate(
     from servo_models.parameter_set import read_parameters
     from servo_models.validate import validate as run
 
+    check_outputs((junit, ".xml"), (report, ".html"))
     subjects: list[Any] = [*(fmus or ())]
     if params:
         subjects.append(read_parameters(params).model())

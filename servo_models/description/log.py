@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from servo_models.actuator import Parameter, Wire, outside, unknown
+from servo_models.actuator import Parameter, Wire, unknown
+from servo_models.bounds import is_outside, outside
 from servo_models.description.clock import Clock, column_key, cut_window, read_clock, time_table
 from servo_models.description.held_out import held_out, skipped
-from servo_models.description.values import is_outside, named, quantity, setting
+from servo_models.description.values import named, quantity, setting
 from servo_models.errors import UserError
 from servo_models.logs import Columns
 from servo_models.recording import Array, Channel, Log, regular

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.actuator import Parameter, Wire, outside, unknown
-from servo_models.block import Param
+from servo_models.actuator import Parameter, Wire, unknown
+from servo_models.bounds import is_outside, outside
 from servo_models.errors import UserError
-from servo_models.recording import Array, Mask
 from servo_models.toml_file import Section
 from servo_models.units import parse
 
@@ -43,13 +42,6 @@ def setting(section: Section, name: str, what: Parameter | Wire) -> float:
     if is_outside(np.array(value), bounds):
         section.fail(name, outside(kind, name, value, bounds))
     return value
-
-
-def is_outside(values: Array, bounds: Param | Wire) -> Mask:
-    """Mark values [SI] out of the bounds of a parameter or a wire; same shape as ``values``."""
-    low = -np.inf if bounds.low is None else bounds.low
-    high = np.inf if bounds.high is None else bounds.high
-    return np.asarray((values < low) | (values > high))
 
 
 def named(section: Section, kind: str, known: Mapping[str, object]) -> Section:

@@ -130,8 +130,7 @@ class Record:
         without in that of ``rest`` [SI].
 
         Raises:
-            UserError: a signal that the log lacks, an input that never moves, or samples that
-                are not judged.
+            UserError: a signal that is not there, an input at rest, samples that are not judged.
         """
         check_signals(log, source, output)
         if log.skipped is not None and np.any(log.skipped):
