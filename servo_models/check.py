@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from servo_models.actuator import Parameter, Plant, Wire
 from servo_models.audit import Audit, Floor, Sampling, audit, noise_floors
-from servo_models.description import Description
+from servo_models.description import Description, read_description
 from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, Group, Reach, excitation
 from servo_models.explain import display_unit, in_display_unit
@@ -63,13 +64,14 @@ class Check:
         return tuple(said)
 
 
-def check(description: Description, jobs: int | None = None) -> Check:
-    """Audit the logs of a description and find out what they can determine.
+def check(described: Description | str | Path, jobs: int | None = None) -> Check:
+    """Audit the logs of a description, or of its TOML file, and find out what they can determine.
 
     Raises:
-        UserError: there are no logs, every sample is held out, or the nominal model cannot
-            be simulated on these logs.
+        UserError: see ``read_description``; there are no logs, every sample is held out, or the
+            nominal model cannot be simulated on these logs.
     """
+    description = described if isinstance(described, Description) else read_description(described)
     if not description.logs:
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant

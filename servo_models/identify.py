@@ -17,7 +17,7 @@ from typing import Any
 from servo_models.description import Description, read_description
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import write_whole
-from servo_models.identification.fit import fit
+from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
@@ -90,7 +90,10 @@ def identify(
         return _by_transfer_function(told, progress)
     if method == ELEMENTS:
         return _by_elements(told)
-    names = tuple(free) or told.free or tuple(told.uncertainty)
+    names = tuple(free) or told.free
+    if not names:
+        known = fixed_by(told.logs, told.uncertainty)
+        names = tuple(name for name in told.uncertainty if name not in known)
     found = fit(
         told.model, told.logs, names, told.uncertainty, search, starts, seed, jobs, progress
     )

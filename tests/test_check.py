@@ -221,7 +221,7 @@ def test_a_delay_that_is_to_be_estimated_is_judged(tmp_path: Path) -> None:
         'actuator = "torque_motor"\nfree = ["transport_delay.time"]\n[[logs]]\nfile = "log.csv"\n'
         'time = "t"\ninputs.voltage = "u"\noutputs.angle = "a"\n'
     )
-    found = check(read_description(description))
+    found = check(description)
     [reach] = found.excitation.parameters
     assert reach.name == "transport_delay.time"
     assert 0.0 < reach.together * reach.scale < 1e-4

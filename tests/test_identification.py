@@ -21,8 +21,9 @@ from servo_models.actuator import Parameter
 from servo_models.block import Param
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
+from servo_models.identification.estimate import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
-from servo_models.identification.problem import Problem, free_names, free_parameter
+from servo_models.identification.problem import Free, Problem, free_names, free_parameter
 from servo_models.recording import Channel, Log, regular
 from servo_models.simulate import Model, model
 
@@ -151,6 +152,14 @@ def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
     assert any("from its prior only" in said for said in tight.warnings)
 
 
+def test_a_value_that_is_pulled_off_its_prior_is_not_said_to_be_from_it() -> None:
+    """A ripple that the model lacks, an error that is alike for long: as uncertain as the prior."""
+    free = Free("k", 0.0, 10.0, 5.0, 1.0, nominal=5.0, prior=1.0)
+    assert doubt(free, 5.4, 0.9) == FROM_PRIOR
+    assert doubt(free, 8.0, 0.9) == PULLED
+    assert doubt(free, 8.0, 0.3) == ""
+
+
 def test_samples_held_out_are_never_seen() -> None:
     log = noisy(7)
     half = np.arange(len(log.times)) >= 750
@@ -175,7 +184,7 @@ def test_logs_with_constants_of_their_own() -> None:
     ]
     found = fit(nominal(), logs, NAMES)
     assert found.values[0] == pytest.approx(TRUE["torque_constant"], rel=2e-5)
-    with pytest.raises(UserError, match="fixes 'stiffness'"):
+    with pytest.raises(UserError, match="every log states 'stiffness'"):
         fit(nominal(), logs, ["stiffness"])
 
 

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import numpy as np
@@ -24,6 +25,8 @@ from numpy.typing import NDArray
 from test_description import OWN
 from test_identification import STEP, TRUE, prbs, rig
 
+from servo_models.identification import fit as fit_module
+from servo_models.identification.estimate import Spread, spread
 from servo_models.identify import identify
 from servo_models.parameter_set import ParameterSet, read_parameters
 from servo_models.simulate import simulate
@@ -210,6 +213,11 @@ def cut(count: int) -> Callable[[Path], None]:
     return lambda folder: write_log(folder, rows_of()[:count])
 
 
+def still(folder: Path) -> None:
+    """The command is 5 V all along; a log that does not begin at rest has settled."""
+    write_log(folder, [[t, "5", y] for t, _, y in rows_of()])
+
+
 def constant(folder: Path) -> None:
     write_log(folder, [[t, u, "0.5"] for t, u, _ in rows_of()])
 
@@ -245,6 +253,7 @@ def nothing(folder: Path) -> None:
         (cell(8, 2, ""), "", ["log.csv", "row 8", "'angle_deg'", "is empty", "fill"]),
         (cell(8, 0, "2.4"), "", ["log.csv", "row 8", "'time_ms'", "runs backward", "sort"]),
         (cell(8, 0, "2.5"), "", ["log.csv", "row 8", "'time_ms'", "repeats", "remove"]),
+        (still, "", ["no input of log 'log' ever changes", "record a command that moves"]),
         (constant, "", ["log.csv", "'angle_deg'", "constant", "leave it out"]),
         (cut(9), "", ["log.csv", "9 samples", "at least", "record longer"]),
         (text('"0.5 s", to', '"1 ms", to'), "", ["2 samples to fit for 3", "hold out less"]),
@@ -309,7 +318,50 @@ def test_outputs_are_tried_before_the_fit(
     assert run("identify", bench / "mine.toml", "--out", bench / "log.csv" / "P.toml")[0] == 2
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_some_logs_state_is_free_in_the_others(bench: Path, run: Run, count: int) -> None:
+    """It is uncertain by the variant; where every log states it nothing is left to estimate."""
+    known = f"constants = {{ friction_coefficient = {TRUE['friction_coefficient']} }}\n"
+    logs = [LOG + f'name = "{k}"\n' + (known if k < count else "") for k in range(2)]
+    head = "\n".join(line for line in HEAD.splitlines() if not line.startswith("free"))
+    (bench / "mine.toml").write_text(head + "".join(logs))
+    code, out, err = run("identify", bench / "mine.toml", "--out", bench / "P.toml")
+    assert (code, err) == (0, ""), out
+    found = settings_of(read_parameters(bench / "P.toml"))
+    assert ("friction_coefficient" in found) == (count == 1)
+    code, out, err = run("identify", bench / "mine.toml", "--free", "friction_coefficient")
+    assert code == (0 if count == 1 else 2)
+    assert ("every log states 'friction_coefficient'" in err) == (count == 2)
+
+
 # Interrupted
+
+
+def test_ctrl_c_while_standard_errors_are_worked_out_loses_nothing(
+    bench: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def once(*args: Any) -> Spread:
+        calls.append(args)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return spread(*args)
+
+    monkeypatch.setattr(fit_module, "spread", once)
+    assert run("identify", bench / "mine.toml", "--out", bench / "P.toml")[0] == 0
+    assert len(calls) == 2
+    assert settings_of(read_parameters(bench / "P.toml"))["torque_constant"] == pytest.approx(
+        5.4, rel=0.01
+    )
+
+
+def test_ctrl_c_is_told(run: Run, monkeypatch: pytest.MonkeyPatch, bench: Path) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["servo_models.identify"], "identify", stopped)
+    assert run("identify", bench / "mine.toml") == (2, "", "servo-models: interrupted\n")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")

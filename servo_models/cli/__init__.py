@@ -28,6 +28,8 @@ from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
 EXIT_FAILED = 2
+INTERRUPTED = 130
+"""What typer makes of Ctrl-C, without a word."""
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
 """Base of all complaints about the command line.  Typer brings its own click since 0.26, and
 before it used the package: this is their common name."""
@@ -83,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:  # a crash must not look like 'not within tolerance'
         traceback.print_exc()
         return EXIT_FAILED
-    return int(code or 0)
+    return _complain("interrupted") if code == INTERRUPTED else int(code or 0)
 
 
 def _be_a_good_pipe() -> None:

@@ -47,10 +47,10 @@ def check(
         )
     from servo_models.check import check as run
     from servo_models.check import check_sheet
-    from servo_models.cli.console import show
-    from servo_models.description import read_description
+    from servo_models.cli.console import progress, show
 
-    found = run(read_description(file))
+    with progress("checking"):
+        found = run(file)
     show(check_sheet(found))
     return 1 if found.warnings else 0
 

@@ -34,6 +34,7 @@ NARROW, WIDE = 0.01, 0.3
 
 ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"
+PULLED = "pulled off its prior"
 NOT_DETERMINED = "not determined"
 
 
@@ -109,7 +110,7 @@ def doubt(free: Free, value: float, error: float) -> str:
     if np.isnan(error):
         return ON_LOW if value - free.low <= free.high - value else ON_HIGH
     if free.prior and error > PRIOR_ONLY * free.prior:
-        return FROM_PRIOR
+        return FROM_PRIOR if abs(value - free.nominal) <= free.prior else PULLED
     return NOT_DETERMINED if error > UNDETERMINED * abs(value) else ""
 
 
@@ -134,6 +135,12 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
             )
         elif reason == FROM_PRIOR:
             unseen.append(f"'{free.name}'")
+        elif reason == PULLED:
+            said.append(
+                f"'{free.name}' was pulled {abs(value - free.nominal) / (free.prior or 1.0):.2g}"
+                " prior deviations away, though its standard error is no smaller than the prior:"
+                " the errors are no noise, so do not believe it; the model lacks something"
+            )
         elif reason == NOT_DETERMINED:
             said.append(
                 f"the data do not determine '{free.name}': its standard error is"

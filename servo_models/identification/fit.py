@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,8 +52,8 @@ def fit(
         progress: is told what goes on.
 
     Raises:
-        UserError: no free parameter, an unknown one, one that a log fixes, or logs with
-            fewer samples than there are free parameters.
+        UserError: no free parameter, an unknown one, one that every log states as a constant,
+            inputs that never change, or logs with fewer samples than free parameters.
     """
     names = free_names(model.plant, free)
     _check(model, logs, names, kind)
@@ -69,7 +69,10 @@ def fit(
         progress("standard errors")
     found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)
-    uncertainty = spread(problem, found.vector, found.widths)
+    try:
+        uncertainty = spread(problem, found.vector, found.widths)
+    except KeyboardInterrupt:  # whoever stops it now wants what was found, and it is nearly there
+        uncertainty = spread(problem, found.vector, found.widths)
     said = warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
     fitted = replace(model, values={**model.values, **values})
     return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
@@ -80,19 +83,44 @@ def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -
         raise UserError(f"unknown search '{kind}'; {did_you_mean(kind, SEARCHES)}")
     if not names:
         raise UserError("no parameter is free: name some with --free, or give an uncertainty")
+    _check_inputs(model, logs)
     kept = sum(int(log.fitted.sum()) for log in logs)
     if kept <= len(names):
         raise UserError(
             f"{kept} samples to fit for {len(names)} free parameters: give a longer log, hold"
             " out less, or free fewer"
         )
+    for name in fixed_by(logs, names):
+        raise UserError(f"every log states '{name}', which is to be free: drop one of the two")
     for log in logs:
-        fixed = [name for name in names if name in log.constants]
-        if fixed:
-            raise UserError(f"log '{log.name}' fixes '{fixed[0]}', which is to be free: drop one")
         for name in log.outputs:
             if name not in model.plant.outputs:
                 raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
+
+
+def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of some parameters that every log that is fitted states as a constant."""
+    fitted = [log for log in logs if log.fitted.any()]
+    return tuple(name for name in names if all(name in log.constants for log in fitted))
+
+
+def _check_inputs(model: Model, logs: Sequence[Log]) -> None:
+    """Raise UserError if no input of any log that is fitted ever leaves where it began."""
+    fitted = [log for log in logs if log.fitted.any()]
+    if fitted and not any(_moves(model, log) for log in fitted):
+        raise UserError(
+            f"no input of log '{fitted[0].name}' ever changes: nothing can be determined; record a"
+            " command that moves"
+        )
+
+
+def _moves(model: Model, log: Log) -> bool:
+    """Whether an input changes, or steps away from its rest where the log begins."""
+    rests = {name: model.plant.wire[name].rest for name in log.inputs}
+    return any(
+        np.ptp(values) > 0.0 or (log.settle == 0.0 and values[0] != rests[name])
+        for name, values in log.inputs.items()
+    )
 
 
 def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
