@@ -86,6 +86,8 @@ def identify(
     method = method_of(told)
     if method != SIMULATION and free:
         raise UserError(f"'{told.path}': --free belongs to a fit by simulation, this is {method}")
+    if method != SIMULATION and told.bounds:
+        raise UserError(f"'{told.path}': bounds belong to a fit by simulation, this is {method}")
     if method == TRANSFER_FUNCTION:
         return _by_transfer_function(told, progress)
     if method == ELEMENTS:
@@ -95,7 +97,16 @@ def identify(
         known = fixed_by(told.logs, told.uncertainty)
         names = tuple(name for name in told.uncertainty if name not in known)
     found = fit(
-        told.model, told.logs, names, told.uncertainty, search, starts, seed, jobs, progress
+        told.model,
+        told.logs,
+        names,
+        told.uncertainty,
+        search,
+        starts,
+        seed,
+        jobs,
+        progress,
+        told.bounds,
     )
     return _by_simulation(told, found)
 

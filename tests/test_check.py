@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from servo_models.catalogue import effects
 from servo_models.check import check
-from servo_models.description import read_description
 from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, excitation
 from servo_models.identification.fit import fit

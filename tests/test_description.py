@@ -62,6 +62,7 @@ def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
     found = describe(tmp_path, example, head="", data=text_of(rows, "t,u,angle"))
     assert found.free == ("torque_constant", "inductance")
     assert found.model.values["resistance"] == 3650.0
+    assert found.bounds == {"inductance": (25.0, 40.0)}
     assert found.uncertainty["torque_constant"] == 0.25 * found.model.values["torque_constant"]
     assert found.uncertainty["inductance"] == 4.0
     (log,) = found.logs
@@ -437,6 +438,15 @@ def test_a_fault_of_the_description_is_named(
         ("[parameters]\nstiffness = [1]", ["parameters.stiffness: no number"]),
         ("[parameters]\nstiffness = -1", ["parameters.stiffness", "outside"]),
         ('[parameters]\n"null_shift.angle" = 0\nnull_shift.angle = 0', ["given twice"]),
+        ("[bounds]\nmass = [1, 2]", ["bounds.mass", "unknown parameter"]),
+        ("[bounds]\nstiffness = 1", ["bounds.stiffness: no pair"]),
+        ('[bounds]\nstiffness = ["1 V", 2]', ["bounds.stiffness", "does not convert"]),
+        ("[bounds]\nstiffness = [-1, 2]", ["bounds.stiffness", "outside"]),
+        ("[bounds]\nstiffness = [2, 0.5]", ["bounds.stiffness", "the lower one first"]),
+        (
+            "[bounds]\nstiffness = [2, 3]",
+            ["bounds.stiffness", "the nominal value 1.1 lies outside"],
+        ),
         ("[uncertainty]\nmass = 1", ["uncertainty.mass", "unknown parameter"]),
         ("[uncertainty]\nstiffness = 0", ["uncertainty.stiffness", "above 0"]),
         ('[uncertainty]\nnull_shift.angle = "5 %"', ["uncertainty.null_shift.angle", "share"]),

@@ -318,6 +318,17 @@ def test_outputs_are_tried_before_the_fit(
     assert run("identify", bench / "mine.toml", "--out", bench / "log.csv" / "P.toml")[0] == 2
 
 
+def test_a_fit_keeps_to_its_bounds(bench: Path, run: Run) -> None:
+    """The true constant is 5.4: between 5 and 6 it is found, above 5.6 it ends on the bound."""
+    for low, expected in ((5.0, TRUE["torque_constant"]), (5.6, 5.6)):
+        text("[[logs]]", f"[bounds]\ntorque_constant = [{low}, 6.5]\n[[logs]]")(bench)
+        code, out, _ = run("identify", bench / "mine.toml", "--out", bench / "P.toml")
+        assert code == 0
+        found = settings_of(read_parameters(bench / "P.toml"))
+        assert found["torque_constant"] == pytest.approx(expected, rel=1e-2)
+        assert ("on its low bound" in out) == (low > 5.4)
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_what_some_logs_state_is_free_in_the_others(bench: Path, run: Run, count: int) -> None:
     """It is uncertain by the variant; where every log states it nothing is left to estimate."""

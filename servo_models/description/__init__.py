@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from servo_models.actuator import Actuator, unknown
@@ -21,7 +21,17 @@ from servo_models.recording import Log
 from servo_models.simulate import Model, model
 from servo_models.toml_file import Section, read_toml
 
-KEYS = ("actuator", "variant", "params", "free", "method", "parameters", "uncertainty", "logs")
+KEYS = (
+    "actuator",
+    "variant",
+    "params",
+    "free",
+    "method",
+    "parameters",
+    "uncertainty",
+    "bounds",
+    "logs",
+)
 RECORDS = ("sweeps", "elements")
 """Records other than logs, which those who use them read from ``Description.document``."""
 
@@ -36,6 +46,7 @@ class Description:
         parameters: overrides of the variant's values [SI] by name.
         uncertainty: standard deviation [SI] of nominal values, by name; of the variant
             where the description is silent.
+        bounds: least and largest value [SI] of a fit, by name.
         logs: at least one, unless there are other records.
         free: parameters or effects to be estimated.
         method: how, None if not told.
@@ -49,6 +60,7 @@ class Description:
     logs: tuple[Log, ...]
     free: tuple[str, ...] = ()
     method: str | None = None
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def actuator(self) -> Actuator:
@@ -79,6 +91,7 @@ def read_description(path: str | Path) -> Description:
         logs=_logs(document, chosen),
         free=_free(document, chosen),
         method=document.text("method") or None,
+        bounds=_bounds(document.section("bounds"), chosen),
     )
 
 
@@ -142,6 +155,25 @@ def _uncertainty(given: Section, chosen: Model) -> dict[str, float]:
         if not spread[name] > 0.0:
             section.fail(name, f"a standard deviation of {spread[name]:g}: {cure}")
     return spread
+
+
+def _bounds(given: Section, chosen: Model) -> dict[str, tuple[float, float]]:
+    """Least and largest value [SI] by name, each inside the bounds of the actuator."""
+    known = chosen.plant.parameters
+    section, found = named(given, "parameter", known), {}
+    for name in section:
+        pair = section.content[name]
+        if not isinstance(pair, list) or len(pair) != 2:
+            section.fail(name, 'no pair; write a least and a largest value, ["1 V", "2 V"]')
+        ends = [Section(section.file, section.name, {name: end}) for end in pair]
+        low, high = (setting(end, name, known[name]) for end in ends)
+        if not low < high:
+            section.fail(name, f"{low:g} to {high:g} leaves no room; give the lower one first")
+        value, off = chosen.values[name], known[name].param.switch and not chosen.values[name]
+        if not (off or low <= value <= high):
+            section.fail(name, f"the nominal value {value:g} lies outside {low:g} to {high:g}")
+        found[name] = (low, high)
+    return found
 
 
 def _free(document: Section, chosen: Model) -> tuple[str, ...]:

@@ -37,6 +37,7 @@ def fit(
     seed: int = 0,
     jobs: int | None = None,
     progress: Progress | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Identification:
     """Estimate parameters by least squares of the simulation error over all logs.
 
@@ -50,6 +51,7 @@ def fit(
         seed: of those starts.
         jobs: runs at once, by default the processors there are.
         progress: is told what goes on.
+        bounds: least and largest value [SI], by parameter; by default those of the actuator.
 
     Raises:
         UserError: no free parameter, an unknown one, one that every log states as a constant,
@@ -58,8 +60,10 @@ def fit(
     names = free_names(model.plant, free)
     _check(model, logs, names, kind)
     parameters = model.plant.parameters
-    given = priors or {}
-    chosen = [free_parameter(parameters[n], model.values[n], given.get(n)) for n in names]
+    given, limits = priors or {}, bounds or {}
+    chosen = [
+        free_parameter(parameters[n], model.values[n], given.get(n), limits.get(n)) for n in names
+    ]
     problem = Problem(model, logs, chosen, jobs=jobs or os.cpu_count() or 1)
     before = _nominal_responses(problem)
     found = search(problem, kind, starts, seed, progress)

@@ -67,16 +67,25 @@ class Free:
     prior: float | None = None
 
 
-def free_parameter(parameter: Parameter, nominal: float, prior: float | None) -> Free:
-    """Return a free parameter with a scale and a start that suit it; values in SI."""
+def free_parameter(
+    parameter: Parameter,
+    nominal: float,
+    prior: float | None,
+    bounds: tuple[float, float] | None = None,
+) -> Free:
+    """Return a free parameter with a scale and a start that suit it; values in SI.
+
+    Its bounds are the actuator's unless others are given.
+    """
     param = parameter.param
+    low, high = bounds or (param.low, param.high)
     off = nominal == 0.0 and param.switch
     size = abs(nominal) or abs(param.typical) or 0.1 * (param.high - param.low)
     return Free(
         name=parameter.name,
-        low=param.low,
-        high=param.high,
-        start=param.typical if off else nominal,
+        low=low,
+        high=high,
+        start=min(max(param.typical if off else nominal, low), high),
         scale=prior or size,
         nominal=nominal,
         prior=prior,

@@ -26,7 +26,8 @@ def nominal_parameters(told: Description) -> tuple[Free, ...]:
             continue
         free = free_parameter(parameters[name], told.model.values[name], prior)
         low, high = free.nominal - BELIEVED * prior, free.nominal + BELIEVED * prior
-        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
+        least, most = told.bounds.get(name, (free.low, free.high))
+        found.append(replace(free, low=max(least, low), high=min(most, high)))
     return tuple(found)
 
 
