@@ -1,12 +1,14 @@
 """Speed of a fit, beside the usual script: solve_ivp inside least_squares.
 
     python benchmarks/bench_identification.py [--lsoda]
+    python benchmarks/bench_identification.py examples/real_logs/emps.toml    # its logs beside it
 
 Both fit the same parameters to the same simulated, noisy log with the same optimiser and
 tolerances, from the same start, in this run.  The script integrates from edge to edge of the
 held input, as it must to be right, by the solver's default method or by LSODA, which is
 faster where little happens; its estimates have to agree.  The fit of a log as long
-as the EMPS benchmark runs in a process of its own, whose time and memory are told.
+as the EMPS benchmark runs in a process of its own, whose time and memory are told; so does the
+command on a description.
 """
 
 from __future__ import annotations
@@ -222,9 +224,21 @@ def long_log() -> None:
     print(f"largest error in standard errors {off:.1f}")
 
 
+def command(description: Path) -> None:
+    """Print time and memory of ``servo-models identify`` on a description, as a user runs it."""
+    words = [sys.executable, "-m", "servo_models", "identify", str(description)]
+    begin = time.perf_counter()
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    spent = time.perf_counter() - begin
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    print(f"servo-models identify {description.name}: {spent:.1f} s, peak memory {peak:.0f} MiB")
+
+
 if __name__ == "__main__":
     if "--long" in sys.argv:
         long_log()
+    elif sys.argv[-1].endswith(".toml"):
+        command(Path(sys.argv[1]))
     else:
         print(f"{'fit of three parameters':28} {'ours':>11} {'script':>11} {'ratio':>6}   apart")
         for made_rig in (torque_motor, servo, drive):

@@ -57,15 +57,15 @@ def simulation(chosen: Model, duration: float, step: float) -> float:
     return best(lambda: chosen.run(times, inputs, start.copy()))
 
 
-def all_effects(name: str) -> Model:
-    """The default variant with every effect active at its typical value."""
-    neutral = model(name)
+def all_effects(name: str, variant: str) -> Model:
+    """A variant with every effect active at its typical value."""
+    neutral = model(name, variant)
     switches = {
         key: parameter.param.typical
         for key, parameter in neutral.plant.parameters.items()
         if parameter.param.switch and neutral.values[key] == 0.0
     }
-    return model(name, parameters=switches)
+    return model(name, variant, switches)
 
 
 def mujoco_servo(steps: int) -> float | None:
@@ -83,18 +83,23 @@ def mujoco_servo(steps: int) -> float | None:
 
 
 def main() -> None:
-    cases = [("sg90", 60.0, 0.02), ("sg90", 60.0, 0.001), ("torque_motor", 4.0, 0.001)]
+    cases = [
+        ("sg90", "printed", 60.0, 0.02),
+        ("sg90", "printed", 60.0, 0.001),
+        ("sg90", "measured", 60.0, 0.001),
+        ("torque_motor", "identified", 4.0, 0.001),
+    ]
     mujoco_time = mujoco_servo(60_000)
-    print(f"{'actuator':14} {'grid':>6} {'neutral':>9} {'all active':>11} {'ratio':>6}")
-    for name, duration, step in cases:
-        neutral = simulation(model(name), duration, step)
-        active = simulation(all_effects(name), duration, step)
+    print(f"{'actuator':24} {'grid':>6} {'neutral':>9} {'all active':>11} {'ratio':>6}")
+    for name, variant, duration, step in cases:
+        neutral = simulation(model(name, variant), duration, step)
+        active = simulation(all_effects(name, variant), duration, step)
         print(
-            f"{name:14} {step * 1e3:4.0f}ms {neutral * 1e3:6.2f} ms {active * 1e3:8.2f} ms"
-            f" {active / neutral:6.1f}"
+            f"{f'{name} {variant}':24} {step * 1e3:4.0f}ms {neutral * 1e3:6.2f} ms"
+            f" {active * 1e3:8.2f} ms {active / neutral:6.1f}"
         )
         if mujoco_time and name == "sg90":
-            print(f"{'':14} MuJoCo takes {mujoco_time / neutral:.0f} times as long for 60 s")
+            print(f"{'':24} MuJoCo takes {mujoco_time / neutral:.0f} times as long for 60 s")
     if mujoco_time:
         print(f"MuJoCo servo, 60 000 steps of 1 ms: {mujoco_time * 1e3:.0f} ms")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -17,7 +17,7 @@ from servo_models.simulate import Model, check_grid
 
 Array = NDArray[np.float64]
 
-REMEMBERED = 48_000_000
+REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
 
 
