@@ -167,7 +167,7 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     from servo_models.transfer.identify import identify_transfer
     from servo_models.transfer.sheet import sheet
     from servo_models.transfer.sweeps import raw_records, read_sweeps
-    from servo_models.transfer_pictures import bode
+    from servo_models.transfer_pictures import bode, responses
 
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
@@ -181,7 +181,8 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     table = sheet(found)
 
     def page(date: str) -> str:
-        return sheet_page(table.title, table, {"Bode plot with the data": bode(found)}, date)
+        drawn = {"Bode plot with the data": bode(found), **responses(found)}
+        return sheet_page(table.title, table, drawn, date)
 
     files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"

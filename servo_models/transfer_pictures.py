@@ -1,4 +1,4 @@
-"""Bode plot of an identified transfer function with the data it was fitted to."""
+"""An identified transfer function beside its data: over frequency, and over time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from servo_models.report.identification.empirical import Record as Spectra
 from servo_models.report.identification.empirical import empirical
+from servo_models.report.identification.readings import BUCKETS, envelope, shade, words
 from servo_models.report.style import colour, drawing
 from servo_models.transfer.evidence import Record, Sweep
 from servo_models.transfer.identify import TransferResult
@@ -68,6 +69,41 @@ def bode(result: TransferResult) -> Figure:
         phase.yaxis.set_major_locator(MultipleLocator(90.0))
         phase.xaxis.set_major_formatter(LogFormatter())
         gain.legend(frameon=False, fontsize=8.5)
+        return figure
+
+
+def responses(result: TransferResult) -> dict[str, Figure]:
+    """Draw every record with the response of the chosen function, and the error, by caption."""
+    records = [one for one in result.evidence if isinstance(one, Record)]
+    found = {}
+    for k, one in enumerate(records):
+        caption = f"'{one.name}': measured, and as '{result.chosen.name}' has it"
+        shaded = "; shaded: held out" if one.held_out.any() else ""
+        found[f"{caption}{shaded}"] = _response(one, result, f"response-{k}")
+    return found
+
+
+def _response(record: Record, result: TransferResult, name: str) -> Figure:
+    wire = result.output
+    unit = wire.display or wire.unit
+    scale = factor(wire.unit, unit)
+    modelled = record.response(result.chosen.function)
+    with drawing(name, rows=2, height=HEIGHT) as (figure, (curves, error)):
+        figure.set_size_inches(WIDTH, HEIGHT)
+        figure.set_facecolor(colour("paper"))
+        seen = envelope(record.times, scale * record.measured, BUCKETS)
+        curves.plot(*seen, color=colour("muted"), lw=3.0, alpha=0.55, label="measured")
+        line = envelope(record.times, scale * modelled, BUCKETS)
+        curves.plot(*line, color=colour("blue"), lw=1.1, label="chosen")
+        off = envelope(record.times, scale * (modelled - record.measured), BUCKETS)
+        error.plot(*off, color=colour("blue"), lw=0.8)
+        error.axhline(0.0, color=colour("muted"), lw=0.8)
+        for axes in (curves, error):
+            shade(axes, record.times, record.held_out)
+        curves.set_ylabel(f"{words(wire.name)} [{unit}]", parse_math=False)
+        error.set_ylabel(f"error [{unit}]", parse_math=False)
+        error.set_xlabel("time [s]")
+        curves.legend(frameon=False, fontsize=8.5)
         return figure
 
 

@@ -31,7 +31,7 @@ from servo_models.transfer.evidence import Point
 from servo_models.transfer.fit import Fit, fit
 from servo_models.transfer.soundness import pole_trouble, surplus_zero
 from servo_models.transfer.starts import starts
-from servo_models.transfer_pictures import bode
+from servo_models.transfer_pictures import bode, responses
 
 Array = NDArray[np.float64]
 
@@ -232,6 +232,26 @@ def test_sheet_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferRe
     at = np.interp(np.log(data.get_xdata()), np.log(line.get_xdata()), line.get_ydata())
     assert np.median(np.abs(data.get_ydata() - at)) < 1.0  # dB
     assert phase.lines
+
+
+def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
+    chosen_for_the_motor: TransferResult,
+) -> None:
+    """The error drawn is that of the exact response of the same function."""
+    found, figures = chosen_for_the_motor, responses(chosen_for_the_motor)
+    records = [one for one in found.evidence if isinstance(one, Record)]
+    assert len(figures) == len(records)
+    function = found.chosen.function
+    exact = LinearSystem.transfer(function.numerator, function.denominator)
+    for record, (caption, figure) in zip(records, figures.items()):
+        assert record.name in caption
+        assert ("held out" in caption) == bool(record.held_out.any())
+        line = figure.axes[1].lines[0]
+        times, error = line.get_xdata(), np.radians(line.get_ydata())
+        edges = [changes(record.times, record.given, function.delay)]
+        off = exact.response(record.times, edges)[:, 0] - record.measured
+        off -= np.mean(off[~record.held_out] if not record.held_out.all() else off)
+        assert np.allclose(np.interp(times, record.times, off), error, atol=1e-6)
 
 
 def test_records_and_sweep_together_know_more_than_either() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.recording import Log
+from servo_models.recording import Log, Mask
 from servo_models.report.parts import TIMES, number
 from servo_models.report.style import colour
 
@@ -114,7 +114,11 @@ def judged_part(found: Identification, output: str) -> str:
 
 def shade_held_out(axes: Axes, log: Log, part: slice) -> None:
     """Shade the stretches of a part of a log that no fit has seen."""
-    times, mask = log.times[part], log.held_out[part]
+    shade(axes, log.times[part], log.held_out[part])
+
+
+def shade(axes: Axes, times: Array, mask: Mask) -> None:
+    """Shade the stretches in which ``mask`` holds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     for first, end in edges.reshape(-1, 2):
         axes.axvspan(times[first], times[end - 1], color=colour("grid"), alpha=0.6, lw=0, zorder=0)
