@@ -52,6 +52,8 @@ class Told:
     breakdowns: tuple[Breakdown, ...]
     experiments: tuple[Experiment, ...]
     seconds: float
+    usual: Diagnosis
+    """With the usual tolerance."""
 
 
 def diagnosed(case: Case) -> Told:
@@ -68,7 +70,9 @@ def diagnosed(case: Case) -> Told:
     found = diagnose(told, case.tolerance)
     confirm(found)
     experiments, breakdowns = next_experiments(found.verdict), tuple(where(found.causes))
-    return Told(found, breakdowns, experiments, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    usual = found if case.tolerance == TOLERANCE else diagnose(told)
+    return Told(found, breakdowns, experiments, seconds, usual)
 
 
 def named(found: Diagnosis) -> tuple[str, ...]:
@@ -172,6 +176,10 @@ def places(told: Told) -> list[str]:
     return ["", *lines] if lines else []
 
 
+def _usual(found: Diagnosis) -> Iterator[str]:
+    yield f"With the usual tolerance it claims `{found.verdict.kind}`: {words.sentence(found)}"
+
+
 def section(case: Case, told: Told) -> list[str]:
     found = told.found
     wrong = list(faults(case, found))
@@ -185,7 +193,9 @@ def section(case: Case, told: Told) -> list[str]:
         f"**Known:** {case.known}",
         "",
         f"**Wrong:** {'; '.join(wrong) if wrong else 'nothing'}.",
-        *(["", case.remark] if case.remark else []),
+        *(f"\n*Warning:* {text}." for text in words.warnings(found)),
+        *([] if told.usual is found else ["", *_usual(told.usual)]),
+        *(["", f"*Looked into by hand:* {case.remark}"] if case.remark else []),
         *bars(case, found),
         *effects(found),
         *parameters(found),

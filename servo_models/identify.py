@@ -96,6 +96,11 @@ def identify(
     if not names:
         known = fixed_by(told.logs, told.uncertainty)
         names = tuple(name for name in told.uncertainty if name not in known)
+        if known and not names:
+            raise UserError(
+                f"'{told.path}': every log states every uncertain parameter, so nothing is left to"
+                " estimate: name one under free, or leave out a constant"
+            )
     found = fit(
         told.model,
         told.logs,

@@ -445,7 +445,7 @@ def test_a_fault_of_the_description_is_named(
         ("[bounds]\nstiffness = [2, 0.5]", ["bounds.stiffness", "the lower one first"]),
         (
             "[bounds]\nstiffness = [2, 3]",
-            ["bounds.stiffness", "the nominal value 1.1 lies outside"],
+            ["bounds.stiffness", "the nominal value, 1.1 N.m/rad, lies outside"],
         ),
         ("[uncertainty]\nmass = 1", ["uncertainty.mass", "unknown parameter"]),
         ("[uncertainty]\nstiffness = 0", ["uncertainty.stiffness", "above 0"]),

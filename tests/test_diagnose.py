@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from test_diagnose_cli import DESCRIPTION, describe
 from threadpoolctl import threadpool_info
 
+from servo_models.audit import Floor
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.confirm import Confirmation, confirm
@@ -161,6 +162,22 @@ def test_repeats_that_differ_by_more_than_noise_are_warned_of(
     assert bool(about) == bool(said)
     assert all(said in text for text in about)
     assert all(("--tolerance" in text) == told.within_tolerance for text in about)
+
+
+def test_repeats_of_readings_that_do_not_scatter_are_told_without_a_ratio(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    """A reading of a simulation that rests most of the time: its differences are 0."""
+    found, _ = case
+    (gap,), (audit,) = found.gaps, found.audits
+    (reading,) = audit.readings
+    still = replace(reading, floor=Floor(0.0, gap.floor, 0.0))
+    told = replace(
+        found,
+        audits=(replace(audit, readings=(still,)),),
+        gaps=(replace(gap, origin=still.floor.origin),),
+    )
+    assert any("far more than it scatters by" in text for text in words.warnings(told))
 
 
 @pytest.mark.parametrize(("off", "warned"), [(0.0, False), (1e-3, True)])

@@ -25,7 +25,7 @@ from servo_models.identification.estimate import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
 from servo_models.recording import Channel, Log, regular
-from servo_models.simulate import Model, model
+from servo_models.simulate import Model, model, simulate
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,44 @@ def test_a_value_that_is_pulled_off_its_prior_is_not_said_to_be_from_it() -> Non
     free = Free("k", 0.0, 10.0, 5.0, 1.0, nominal=5.0, prior=1.0)
     assert doubt(free, 5.4, 0.9) == FROM_PRIOR
     assert doubt(free, 8.0, 0.9) == PULLED
+    assert doubt(free, 8.0, 2.0) == PULLED
     assert doubt(free, 8.0, 0.3) == ""
+
+
+def test_alike_parameters_in_white_noise_are_pulled_by_nothing_but_their_noise() -> None:
+    """Slowly, only a ratio of three constants shows: each stays 0.8 priors uncertain, and moves."""
+    true = {"torque_constant": 0.97, "resistance": 1.03, "stiffness": 1.03}
+    start = nominal()
+    rig = replace(start, values={n: v * true.get(n, 1.0) for n, v in start.values.items()})
+    times = 2e-3 * np.arange(5000)
+    volts = {"voltage": 8.0 * np.sin(0.2 * np.pi * times)}
+    noise = 3e-4 * np.random.default_rng(2).standard_normal(len(times))
+    rows, channels = np.arange(5000), {"angle": Channel("angle", "angle", "rad")}
+    angle = {"angle": simulate(rig, times, volts)["angle"] + noise}
+    slow = Log("slow", Path(), "", times, volts, angle, channels, rows, rows < 0)
+    priors = {name: 0.02 * start.values[name] for name in true}
+    found = fit(start, [slow], tuple(true), priors)
+    assert np.all(found.standard_errors > 0.7 * np.array(list(priors.values())))
+    assert not any("was pulled" in text for text in found.warnings)
+
+
+def test_settled_logs_at_several_levels_determine_what_holds_at_rest() -> None:
+    """Three standstills at different voltages: the stiffness is the slope of angle over torque."""
+    known = nominal().values
+    gain = known["torque_constant"] / (known["resistance"] * 1.32)
+    times, logs = 1e-3 * np.arange(300), []
+    rows, channels = np.arange(300), {"angle": Channel("angle", "angle", "rad")}
+    for level in (2.0, 4.0, -3.0):
+        volts = {"voltage": np.full(300, level)}
+        noise = 1e-5 * np.random.default_rng(1).standard_normal(300)
+        angle = {"angle": gain * level + noise}
+        name = f"{level:g} V"
+        log = Log(name, Path(), "", times, volts, angle, channels, rows, rows < 0, settle=1.0)
+        logs.append(log)
+    found = fit(nominal(), logs, ["stiffness"])
+    assert found.values[0] == pytest.approx(1.32, rel=2e-3)
+    with pytest.raises(UserError, match="no input ever changes"):
+        fit(nominal(), logs[:1], ["stiffness"])
 
 
 def test_samples_held_out_are_never_seen() -> None:

@@ -281,3 +281,6 @@ def test_an_actuator_of_ones_own_is_validated_with_its_file(tmp_path: Path, run:
     assert code == 2
     assert "unknown actuator 'joint'" in err
     assert "--actuator" in err
+    code, _, err = run("validate", "--actuator", mine)
+    assert code == 2
+    assert "name them as well" in err

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from servo_models.cli.options import Format, check_outputs
+from servo_models.cli.options import Format
+from servo_models.errors import UserError
 
 
 def validate(
@@ -49,17 +50,27 @@ def validate(
     """
     from servo_models import formats
     from servo_models.cli.console import progress, show
+    from servo_models.files import check_writable
     from servo_models.own_actuator import load_actuator
     from servo_models.parameter_set import read_parameters
     from servo_models.validate import validate as run
 
-    check_outputs((junit, ".xml"), (report, ".html"))
+    for file in (junit, report):
+        if file:
+            check_writable(file)
+    if actuator and not fmus:
+        raise UserError("--actuator tells of what FMU files are: name them as well")
     subjects: list[Any] = [*(fmus or ())]
     if params:
         subjects.append(read_parameters(params).model())
     own = load_actuator(actuator) if actuator else None
     with progress("validating") as on_progress:
-        result = run(subjects or None, on_progress=on_progress, own=own)
+        try:
+            result = run(subjects or None, on_progress=on_progress, own=own)
+        except UserError as error:
+            if own or "unknown actuator" not in str(error):
+                raise
+            raise UserError(f"{error}; or name the file of your own with --actuator") from error
     if junit:
         formats.write_junit(result, junit)
     if report:

@@ -6,7 +6,7 @@ A description is a TOML file beside the logs; ``docs/description.md`` shows ever
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -82,16 +82,17 @@ def read_description(path: str | Path) -> Description:
     document = read_toml(Path(path))
     document.check_keys((*KEYS, *RECORDS))
     chosen, parameters = _model(document)
+    uncertainty = _uncertainty(document.section("uncertainty"), chosen)
     return Description(
         path=document.file,
         document=document,
         model=chosen,
         parameters=parameters,
-        uncertainty=_uncertainty(document.section("uncertainty"), chosen),
+        uncertainty=uncertainty,
         logs=_logs(document, chosen),
         free=_free(document, chosen),
         method=document.text("method") or None,
-        bounds=_bounds(document.section("bounds"), chosen),
+        bounds=_bounds(document.section("bounds"), chosen, uncertainty),
     )
 
 
@@ -157,8 +158,13 @@ def _uncertainty(given: Section, chosen: Model) -> dict[str, float]:
     return spread
 
 
-def _bounds(given: Section, chosen: Model) -> dict[str, tuple[float, float]]:
-    """Least and largest value [SI] by name, each inside the bounds of the actuator."""
+def _bounds(
+    given: Section, chosen: Model, uncertain: Container[str]
+) -> dict[str, tuple[float, float]]:
+    """Least and largest value [SI] by name, each inside the bounds of the actuator.
+
+    The nominal value lies between them, unless it says that an effect is off and surely so.
+    """
     known = chosen.plant.parameters
     section, found = named(given, "parameter", known), {}
     for name in section:
@@ -168,10 +174,12 @@ def _bounds(given: Section, chosen: Model) -> dict[str, tuple[float, float]]:
         ends = [Section(section.file, section.name, {name: end}) for end in pair]
         low, high = (setting(end, name, known[name]) for end in ends)
         if not low < high:
-            section.fail(name, f"{low:g} to {high:g} leaves no room; give the lower one first")
-        value, off = chosen.values[name], known[name].param.switch and not chosen.values[name]
+            section.fail(name, "leaves no room; give the lower one first")
+        value = chosen.values[name]
+        off = known[name].param.switch and not value and name not in uncertain
         if not (off or low <= value <= high):
-            section.fail(name, f"the nominal value {value:g} lies outside {low:g} to {high:g}")
+            unit = known[name].param.unit
+            section.fail(name, f"the nominal value, {value:g} {unit}, lies outside these")
         found[name] = (low, high)
     return found
 

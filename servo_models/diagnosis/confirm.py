@@ -55,7 +55,7 @@ def confirm(found: Diagnosis) -> Confirmation:
     responses, off = [], 0.0
     with tempfile.TemporaryDirectory(prefix="servo-models-") as folder:
         path = build(found.fitted, Path(folder) / "diagnosed.fmu")
-        with closing(Subject(path)) as fmu:
+        with closing(Subject(path, found.model.actuator)) as fmu:
             for run in taken.problem.runs:
                 out = run.outputs_or_nan(taken.values)
                 if np.isfinite(out).all():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servo_models.audit.sensor import difference_noise
 from servo_models.audit.signals import RESIDUAL
 from servo_models.diagnosis.fitting.evidence import Evidence
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.identification.problem import Problem
 
@@ -54,8 +55,8 @@ class Gap(Reduction):
         full_scale: largest less smallest measured value.
         worst: log and time [s] of the largest error before.
         delay: shift [s] of the simulation that would take most of the gap before away.
-        motion: noise that the method of the floor sees in the simulation, which has none; 0
-            where differences of neighbouring samples are not that method.
+        motion: noise that the method of the floor sees in the simulation after, which has none;
+            0 where differences of neighbouring samples are not that method.
     """
 
     output: str
@@ -77,7 +78,7 @@ def gaps(
     """Return the gap of every output that a fit may see."""
     problem, stages = causes.retuned.problem, _stages(causes)
     return tuple(
-        _gap(name, rows, problem, stages, floors[name], origins[name], seed)
+        _gap(name, rows, causes, stages, floors[name], origins[name], seed)
         for name, rows in rows_of(problem).items()
         if len(rows)
     )
@@ -108,12 +109,13 @@ def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
 def _gap(
     name: str,
     rows: NDArray[np.int64],
-    problem: Problem,
+    causes: Causes,
     stages: dict[str, Evidence],
     floor: float,
     origin: str,
     seed: int,
 ) -> Gap:
+    problem = causes.retuned.problem
     scale = problem.sigma[name]
     logs = [log for log in problem.logs if name in log.outputs]
     measured = np.concatenate([log.outputs[name][log.fitted] for log in logs])
@@ -125,7 +127,7 @@ def _gap(
         full_scale=float(np.ptp(measured)),
         worst=_worst(problem, name, errors),
         delay=_delay(problem, name),
-        motion=_motion(problem, name) if origin == RESIDUAL else 0.0,
+        motion=_motion(causes.taken, name) if origin == RESIDUAL else 0.0,
     )
 
 
@@ -188,9 +190,12 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
     raise AssertionError("every error belongs to a log")
 
 
-def _motion(problem: Problem, name: str) -> float:
-    responses = problem.responses(problem.nominal)
-    return max(difference_noise(one[name]) for one in responses if name in one)
+def _motion(taken: Explanation, name: str) -> float:
+    """Of the log that has the floor: one that moves more has not, or its own would be larger."""
+    runs = [run for run in taken.problem.runs if name in run.log.outputs]
+    noisiest = max(runs, key=lambda run: difference_noise(run.log.outputs[name]))
+    column = list(noisiest.log.outputs).index(name)
+    return difference_noise(noisiest.outputs_or_nan(taken.values)[:, column])
 
 
 def _delay(problem: Problem, name: str) -> float:

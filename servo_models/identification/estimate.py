@@ -5,6 +5,7 @@ Standard errors, what cannot be told apart, what no log excites, and what to do 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,8 @@ UNDETERMINED = 0.5
 """Standard error over the value from which a log does not determine a parameter."""
 PRIOR_ONLY = 0.8
 """Standard error over the prior from which a log says nothing about a parameter."""
+FAR = 3.0
+"""Standard deviations of its way from the prior from which an estimate has gone too far."""
 
 NARROW, WIDE = 0.01, 0.3
 """Least and largest step, in scales, over which the slopes behind a standard error are taken."""
@@ -110,7 +113,9 @@ def doubt(free: Free, value: float, error: float) -> str:
     if np.isnan(error):
         return ON_LOW if value - free.low <= free.high - value else ON_HIGH
     if free.prior and error > PRIOR_ONLY * free.prior:
-        return FROM_PRIOR if abs(value - free.nominal) <= free.prior else PULLED
+        moved = math.sqrt(max(free.prior**2 - error**2, 0.0))  # how far a fit to noise moves it
+        pulled = abs(value - free.nominal) > max(FAR * moved, free.prior)
+        return PULLED if pulled else FROM_PRIOR
     return NOT_DETERMINED if error > UNDETERMINED * abs(value) else ""
 
 
@@ -136,10 +141,11 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
         elif reason == FROM_PRIOR:
             unseen.append(f"'{free.name}'")
         elif reason == PULLED:
+            prior = free.prior or 1.0
             said.append(
-                f"'{free.name}' was pulled {abs(value - free.nominal) / (free.prior or 1.0):.2g}"
-                " prior deviations away, though its standard error is no smaller than the prior:"
-                " the errors are no noise, so do not believe it; the model lacks something"
+                f"'{free.name}' was pulled {abs(value - free.nominal) / prior:.2g} prior deviations"
+                f" away, though its standard error is {error / prior:.2g} of them: do not believe"
+                " it; the errors are hardly noise, so the model lacks something"
             )
         elif reason == NOT_DETERMINED:
             said.append(

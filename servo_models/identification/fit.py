@@ -75,7 +75,9 @@ def fit(
     values = problem.values(found.vector)
     try:
         uncertainty = spread(problem, found.vector, found.widths)
-    except KeyboardInterrupt:  # whoever stops it now wants what was found, and it is nearly there
+    except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
+        if progress:
+            progress("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector, found.widths)
     said = warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
     fitted = replace(model, values={**model.values, **values})
@@ -105,26 +107,27 @@ def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -
 def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
     """Return those of some parameters that every log that is fitted states as a constant."""
     fitted = [log for log in logs if log.fitted.any()]
-    return tuple(name for name in names if all(name in log.constants for log in fitted))
+    return tuple(name for name in names if fitted and all(name in log.constants for log in fitted))
 
 
 def _check_inputs(model: Model, logs: Sequence[Log]) -> None:
-    """Raise UserError if no input of any log that is fitted ever leaves where it began."""
+    """Raise UserError if inputs never change, neither in a log nor from one log to another."""
     fitted = [log for log in logs if log.fitted.any()]
-    if fitted and not any(_moves(model, log) for log in fitted):
+    rest = {wire.name: wire.rest for wire in model.plant.inputs}
+    begins = [_level(log, rest) for log in fitted]
+    moving = any(np.ptp(values) > 0.0 for log in fitted for values in log.inputs.values())
+    steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(fitted, begins))
+    if fitted and not (moving or steps or any(begin != begins[0] for begin in begins)):
         raise UserError(
-            f"no input of log '{fitted[0].name}' ever changes: nothing can be determined; record a"
-            " command that moves"
+            "no input ever changes, neither in a log nor from one to another: a single standstill"
+            " tells nothing of a motion; record a command that moves"
         )
 
 
-def _moves(model: Model, log: Log) -> bool:
-    """Whether an input changes, or steps away from its rest where the log begins."""
-    rests = {name: model.plant.wire[name].rest for name in log.inputs}
-    return any(
-        np.ptp(values) > 0.0 or (log.settle == 0.0 and values[0] != rests[name])
-        for name, values in log.inputs.items()
-    )
+def _level(log: Log, rest: Mapping[str, float | str]) -> dict[str, float | str]:
+    """Inputs where a log begins."""
+    known = {name: value for name, value in log.constants.items() if name in rest}
+    return {**rest, **known, **{name: float(values[0]) for name, values in log.inputs.items()}}
 
 
 def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:

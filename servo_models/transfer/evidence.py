@@ -97,12 +97,17 @@ class Evidence(Protocol):
 
 
 def check_signals(log: Log, source: str, output: str) -> None:
-    """Raise UserError unless a log has this input and this output."""
+    """Raise UserError unless a log has this input and this output, and every sample is judged."""
     for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
         if name not in known:
             raise UserError(
                 f"{log.path.name}: the log has no {kind} '{name}'; {did_you_mean(name, known)}"
             )
+    if log.skipped is not None and np.any(log.skipped):
+        raise UserError(
+            f"{log.path.name}: a transfer function is fitted to every sample, 'judged' leaves some"
+            " out: remove it, or cut the log with 'window'"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +138,6 @@ class Record:
             UserError: a signal that is not there, an input at rest, samples that are not judged.
         """
         check_signals(log, source, output)
-        if log.skipped is not None and np.any(log.skipped):
-            raise UserError(
-                f"{log.path.name}: a transfer function is fitted to every sample, 'judged' leaves"
-                " some out: remove it, or cut the log with 'window'"
-            )
         u, y = log.inputs[source], log.outputs[output]
         given = u - (u[0] if log.settle > 0.0 else rest)
         if not np.any(given):

@@ -218,7 +218,11 @@ def _inside(found: PhysicalConstants, model: Model) -> tuple[PhysicalConstants, 
         if not low <= one.value <= high:
             value = min(max(one.value, low), high)
             constants[name] = replace(one, value=value, standard_error=None)
-            said.append(f"'{name}' was found at {one.value:.3g} and is taken as {value:g}")
+            unit = known[name].param.unit
+            said.append(
+                f"'{name}' was found at {one.value:.3g} {unit} and is taken as {value:g}, on its"
+                " bound: the constants no longer make this function; check those that are known"
+            )
     return replace(found, constants=constants), tuple(said)
 
 

@@ -88,7 +88,7 @@ class Subject:
     def _named_model(self, own: Actuator | None) -> Model:
         """Find the variant and the parameters by the start values."""
         name = self._description.modelName
-        found = own if own and own.name == name else _known(name)
+        found = own if own and own.name == name else find_actuator(name)
         starts = {
             v.name: float(v.start)
             for v in self._description.modelVariables
@@ -107,13 +107,6 @@ class Subject:
                 " build it again with this version"
             )
         return model(found, min(differing, key=lambda name: differing[name]), starts)
-
-
-def _known(name: str) -> Actuator:
-    try:
-        return find_actuator(name)
-    except UserError as error:
-        raise UserError(f"{error}; or name the file of your own with --actuator") from error
 
 
 class Instance:

@@ -24,10 +24,10 @@ def nominal_parameters(told: Description) -> tuple[Free, ...]:
     for name, prior in told.uncertainty.items():
         if _idle(told.model, name, uncertain):
             continue
-        free = free_parameter(parameters[name], told.model.values[name], prior)
+        nominal, bounds = told.model.values[name], told.bounds.get(name)
+        free = free_parameter(parameters[name], nominal, prior, bounds)
         low, high = free.nominal - BELIEVED * prior, free.nominal + BELIEVED * prior
-        least, most = told.bounds.get(name, (free.low, free.high))
-        found.append(replace(free, low=max(least, low), high=min(most, high)))
+        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
     return tuple(found)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from servo_models.audit import EXACT
 from servo_models.audit.signals import REPEATS
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
@@ -187,7 +188,7 @@ def warnings(found: Diagnosis) -> tuple[str, ...]:
             said.append(
                 f"the noise floor of '{gap.output}' holds motion, which is fast for these samples:"
                 f" the simulation, which has no noise, has {gap.motion / gap.floor:.2g} of it; log"
-                " faster or repeat a command, or look for smaller gaps by --tolerance"
+                f" faster or repeat a command{_sought(found)}"
             )
         own = [log for log in found.logs if gap.output in log.outputs]
         readings = [log.outputs[gap.output][log.fitted] for log in own]
@@ -236,13 +237,18 @@ def _about_repeats(found: Diagnosis) -> Iterator[str]:
     for gap in found.gaps:
         scatter = max(max(it.quantum, it.residual) for name, it in floors if name == gap.output)
         if gap.origin == REPEATS and gap.floor > UNLIKE * scatter:
-            sought = "; a smaller --tolerance has it sought"
+            seen = scatter > EXACT * gap.full_scale  # readings of a simulation scatter by nothing
+            times = f"{gap.floor / scatter:.2g} times what" if seen else "far more than"
             yield (
-                f"'{gap.output}' differs between repeats of a command by {gap.floor / scatter:.2g}"
-                " times what it scatters by from sample to sample: something that acts otherwise"
-                " each time, such as a clock or heat, counts as noise"
-                f"{sought if found.verdict.kind == NO_GAP else ''}"
+                f"'{gap.output}' differs between repeats of a command by {times} it scatters by"
+                " from sample to sample: something that acts otherwise each time, such as a clock"
+                f" or heat, counts as noise{_sought(found)}"
             )
+
+
+def _sought(found: Diagnosis) -> str:
+    """What to do about a floor that is too high: nothing where a gap shows above it."""
+    return "; a smaller --tolerance has it sought" if found.verdict.kind == NO_GAP else ""
 
 
 def moves(found: Diagnosis) -> dict[str, float]:
