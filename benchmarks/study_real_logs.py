@@ -31,6 +31,7 @@ from servo_models.diagnosis.confirm import confirm
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.verdict import NO_GAP, TOLERANCE
 from servo_models.diagnosis.where import Breakdown, where
 from servo_models.files import write_whole
@@ -193,7 +194,7 @@ def section(case: Case, told: Told) -> list[str]:
         f"**Known:** {case.known}",
         "",
         f"**Wrong:** {'; '.join(wrong) if wrong else 'nothing'}.",
-        *(f"\n*Warning:* {text}." for text in words.warnings(found)),
+        *(f"\n*Warning:* {text}." for text in cautions(found)),
         *([] if told.usual is found else ["", *_usual(told.usual)]),
         *(["", f"*Looked into by hand:* {case.remark}"] if case.remark else []),
         *bars(case, found),

@@ -22,6 +22,7 @@ from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.telling.parameters import parameter_set
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
@@ -116,14 +117,14 @@ def test_an_effect_that_every_explanation_names_is_told_as_sure(
 
 def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) -> None:
     found, _ = case
-    assert not any("prior deviations" in text for text in words.warnings(found))
+    assert not any("prior deviations" in text for text in cautions(found))
     value = found.found[0]
     spread = {one.name: one.prior for one in found.causes.taken.problem.free}[value.name]
     assert spread
     found.__dict__["found"] = (replace(value, value=value.nominal + 5.0 * spread),)
     try:
         assert words.moves(found) == {value.name: pytest.approx(5.0)}
-        (text,) = [it for it in words.warnings(found) if "prior deviations" in it]
+        (text,) = [it for it in cautions(found) if "prior deviations" in it]
         assert f"'{value.name}' by +5" in text
     finally:
         del found.__dict__["found"]
@@ -137,7 +138,7 @@ def test_motion_that_counts_as_noise_is_warned_of(
     (gap,) = found.gaps
     assert gap.motion < 0.1 * gap.floor
     seen = replace(found, gaps=(replace(gap, motion=share * gap.floor),))
-    assert any("holds motion" in text for text in words.warnings(seen)) == warned
+    assert any("holds motion" in text for text in cautions(seen)) == warned
 
 
 @pytest.mark.parametrize(
@@ -158,7 +159,7 @@ def test_repeats_that_differ_by_more_than_noise_are_warned_of(
         gaps=(replace(gap, floor=spread, origin=seen.floor.origin),),
         verdict=decide(found.causes, tolerance),
     )
-    about = [text for text in words.warnings(told) if "between repeats" in text]
+    about = [text for text in cautions(told) if "between repeats" in text]
     assert bool(about) == bool(said)
     assert all(said in text for text in about)
     assert all(("--tolerance" in text) == told.within_tolerance for text in about)
@@ -177,7 +178,7 @@ def test_repeats_of_readings_that_do_not_scatter_are_told_without_a_ratio(
         audits=(replace(audit, readings=(still,)),),
         gaps=(replace(gap, origin=still.floor.origin),),
     )
-    assert any("far more than it scatters by" in text for text in words.warnings(told))
+    assert any("far more than it scatters by" in text for text in cautions(told))
 
 
 @pytest.mark.parametrize(("off", "warned"), [(0.0, False), (1e-3, True)])
@@ -185,7 +186,7 @@ def test_an_fmu_that_differs_from_the_simulation_is_warned_of(
     case: tuple[Diagnosis, Told], off: float, warned: bool
 ) -> None:
     seen = replace(case[0], unconfirmed=Confirmation((), off).doubt)
-    about = [text for text in words.warnings(seen) if "FMU" in text]
+    about = [text for text in cautions(seen) if "FMU" in text]
     assert len(about) == warned
     assert all("0.001 of full scale" in text for text in about)
 

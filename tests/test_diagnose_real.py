@@ -13,7 +13,7 @@ import pytest
 
 from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
-from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.verdict import OUTSIDE, TOLERANCE
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs" / "diagnosis"
@@ -87,7 +87,7 @@ def test_what_differs_between_repeats_of_the_film_is_a_frame_that_drifts(
     """It counts as noise, so it is no gap until the tolerance is below that."""
     found = diagnosed("sg90_video.toml")
     assert found.within_tolerance
-    assert any("between repeats" in text for text in words.warnings(found))
+    assert any("between repeats" in text for text in cautions(found))
     looked = diagnosed("sg90_video.toml", 1.0)
     assert looked.causes.taken.effects == ("sample_hold",)
     (period,) = [one.value for one in looked.found if one.name == "sample_hold.period"]

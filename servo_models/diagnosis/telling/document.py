@@ -18,6 +18,7 @@ from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.where import Breakdown
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.interchange import command
@@ -60,7 +61,7 @@ def document(
         "held_out": [asdict(one) for one in found.held_out],
         "where": [asdict(breakdown) for breakdown in breakdowns],
         "next_experiments": [_experiment(one) for one in experiments],
-        "warnings": list(words.warnings(found)),
+        "warnings": list(cautions(found)),
         "seed": seed,
         "versions": dict(versions),
         "logs": [_log(found, audit) for audit in found.audits],
@@ -71,7 +72,7 @@ def github(found: Diagnosis) -> Iterator[str]:
     """Return workflow commands: the verdict, an error where there is a gap, and all warnings."""
     title = f"servo-models: {found.model.actuator.name}"
     yield command("notice" if found.within_tolerance else "error", title, words.sentence(found))
-    for text in words.warnings(found):
+    for text in cautions(found):
         yield command("warning", title, text)
 
 

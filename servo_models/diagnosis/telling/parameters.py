@@ -6,6 +6,7 @@ import datetime
 
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.recording import hashes
 
@@ -30,7 +31,7 @@ def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> Parame
             f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)
             for gap in found.gaps
         },
-        warnings=words.warnings(found),
+        warnings=cautions(found),
     )
 
 

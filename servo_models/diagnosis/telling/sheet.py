@@ -12,6 +12,7 @@ from servo_models.diagnosis.detectors import sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.where import Breakdown
 from servo_models.experiment import display
 from servo_models.explain import display_scale, display_unit, in_display_unit
@@ -52,7 +53,7 @@ def diagnosis_sheet(
         experiments: that would tell apart what these logs cannot.
     """
     model = found.model
-    warnings = tuple(f"Warning: {text}." for text in words.warnings(found))
+    warnings = tuple(f"Warning: {text}." for text in cautions(found))
     places = tuple((one.dimension, one.sentence) for one in breakdowns)
     next_ = tuple((str(k), one.instruction) for k, one in enumerate(experiments, start=1))
     tables = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words as said
+from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE
 from servo_models.report.diagnosis.gap import unit_for
 from servo_models.report.diagnosis.stages import NOMINAL, stages
@@ -39,7 +40,7 @@ def counts(found: Diagnosis) -> tuple[Count, ...]:
 
 def remarks(found: Diagnosis) -> tuple[str, ...]:
     """Return what else a reader should know first."""
-    count = len(said.warnings(found))
+    count = len(cautions(found))
     if not count:
         return ()
     return (f"{count} warning{'s' * (count != 1)}: read below before using the values.",)
@@ -47,7 +48,7 @@ def remarks(found: Diagnosis) -> tuple[str, ...]:
 
 def warnings(found: Diagnosis) -> Section | None:
     """Return what to be careful with, None for nothing."""
-    items = tuple(f"{capital(text)}." for text in said.warnings(found))
+    items = tuple(f"{capital(text)}." for text in cautions(found))
     return Section("warnings", "Warnings", items=items) if items else None
 
 
