@@ -194,13 +194,13 @@ if __name__ == "__main__":
 # the cores busy, the SG90's ratio to the trivial slave was 1.12 to 1.53, median 1.28.
 #
 # set + step + get              us  x trivial  x real time
-# sg90, 1 ms                  15.5       1.27           64
-# sg90, all effects           24.1       1.97           41
-# torque_motor, 0.1 ms        14.3       1.17            7
-# torque_motor, 1 ms          29.5       2.40           34
-# trivial                     12.3       1.00           81
+# sg90, 1 ms                  12.6       1.19           80
+# sg90, all effects           20.0       1.90           50
+# torque_motor, 0.1 ms        11.2       1.06            9
+# torque_motor, 1 ms          22.4       2.13           45
+# trivial                     10.6       1.00           95
 #
 # instance                      ms    kB each
-# sg90                        15.7        248
-# torque_motor                16.8        245
-# trivial                      4.7         85
+# sg90                        15.2        272
+# torque_motor                14.9        240
+# trivial                      4.8         99

@@ -109,14 +109,16 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result: two cores, CPython 3.11, numba 0.68, MuJoCo 4.0.  60 s of the printed SG90, 4 s of the
-# identified torque motor; the grid is that of the communication points.
+# Result: two cores, CPython 3.11, numba 0.68, MuJoCo 4.0.  60 s of the SG90, 4 s of the torque
+# motor; the grid is that of the communication points.
 #
-# actuator         grid   neutral  all active  ratio
-# sg90             20ms   1.47 ms    12.69 ms    8.6
-#                MuJoCo takes 81 times as long for 60 s
-# sg90              1ms   3.70 ms    22.08 ms    6.0
-#                MuJoCo takes 32 times as long for 60 s
-# torque_motor      1ms   1.76 ms    15.56 ms    8.8
-# MuJoCo servo, 60 000 steps of 1 ms: 119 ms
-# peak memory 186 MiB
+# actuator                   grid   neutral  all active  ratio
+# sg90 printed               20ms   1.20 ms    10.90 ms    9.1
+#                          MuJoCo takes 93 times as long for 60 s
+# sg90 printed                1ms   3.65 ms    23.08 ms    6.3
+#                          MuJoCo takes 31 times as long for 60 s
+# sg90 measured               1ms   3.76 ms    20.91 ms    5.6
+#                          MuJoCo takes 30 times as long for 60 s
+# torque_motor identified     1ms   1.65 ms    15.07 ms    9.2
+# MuJoCo servo, 60 000 steps of 1 ms: 111 ms
+# peak memory 185 MiB
