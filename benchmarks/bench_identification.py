@@ -186,7 +186,7 @@ def compare(rig: Rig) -> None:
         return np.asarray(least_squares(errors, start / size, **OPTIMISER).x * size)
 
     ours()  # compiles
-    fast, slow = min((timed(ours) for _ in range(5)), key=lambda it: it[0]), timed(script)
+    fast, slow = (min((timed(it) for _ in range(3)), key=lambda it: it[0]) for it in (ours, script))
     apart = np.max(np.abs(fast[1] - slow[1]) / np.abs(slow[1]))
     print(
         f"{rig.name:28} {fast[0] * 1e3:8.0f} ms {slow[0] * 1e3:8.0f} ms"

@@ -218,7 +218,8 @@ def main(chosen: Sequence[str]) -> None:
         " one its probability, and the error that is left with the best explanation that has it,"
         " on blocks of the fitted samples that its fit has not seen; it may exceed the gap at the"
         " start. A probability also counts what a fit spends, and how far blocks differ. The"
-        " seconds are those of the whole command, but for the drawing of its report.",
+        " seconds are those of all that the command does, but for reading the logs and drawing its"
+        " report.",
         "",
     ]
     for name in chosen or CASES:

@@ -20,8 +20,8 @@ EXPERIMENTS: tuple[tuple[Causes, Causes, str], ...] = (
     (
         _causes("dead_zone dead_band coulomb_friction load_friction"),
         _causes("dead_zone dead_band coulomb_friction load_friction gain gain_error"),
-        "steps of 1 to 20 deg in many sizes, then a slow triangle of +-2 deg at two supplies or"
-        " loads; log drive or current: not 0 while it sticks means friction",
+        "steps in many sizes from the least that moves it, then a slow triangle of twice that size"
+        " at two supplies or loads; log drive or current: not 0 while it sticks means friction",
     ),
     (
         _causes("dead_zone dead_band coulomb_friction stribeck_friction hysteresis"),
@@ -31,7 +31,7 @@ EXPERIMENTS: tuple[tuple[Causes, Causes, str], ...] = (
     (
         _causes("coulomb_friction stribeck_friction load_friction"),
         _causes("coulomb_friction stribeck_friction load_friction"),
-        "a very slow ramp, 0.5 to 2 deg/s, both ways, without and with a load",
+        "very slow ramps, as slow as it still moves, both ways, without and with a load",
     ),
     (
         _causes("transport_delay lag sample_hold"),
@@ -42,7 +42,8 @@ EXPERIMENTS: tuple[tuple[Causes, Causes, str], ...] = (
     (
         _causes("saturation rate_limit supply_sag supply_limit torque_saturation"),
         _causes("saturation rate_limit supply_sag supply_limit torque_saturation"),
-        "a ladder of steps from 10 to 135 deg, back to back and spaced; log the supply voltage",
+        "a ladder of steps up to the largest that the rig allows, back to back and spaced; log the"
+        " supply voltage",
     ),
     (
         _causes("inertia load_inertia"),

@@ -117,7 +117,7 @@ def autocorrelation(errors: Array) -> Array:
 
 
 def memory(errors: Array) -> int:
-    """Return the first lag at which the errors' correlation is no longer significant."""
+    """Return the lag up to which the correlation of errors is significant."""
     correlation = autocorrelation(errors)
     quiet = np.flatnonzero(correlation < 2.0 / np.sqrt(len(errors)))
     return int(quiet[0]) - 1 if len(quiet) else max(len(correlation) - 1, 0)

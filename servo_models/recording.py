@@ -54,6 +54,7 @@ class Log:
             that would thin out every figure; None for no such samples.
         settle: time [s] for which the first row's inputs are held before the log begins, so
             that the simulation starts in equilibrium.
+        begin: time [s] from the file's first row to the first sample here.
     """
 
     name: str
@@ -68,11 +69,17 @@ class Log:
     constants: Mapping[str, float] = field(default_factory=dict)
     settle: float = 0.0
     skipped: Mask | None = None
+    begin: float = 0.0
 
     @property
     def duration(self) -> float:
         """Length of the log [s]."""
         return float(self.times[-1])
+
+    @property
+    def stamps(self) -> Array:
+        """Times since the file's first row [s], shape (n,): a description counts like that."""
+        return self.begin + self.times
 
     @property
     def fitted(self) -> Mask:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -185,6 +186,15 @@ def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings(
     assert said(audited(t, np.clip(20.0 * y, -10.0, 10.0), y), "actuator's limit")
     assert said(audited(t, np.ones(500), y), "ever changes")
     assert said(audited(t, y, 0.5 * np.round(2.0 * y)), "only 4 reading steps")
+
+
+def test_a_switch_is_at_no_limit() -> None:
+    """An input of 0 or 1 is always at one of its bounds."""
+    t, y = 0.01 * np.arange(500), smooth(500)
+    switch = Wire("u", "1", "", low=0.0, high=1.0, flag=True)
+    found = audit(log_of(t, 1.0 * (t > 1.0), y), replace(PLANT, inputs=(switch,)))
+    assert found.commands[0].at_limit == 0.0
+    assert not said(found, "limit")
 
 
 def test_a_clean_log_has_no_warning_and_knows_its_rest() -> None:

@@ -99,6 +99,19 @@ def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) 
         assert "cannot be told apart from backlash" in text
 
 
+def test_parameters_that_close_little_are_not_said_to_explain_a_gap(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    found = replace(case[0], verdict=Verdict("parameters", {}, (), ()))
+    little = replace(found.gap, closed=(0.49, 0.0, 0.6))
+    text = "The gap passes for noise, no effect is needed"
+    assert words.headline(replace(found, gap=little)) == text
+    assert words.headline(replace(found, moved=())) == text
+    outside = replace(found, verdict=Verdict("outside-catalogue", {}, (), ()), moved=())
+    bare = replace(found.causes, taken=found.causes.retuned)
+    assert "with the nominal model" in words.headline(replace(outside, causes=bare))
+
+
 def test_an_effect_that_every_explanation_names_is_told_as_sure(
     case: tuple[Diagnosis, Told],
 ) -> None:

@@ -343,14 +343,36 @@ def test_a_table_that_was_played_and_filled_is_not_written_over(
     assert log.read_bytes() == before
 
 
+def test_a_filled_table_that_is_no_log_yet_is_not_written_over_either(
+    session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that still is as it was written is replaced."""
+    sine = planned(session.folder / "rig.toml")
+    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
+    words = ("diagnose", session.folder / "rig.toml", "--json", tmp_path / "d.json")
+    table = tmp_path / "rig_next_1.csv"
+    for _ in range(2):
+        run(*words)
+        assert [it.name for it in tmp_path.glob("*.csv")] == [table.name]
+    head, *rows = table.read_text().splitlines()
+    filled = "\n".join([f"{head},angle", *(f"{row},0.1" for row in rows)])
+    table.write_text(filled)
+    run(*words)
+    assert table.read_text() == filled
+    (told,) = json.loads((tmp_path / "d.json").read_text())["next_experiments"]
+    assert told["file"] == "rig_next_2.csv"
+
+
 def test_without_a_file_no_table_is_promised(
     session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    sine = planned(session.folder / "rig.toml")
+    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
     monkeypatch.chdir(tmp_path)
     _, out, _ = run("diagnose", session.folder / "rig.toml", "--format", "json")
     told = json.loads(out)
     check_schema(told)
-    assert all(one["file"] is None for one in told["next_experiments"])
+    assert [one["file"] for one in told["next_experiments"]] == [None]
     assert not list(tmp_path.iterdir())
 
 

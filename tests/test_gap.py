@@ -135,6 +135,13 @@ def test_the_worst_moment_is_where_a_spike_is(at: int, height: float) -> None:
     assert gap["current"].worst == ("one", STEP * 123)
 
 
+def test_the_worst_moment_counts_from_the_files_first_row() -> None:
+    spiked = simulated()
+    spiked["angle"][400] += 0.5
+    gap = found(replace(log(spiked), begin=2.5))["angle"]
+    assert gap.worst == ("one", pytest.approx(2.5 + 400 * STEP))
+
+
 def test_an_output_that_only_a_later_log_has_has_intervals() -> None:
     plain, both = simulated(), simulated()
     both["current"] += 0.01 * np.random.default_rng(1).standard_normal(COUNT)

@@ -21,9 +21,11 @@ from servo_models.actuator import Parameter
 from servo_models.block import Param
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
+from servo_models.identification.beginning import false_starts
 from servo_models.identification.estimate import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
+from servo_models.identification.run import prepared
 from servo_models.recording import Channel, Log, regular
 from servo_models.simulate import Model, model, simulate
 
@@ -240,6 +242,21 @@ def test_a_settled_log_begins_in_equilibrium() -> None:
     log = log_of(voltage, np.full(200, rest), settle=0.5)
     found = Problem(chosen, [log], []).responses(np.empty(0))[0]["angle"]
     np.testing.assert_allclose(found, rest, rtol=1e-6)
+
+
+@pytest.mark.parametrize("settle", [0.0, 0.2])
+def test_a_log_that_begins_in_another_state_is_warned_of(settle: float) -> None:
+    """The rig has held its first row if the model begins at rest, and the other way round."""
+    voltage = np.repeat([20.0, -15.0, 5.0, 0.0, 10.0], 300)
+    before = np.full(0 if settle else 400, voltage[0])
+    angle = rig(TRUE, np.concatenate([before, voltage]))[len(before) :]
+    log = replace(log_of(voltage, angle), settle=settle)
+    same = {name: TRUE[name] for name in TRUE if name in nominal().values}
+    (text,) = false_starts([prepared(nominal(), log)], same)
+    assert "'rig' begins in another state than the model" in text
+    assert ("begins at rest:" in text) == (settle == 0.0)
+    fair = replace(log, settle=0.2 - settle)
+    assert false_starts([prepared(nominal(), fair)], same) == []
 
 
 def test_an_effect_is_found_from_off() -> None:

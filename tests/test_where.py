@@ -14,12 +14,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
-from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where import Breakdown, where
+from servo_models.diagnosis.where import Bin, Breakdown, where
 from servo_models.diagnosis.where.alone import by_block
 from servo_models.diagnosis.where.breakdown import plain
 from servo_models.diagnosis.where.regimes import _between, _digits
+from servo_models.diagnosis.where.samples import moving_input
+from servo_models.identification.problem import Problem, free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Model, model, simulate
 
@@ -198,6 +200,56 @@ def test_a_block_is_judged_from_its_measured_input() -> None:
     assert angle.relative_before < 0.01
     spring = alone(MODEL, {"stiffness": 1.2 * 1.1}, "voltage", VOLTAGE)
     assert spring.bins[0].relative_before == pytest.approx(0.2, rel=0.1)
+
+
+def test_each_model_is_judged_at_the_moment_that_suits_it_best() -> None:
+    """Before is the rig itself; a lag that the rig has not closes nothing."""
+    outputs = {name: clean()[name] for name in FLOOR}
+    bench = Bench(MODEL, [measured(outputs)], (), FLOOR, 1)
+    nominal = bench.fit((), ())
+    lag = "sensor_lag.time_constant"
+    free = [free_parameter(MODEL.plant.parameters[lag], 0.0, None)]
+    late = bench.unfit(("sensor_lag",), free, {lag: 5e-4})
+
+    def block(taken: Explanation) -> Bin:
+        found = by_block(Causes(nominal.evidence, nominal, [], [], [], taken, {}))
+        assert found is not None
+        return found.bins[0]
+
+    assert block(late).rms_before == block(nominal).rms_after
+    assert block(late).rms_before < 0.1
+
+
+def test_the_command_is_the_actuators_main_input() -> None:
+    """A load that moves more for its scale is none, nor is a switch."""
+    load = np.where(TIMES < 1.0, 0.0, 0.05)
+    servo = model("sg90", "measured")
+    pulses = 1.5e-3 + 1e-4 * np.sign(np.sin(2.0 * np.pi * TIMES))
+    wire, low, high = command_of(servo, {"pulse_width": pulses, "load_torque": load})
+    assert wire == "pulse_width"
+    assert (low, high) == (pytest.approx(1.4e-3), pytest.approx(1.6e-3))
+    still = np.full(len(TIMES), 1.5e-3)
+    wire, _, _ = command_of(servo, {"pulse_width": still, "load_torque": load})
+    assert wire == "load_torque"
+    switched = {"goal": 0.01 * np.sin(TIMES), "enabled": 1.0 * (TIMES > 0.5)}
+    wire, _, _ = command_of(model("smart_servo"), switched)
+    assert wire == "goal"
+
+
+def command_of(chosen: Model, inputs: Mapping[str, Array]) -> tuple[str, float, float]:
+    log = replace(measured({"angle": clean()["angle"]}), inputs=inputs)
+    column, low, high = moving_input(Problem(chosen, [log], []))
+    return chosen.plant.inputs[column].name, low, high
+
+
+def test_windows_of_time_count_from_the_files_first_row() -> None:
+    noisy = clean()["angle"] + 10.0 * FLOOR["angle"] * noise(3)
+    log = replace(measured({"angle": noisy}), begin=7.0)
+    fitted = Bench(MODEL, [log], (), {"angle": FLOOR["angle"]}, 1).fit((), ())
+    places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
+    (time,) = [one for one in places if one.dimension == "time"]
+    assert (time.bins[0].low, time.bins[-1].high) == (7.0, 7.0 + TIMES[-1])
+    assert sum(one.count for one in time.bins) == len(TIMES)
 
 
 def test_the_blocks_of_a_loop_are_told_apart() -> None:

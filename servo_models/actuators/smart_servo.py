@@ -51,7 +51,7 @@ COUNT = 2.0 * math.pi / 4096.0
 
 INPUTS = (
     Wire("goal", "rad", "goal angle", low=-50.0, high=50.0, display="deg"),
-    Wire("enabled", "1", "1 motor on, 0 off", rest=1.0, low=0.0, high=1.0),
+    Wire("enabled", "1", "1 motor on, 0 off", rest=1.0, low=0.0, high=1.0, flag=True),
     Wire("supply", "V", "supply", scale=7.4, rest=7.4, low=0.0, high=30.0),
     Wire("load_torque", "N.m", "load against positive motion", scale=0.5, low=-20.0, high=20.0),
 )

@@ -50,7 +50,7 @@ def sampling(log: Log) -> Sampling:
     steps = np.diff(log.times)
     lost = np.flatnonzero(steps > GAP * np.median(steps))
     kept = np.delete(steps, lost)
-    gaps = tuple(Gap(int(log.rows[i]), float(log.times[i]), float(steps[i])) for i in lost)
+    gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
     return Sampling(
         samples=len(log.times),
         duration=log.duration,

@@ -88,7 +88,8 @@ class Command:
         changes: how often it changes.
         reversals: how often its direction of change turns.
         clock: shortest time between changes if the others are multiples of it, else None.
-        at_limit: share of the samples at a limit of the actuator's input.
+        at_limit: share of the samples at a limit of the actuator's input; 0 for one that says yes
+            or no.
         band: lowest and highest frequency [Hz] at which it would move an output above its
             noise floor, or None.
     """
@@ -131,6 +132,7 @@ def read_input(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -
     values = log.inputs[wire.name]
     change = np.diff(values)
     moves = np.sign(change[change != 0.0])
+    limited = np.ptp(values) and not wire.flag
     low, high = (np.nan if bound is None else bound for bound in (wire.low, wire.high))
     return Command(
         name=wire.name,
@@ -140,7 +142,7 @@ def read_input(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -
         changes=len(moves),
         reversals=int(np.count_nonzero(np.diff(moves))),
         clock=_clock(log.times[1:][change != 0.0], step),
-        at_limit=float(np.mean((values <= low) | (values >= high))) if np.ptp(values) else 0.0,
+        at_limit=float(np.mean((values <= low) | (values >= high))) if limited else 0.0,
         band=_band(log, values, step, readings),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import date
 from itertools import count
@@ -17,6 +17,7 @@ from servo_models.errors import UserError
 
 if TYPE_CHECKING:
     from servo_models.diagnosis.experiments.experiment import Experiment
+    from servo_models.recording import Log
 
 GAP_FOUND = 1
 
@@ -106,7 +107,7 @@ def diagnose(
     places, versions, today = where(found.causes), conditions(), date.today()
     folders = {file.parent for file in (json, report) if file}
     if folders:
-        next_ = _with_tables(next_, description.stem, {log.path.name for log in found.logs})
+        next_ = _with_tables(next_, description.stem, found.logs, folders)
     told = finite_json(document(found, confirmed, places, next_, seed, versions))
     texts = {json: f"{told}\n"} if json else {}
     if report:
@@ -136,10 +137,17 @@ def diagnose(
 
 
 def _with_tables(
-    experiments: Iterable[Experiment], stem: str, logs: Container[str]
+    experiments: Iterable[Experiment], stem: str, logs: Iterable[Log], folders: Iterable[Path]
 ) -> tuple[Experiment, ...]:
-    """Name a table for each experiment.  None is a log: an earlier table may have been played and
-    filled."""
+    """Name a table for each experiment.  An earlier one that was played and filled stays: it is
+    a log by now, or holds more than a command."""
+    from servo_models.diagnosis.experiments.experiment import is_filled
+
+    taken, places = {log.path.name for log in logs}, tuple(folders)
     names = (f"{stem}_next_{k}.csv" for k in count(1))
-    free = (name for name in names if name not in logs)
+    free = (
+        name
+        for name in names
+        if name not in taken and not any(is_filled(folder / name) for folder in places)
+    )
     return tuple(replace(one, file=name) for one, name in zip(experiments, free))

@@ -113,6 +113,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
         constants=constants,
         settle=_settle(entry, chosen, fed, constants, float(times[-1])),
         skipped=skipped(entry, times, fed),
+        begin=float(clock.since[0]),
     )
 
 

@@ -185,7 +185,7 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
         if name in log.outputs:
             count = int(log.fitted.sum())
             if k < start + count:
-                return log.name, float(log.times[log.fitted][k - start])
+                return log.name, float(log.stamps[log.fitted][k - start])
             start += count
     raise AssertionError("every error belongs to a log")
 

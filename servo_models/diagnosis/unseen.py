@@ -25,9 +25,9 @@ class Unseen:
 
     Attributes:
         log: its name.
-        retuned: left by nominal parameters alone.
+        retuned: left by nominal parameters alone, NaN where these cannot be simulated.
         after: left by the explanation that was taken, NaN where it cannot be simulated.
-        worse: it leaves more, beyond what blocks of time scatter.
+        worse: it leaves more, beyond what blocks of time scatter; never without ``retuned``.
     """
 
     log: str
@@ -43,9 +43,9 @@ def unseen(causes: Causes) -> tuple[Unseen, ...]:
     for log, (old, new) in zip(causes.taken.problem.logs, pairs):
         if len(old):
             parts = np.arange(len(old)) * BLOCKS // len(old)
-            worse = not np.isfinite(new).all() or grows(old, new, np.zeros_like(parts), parts, 1)[0]
             retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))
-            found.append(Unseen(log.name, retuned, after, bool(worse)))
+            grown = np.isnan(after) or grows(old, new, np.zeros_like(parts), parts, 1)[0]
+            found.append(Unseen(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
     return tuple(found)
 
 

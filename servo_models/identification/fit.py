@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servo_models.actuator import unknown
 from servo_models.audit.signals import FLAG
 from servo_models.errors import UserError, did_you_mean
+from servo_models.identification.beginning import false_starts
 from servo_models.identification.estimate import spread, warnings
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
@@ -79,7 +80,8 @@ def fit(
         if progress:
             progress("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector, found.widths)
-    said = warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
+    said = false_starts(problem.runs, values) + warnings(problem, found.vector, uncertainty)
+    said += _ending(found, kind, starts)
     fitted = replace(model, values={**model.values, **values})
     return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
 

@@ -83,6 +83,14 @@ class Experiment:
         write_signals(folder / self.file, self.times, {self.wire.name: self.command}, wires)
 
 
+def is_filled(path: Path) -> bool:
+    """Return whether a table holds more than ``Experiment.write`` writes: times and a command."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.readline().count(b",") != 1
+
+
 def next_experiments(verdict: Verdict, seed: int = 0) -> tuple[Experiment, ...]:
     """Return for each pair of explanations left the command that separates them.
 

@@ -196,6 +196,7 @@ class Stage:
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),
             skipped=None,
+            begin=0.0,
             settle=max(first.settle, 0.0 if rests else self.problem.model.stop_time),
         )
 

@@ -12,6 +12,7 @@ from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling.words import doubts, listed, moves
 from servo_models.diagnosis.verdict import NO_GAP
+from servo_models.identification.beginning import false_starts
 
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which it is not explained."""
@@ -38,6 +39,8 @@ def cautions(found: Diagnosis) -> tuple[str, ...]:
 def _about_logs(found: Diagnosis) -> Iterator[str]:
     for one in found.audits:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
+    taken = found.causes.taken
+    yield from false_starts(taken.problem.runs, taken.values)
     yield from (f"'{name}' says yes or no, and is left out of all errors" for name in found.flags)
     short = [log.name for log in found.logs if 0 < log.fitted.sum() < LEAST_SAMPLES]
     if short and found.verdict.kind != NO_GAP:
@@ -103,7 +106,12 @@ def _about_fits(found: Diagnosis) -> Iterator[str]:
 def _about_held_out(found: Diagnosis) -> Iterator[str]:
     effects = found.causes.taken.effects
     for one in found.held_out:
-        if np.isnan(one.after):
+        if np.isnan(one.retuned):
+            yield (
+                f"held out of log '{one.log}', the motion cannot be simulated with parameters"
+                " alone: nothing tells there whether the effects help"
+            )
+        elif np.isnan(one.after):
             yield (
                 f"held out of log '{one.log}', the motion cannot be simulated with"
                 f" {listed(effects)}; there, something else is missing"

@@ -82,14 +82,19 @@ def _next(experiments: Sequence[Experiment]) -> str:
 
 def _held_out(found: Diagnosis) -> Iterator[tuple[str, ...]]:
     for one in found.held_out:
-        note = "cannot be simulated" if isnan(one.after) else "gets worse" if one.worse else ""
-        yield one.log, f"{one.retuned:.3g}", f"{one.after:.3g}", note
+        yield one.log, _left(one.retuned), _left(one.after), "gets worse" if one.worse else ""
+
+
+def _left(rms: float) -> str:
+    return "cannot be simulated" if isnan(rms) else f"{rms:.3g}"
 
 
 def _gaps(found: Diagnosis) -> Iterator[tuple[str, ...]]:
     for gap in found.gaps:
         scale, unit = display(found.model.plant.wire[gap.output])
-        figures = (f"{scale * gap.rms[stage]:.4g}" for stage in ("before", "retuned", "after"))
+        figures = [f"{scale * gap.rms[stage]:.4g}" for stage in ("before", "retuned", "after")]
+        if found.within_tolerance:  # nothing was re-tuned
+            figures[1] = ""
         low, high = gap.intervals["after"]
         yield (
             gap.output,
@@ -178,7 +183,8 @@ def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
 
 
 def _parameters(found: Diagnosis) -> Iterator[tuple[str, ...]]:
-    retuned = {value.name: value.value for value in found.moved}
+    moved = () if found.within_tolerance else found.moved
+    retuned = {value.name: value.value for value in moved}
     moves, doubts = words.moves(found), words.doubts(found)
     for value in found.found:
         parameter = found.model.plant.parameters[value.name]

@@ -20,6 +20,8 @@ from servo_models.identification.estimate import doubt
 
 SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
+EXPLAINED = 0.5
+"""Share of what can be closed from which parameters explain a gap."""
 
 
 def sentence(found: Diagnosis) -> str:
@@ -47,14 +49,23 @@ def headline(found: Diagnosis) -> str:
     whole = "most of the gap" if found.verdict.rest else "the gap"
     if kind == NO_GAP:
         return "No gap"
-    if kind == PARAMETERS:
+    if kind == PARAMETERS and _by_parameters(found):
         return f"Re-tuned parameters explain {whole}, no effect is needed"
+    if kind == PARAMETERS:
+        return f"{whole.capitalize()} passes for noise, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
         return _undecided(found)
     if kind == OUTSIDE:
-        best = f"with the nearest, {placed(found, taken)}" if taken else "with parameters re-tuned"
+        alone = "with parameters re-tuned" if found.moved else "with the nominal model"
+        best = f"with the nearest, {placed(found, taken)}" if taken else alone
         return f"Outside the catalogue: {best}, something is left"
     return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+
+
+def _by_parameters(found: Diagnosis) -> bool:
+    """Return whether re-tuned parameters close at least half of what can be closed."""
+    share = found.gap.closed
+    return bool(found.moved) and share is not None and share[0] >= EXPLAINED
 
 
 def _undecided(found: Diagnosis) -> str:

@@ -24,7 +24,8 @@ def where(causes: Causes) -> tuple[Breakdown, ...]:
     position.
 
     Errors before are those of the nominal model; errors after are on blocks of time that no
-    fit has seen.  All outputs count together, in noise floors.
+    fit has seen, but for blocks of the actuator, which run with what all samples say.  All
+    outputs count together, in noise floors.
     """
     samples = collect(causes)
     found = (

@@ -29,7 +29,7 @@ from servo_models.simulate import Model, flat_of
 MOMENTS = (0.0, 0.5, 1.0)
 """Moments between two samples at which a wire held between them may have been measured: a
 clock reads the first, what is held until the second was the second all the time, and the mean
-is not late for a smooth signal.  The one that fits best counts."""
+is not late for a smooth signal.  Each model is judged at the one that suits it best."""
 OFFSET = 0.01
 """Offset of measured wires over their range by which a drift is found out."""
 DRIFTS = 1.5
@@ -111,19 +111,24 @@ class _Bench:
         log = self.run.log
         if not log.fitted.any():
             return np.zeros(4)
-        measured = log.outputs[self.name]
-        found = []
-        for moment in MOMENTS:
-            after = self._simulated(values, moment)
-            pair = [self._simulated({}, moment) - measured, after - measured]
-            moved = self._simulated(values, moment, OFFSET) - after
-            if _drifts(moved):
-                pair = [_beside_lines(error) for error in pair]
-            found.append([error[log.fitted] / self.sigma for error in pair])
-        before, after = min(found, key=lambda pair: float(pair[1] @ pair[1]))
-        seen = measured[log.fitted]
+        first = MOMENTS[0]
+        moved = self._simulated(values, first, OFFSET) - self._simulated(values, first)
+        drifting = _drifts(moved)
+        before, after = (self._least(it, drifting) for it in ({}, values))
+        seen = log.outputs[self.name][log.fitted]
         deviation = (seen - seen.mean()) / self.sigma
-        return np.array([v @ v for v in (before, after, deviation, np.ones(len(seen)))])
+        return np.array([before, after, deviation @ deviation, len(seen)])
+
+    def _least(self, values: Mapping[str, float], drifting: bool) -> float:
+        """Squares that a model leaves at the moment that suits it best."""
+        log, found = self.run.log, []
+        for moment in MOMENTS:
+            error = self._simulated(values, moment) - log.outputs[self.name]
+            if drifting:
+                error = _beside_lines(error)
+            seen = error[log.fitted] / self.sigma
+            found.append(float(seen @ seen))
+        return min(found)
 
     def _simulated(self, values: Mapping[str, float], moment: float, offset: float = 0.0) -> Array:
         """The output with these parameters, measured wires shifted by a part of their range."""

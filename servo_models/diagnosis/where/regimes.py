@@ -48,7 +48,7 @@ def by_time(samples: Samples) -> Breakdown:
         own = max(1, round(WINDOWS * log.duration / total))
         firsts.append(len(edges))
         counts.append(own)
-        cuts = np.linspace(0.0, log.duration, own + 1)
+        cuts = log.begin + np.linspace(0.0, log.duration, own + 1)
         name = f" of {log.name}" if len(samples.logs) > 1 else ""
         labels = [f"{_between(a, b, 's')}{name}" for a, b in itertools.pairwise(cuts)]
         if name and own == 1:

@@ -147,11 +147,19 @@ def _motion(
 
 
 def moving_input(problem: Problem) -> tuple[int, float, float]:
-    """Which input moves most for its scale, and its least and largest value [SI]."""
+    """Which input is the command, and its least and largest value [SI].
+
+    It is the actuator's main one.  Where that never moves, it is the one that moves most for its
+    scale; one that says yes or no is none.
+    """
     inputs = np.vstack([run.inputs for run in problem.runs])
     low, high = inputs.min(axis=0), inputs.max(axis=0)
-    scales = np.array([wire.scale for wire in problem.model.plant.inputs])
-    column = int(np.argmax((high - low) / scales))
+    wires, main = problem.model.plant.inputs, problem.model.actuator.step[0]
+    reach = [
+        0.0 if wire.flag else np.inf if wire.name == main and span else span / wire.scale
+        for wire, span in zip(wires, high - low)
+    ]
+    column = int(np.argmax(reach))
     return column, float(low[column]), float(high[column])
 
 

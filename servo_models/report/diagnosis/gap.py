@@ -91,7 +91,7 @@ def _details(found: Diagnosis) -> Table:
 def _fmu(found: Diagnosis, confirmed: Confirmation) -> Table:
     """Errors of the FMU itself, in every part of every log."""
     off = confirmed.difference
-    same = "the same bits as the simulation" if off == 0.0 else f"off by {number(off, 2)} at most"
+    same = f"off by {number(off, 2)} of full scale" if off else "the same bits as the simulation"
     caption = f"The FMU with the diagnosed parameters, run through fmpy: {same}"
     units = {output: unit_among(found.logs, output) for log in found.logs for output in log.outputs}
     units |= {gap.output: unit_for(found, gap) for gap in found.gaps}

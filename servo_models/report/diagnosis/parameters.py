@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 TITLE = "Parameters"
 EFFECTS = ("effect", "parameter", "value", "± standard error", "unit", "meaning")
 NUMBERS = ("value", "± standard error", "nominal", "prior ±")
+BY_LOGS = "± by these logs"
+"""Standard error where nothing was re-tuned: how well the logs know it."""
 ROW, MARGIN = 0.42, 0.9
 """Height of a row and of everything else [inch]."""
 NEAR = 2.7
@@ -30,14 +32,15 @@ NEAR = 2.7
 
 
 def section(found: Diagnosis) -> Section | None:
-    """Return the parameters of effects and the nominal ones that moved; None without any."""
+    """Return the parameters of effects and the nominal ones that were free; None without any."""
     named = [claim for claim in found.claims if claim.in_set or claim.taken]
     tables = [_effects(found, named)] if named else []
     pictures = []
     if found.moved:
         final = _final(found)
         tables.append(_nominal(found, final))
-        pictures.append(_picture(found, final))
+        if not found.within_tolerance:
+            pictures.append(_picture(found, final))
     if not tables:
         return None
     return Section(
@@ -74,7 +77,10 @@ def _figures(found: Diagnosis, value: Value) -> tuple[str, str]:
 
 def _nominal(found: Diagnosis, final: dict[str, Value]) -> Table:
     names = [RETUNED, *([stages(found)["after"]] if final else [])]
-    figures = ("nominal", "prior ±", *(column for name in names for column in (name, f"± {name}")))
+    told = [column for name in names for column in (name, f"± {name}")]
+    if found.within_tolerance:
+        told = [BY_LOGS]
+    figures = ("nominal", "prior ±", *told)
     lines = []
     for free, value in zip(found.causes.retuned.problem.free, found.moved):
         parameter = found.model.plant.parameters[free.name]
@@ -83,7 +89,7 @@ def _nominal(found: Diagnosis, final: dict[str, Value]) -> Table:
         cells = (
             number(scale * free.nominal, 5),
             number(free.prior and scale * free.prior, 3),
-            *(text for one in values for text in _figures(found, one)),
+            *[text for one in values for text in _figures(found, one)][-len(told) :],
         )
         lines.append(Line((free.name, *cells, display_unit(parameter), parameter.param.about)))
     columns = ("parameter", *figures, "unit", "meaning")

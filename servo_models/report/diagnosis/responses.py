@@ -36,7 +36,7 @@ def response(reading: Reading, name: str) -> Picture:
     log = reading.log
     worst = worst_sample(errors, log.fitted if log.fitted.any() else log.checked)
     window = stretch(errors, worst)
-    times = log.times
+    times = log.stamps
     with drawing(name, rows=4, height=6.2, shared=False) as (figure, panels):
         whole, over_all, zoom, close = panels
         draw_responses(whole, reading, slice(None))

@@ -39,7 +39,8 @@ def section(found: Sequence[Breakdown]) -> Section | None:
         "where",
         TITLE,
         "RMS errors in noise floors, before and, on blocks that the fit has not seen, after; the"
-        " share of the squared error is written above each pair of bars. Errors over the local"
+        " share of the squared error is written above each pair of bars. By block, the fit has seen"
+        " all. Errors over the local"
         " amplitude of the response show what small motions lack; closed is the share of what lies"
         " above the noise floor, which is not known of a band of frequency.",
         tuple(_table(one) for one in found),

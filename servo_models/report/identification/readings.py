@@ -114,7 +114,7 @@ def judged_part(found: Identification, output: str) -> str:
 
 def shade_held_out(axes: Axes, log: Log, part: slice) -> None:
     """Shade the stretches of a part of a log that no fit has seen."""
-    shade(axes, log.times[part], log.held_out[part])
+    shade(axes, log.stamps[part], log.held_out[part])
 
 
 def shade(axes: Axes, times: Array, mask: Mask) -> None:

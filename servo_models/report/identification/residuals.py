@@ -61,7 +61,7 @@ def _picture(reading: Reading, name: str) -> Picture:
 
 
 def _over_time(axes: Axes, reading: Reading) -> None:
-    times = reading.log.times
+    times = reading.log.stamps
     shade_held_out(axes, reading.log, slice(None))
     axes.plot(*envelope(times, reading.error, BUCKETS), color=colour("blue"), lw=0.8)
     axes.set(xlabel="time [s]", xlim=(times[0], times[-1]))

@@ -88,7 +88,7 @@ def _picture(reading: Reading, name: str) -> Picture:
     held = reading.log.held_out
     worst = worst_sample(reading.error, held if held.any() else ~held)
     window = stretch(reading.error, worst)
-    times = reading.log.times
+    times = reading.log.stamps
     with drawing(name, rows=2, height=4.6, shared=False) as (figure, (whole, zoom)):
         draw_responses(whole, reading, slice(None))
         draw_frame(whole, times[window])
@@ -124,7 +124,7 @@ def draw_responses(axes: Axes, reading: Reading, part: slice) -> None:
     """Draw measured broad and grey, the judged model on top; shaded where held out."""
     measured = reading.measured[part]
     simulated = {name: values[part] for name, values in reading.simulated.items()}
-    draw_curve(axes, reading.log.times[part], measured, "measured", MEASURED)
+    draw_curve(axes, reading.log.stamps[part], measured, "measured", MEASURED)
     draw_models(axes, reading.log, part, simulated)
     axes.set_ylim(*_limits(np.concatenate([measured, list(simulated.values())[-1]])))
     axes.set_ylabel(f"{words(reading.output)}\n[{reading.unit}]", parse_math=False)
@@ -132,7 +132,7 @@ def draw_responses(axes: Axes, reading: Reading, part: slice) -> None:
 
 def draw_models(axes: Axes, log: Log, part: slice, curves: Mapping[str, Array]) -> None:
     """Draw a curve for each model, nominal dashed and first, the judged one solid and last."""
-    times = log.times[part]
+    times = log.stamps[part]
     shade_held_out(axes, log, part)
     styles = [NOMINAL, *[BETWEEN] * (len(curves) - 2), JUDGED][: len(curves)]
     for (name, values), style in zip(curves.items(), styles):
