@@ -6,6 +6,7 @@ Unit names are written as in FMI, with ``.`` for a product: ``N.m.s/rad``, ``kg.
 from __future__ import annotations
 
 import functools
+import hashlib
 import math
 import re
 from typing import TYPE_CHECKING, Any
@@ -29,10 +30,14 @@ BASE = {
 
 @functools.cache
 def registry() -> pint.UnitRegistry[Any]:
-    """The unit registry; loaded late and from the cache, since it takes a third of a second."""
+    """The unit registry; loaded late and from the cache, since it takes a third of a second.
+
+    What pint remembers names files of its own, so that each installation has a cache.
+    """
     import pint
 
-    return pint.UnitRegistry(cache_folder=cache_folder() / "units")
+    place = hashlib.sha256(pint.__file__.encode()).hexdigest()[:16]
+    return pint.UnitRegistry(cache_folder=cache_folder() / "units" / place)
 
 
 def _pint_name(unit: str) -> str:
@@ -54,8 +59,9 @@ def exponents(unit: str) -> tuple[float, dict[str, int]]:
     Raises:
         UserError: an unknown unit.
     """
+    known = registry()
     try:
-        base = (1.0 * registry().parse_expression(_pint_name(unit))).to_base_units()
+        base = (1.0 * known.parse_expression(_pint_name(unit))).to_base_units()
     except Exception as error:  # pint raises many kinds, some from its parser
         raise UserError(f"unknown unit '{unit}'") from error
     powers = {str(name): power for name, power in base.unit_items()}

@@ -188,6 +188,15 @@ def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings(
     assert said(audited(t, y, 0.5 * np.round(2.0 * y)), "only 4 reading steps")
 
 
+def test_few_digits_are_no_resampling() -> None:
+    """Four significant digits of a noisy reading: finer steps below 1 than above."""
+    noisy = 3.0 * smooth(4000) + 1e-2 * np.random.default_rng(8).standard_normal(4000)
+    short = np.array([float(f"{value:.4g}") for value in noisy])
+    found = audited(0.001 * np.arange(4000), np.sign(noisy), short)
+    assert found.readings[0].between > 0.1
+    assert found.warnings == ()
+
+
 def test_a_switch_is_at_no_limit() -> None:
     """An input of 0 or 1 is always at one of its bounds."""
     t, y = 0.01 * np.arange(500), smooth(500)

@@ -30,7 +30,7 @@ from servo_models.identification.problem import Problem
 from servo_models.linear_model import LinearModel
 from servo_models.recording import Channel, Log
 from servo_models.reference.torque_motor import EQ_12
-from servo_models.simulate import model
+from servo_models.simulate import model, simulate
 from servo_models.threads import one_blas_thread
 
 
@@ -97,6 +97,29 @@ def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) 
     assert "\n" not in text
     if kind == "effect":
         assert "cannot be told apart from backlash" in text
+
+
+def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    """Of the same rig with a friction that no sample that is judged has shown."""
+    found, _ = case
+    (log,) = found.logs
+    rubbing = replace(found.fitted, values={**found.fitted.values, "coulomb_friction.level": 0.01})
+    angle = simulate(rubbing, log.times, log.inputs)["angle"]
+    everything = np.ones(len(log.times), dtype=bool)
+    other = replace(log, name="rubbing", outputs={"angle": angle}, held_out=everything)
+    causes = found.causes
+    both, alone = (
+        replace(one, problem=Problem(found.model, [log, other], one.problem.free, found.floors))
+        for one in (causes.taken, causes.retuned)
+    )
+    told = replace(found, causes=replace(causes, taken=both, retuned=alone), logs=(log, other))
+    (missed,) = told.held_out
+    assert missed.after > 3.0 * told.gap.rms["after"]
+    assert f"; of log 'rubbing', held out, it leaves {missed.after:.3g}." in words.sentence(told)
+    assert any("'rubbing'" in text and "judge that log" in text for text in cautions(told))
+    assert "held out, it leaves" not in words.sentence(found)
 
 
 def test_parameters_that_close_little_are_not_said_to_explain_a_gap(

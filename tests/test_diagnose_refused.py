@@ -21,7 +21,7 @@ from servo_models.reference.linear_drive import G_TAU, K_V
 from servo_models.simulate import model, simulate
 
 BAD = {
-    "no file": ("", "cannot read", "absent.csv"),
+    "no file": ("", "no file", "absent.csv"),
     "another actuator's input": (
         DESCRIPTION.format("").replace("inputs.voltage", "inputs.pulse_width"),
         "pulse_width",

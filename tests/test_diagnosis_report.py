@@ -184,6 +184,11 @@ def test_a_whole_is_100_percent(text: str) -> None:
     assert not re.search("\u00d710[^ ]* %", text)
 
 
+def test_what_is_left_and_no_noise_is_told(found: Diagnosis) -> None:
+    left = replace(found, verdict=replace(found.verdict, kind="effect", rest=27.3))
+    assert "27.3 noise floors of what is left are no noise." in _page(left)
+
+
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
     page = Page(text)
     place = found.model.plant.placements

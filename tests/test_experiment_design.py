@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.experiments.commands import FAMILIES, Command
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.experiments.experiment_search import Stage
@@ -21,6 +22,7 @@ from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.causes import find_causes
 from servo_models.diagnosis.search.staircases import shortened
 from servo_models.diagnosis.verdict import Verdict, decide
+from servo_models.experiment import in_time
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Model, model, simulate
@@ -228,7 +230,26 @@ def test_an_experiment_begins_at_rest_where_its_middle_is_none(verdict: Verdict)
     stage = Stage(verdict.rivals[:2], 0)
     away = Command("triangle", 5.0, 2.0, 0.01, 0)
     assert stage.plan(away).settle == pytest.approx(nominal().stop_time)
-    assert stage.plan(replace(away, middle=0.0)).settle == 0.0
+    about_rest = stage.plan(replace(away, middle=0.0))
+    assert about_rest.settle == 0.0
+
+
+def test_a_played_table_is_read_as_it_was_meant(
+    verdict: Verdict, experiments: tuple[Experiment, ...]
+) -> None:
+    """Its first row says that the rig rests, so that nobody takes what follows for settled."""
+    for one in experiments:
+        assert one.plan.settle == 0.0
+        assert one.command[0] == 0.0
+        assert "Hold its first value" not in one.text
+    stage = Stage(verdict.rivals[:2], 0)
+    stage.low = 10.0  # the middle is now no rest
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(experiment, "Stage", lambda *_: stage)
+        (away,) = next_experiments(replace(verdict, rivals=verdict.rivals[:2]))
+    held = in_time(away.plan.settle)
+    assert f"Hold its first value for {held} before the log begins." in away.text
+    assert away.command[0] != 0.0
 
 
 def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:

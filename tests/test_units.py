@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
+import pint
 import pytest
 
+import servo_models
 from servo_models.catalogue import actuators
 from servo_models.errors import UserError
 from servo_models.experiment import in_time
@@ -95,6 +102,20 @@ def test_every_display_unit_converts_to_its_unit() -> None:
                 exponents(unit)
                 if display:
                     assert factor(display, unit) > 0.0
+
+
+def test_units_outlive_the_installation_that_has_filled_the_cache(tmp_path: Path) -> None:
+    """A clone that has been moved or deleted had its interpreter in it."""
+    other = tmp_path / "other"
+    shutil.copytree(Path(pint.__file__).parent, other / "pint")
+    code = "from servo_models.units import factor; print(factor('ms', 's'))"
+    env = os.environ | {"SERVO_MODELS_CACHE": str(tmp_path / "cache")}
+    root = str(Path(servo_models.__file__).parents[1])
+    for path in (f"{other}{os.pathsep}{root}", root):
+        run = [sys.executable, "-c", code]
+        told = subprocess.check_output(run, env=env | {"PYTHONPATH": path}, text=True)
+        assert told.strip() == "0.001"
+        shutil.rmtree(other, ignore_errors=True)
 
 
 @pytest.mark.parametrize(

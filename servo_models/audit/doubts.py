@@ -64,7 +64,7 @@ def _about_reading(reading: Reading) -> list[str]:
             f"'{name}' repeats the value before in {reading.stale:.0%} of the moving samples: it is"
             " read less often than logged; keep one row per reading"
         )
-    if reading.between > CLIPPED:
+    if reading.between > CLIPPED and reading.step > reading.floor.residual:  # else: few digits
         said.append(
             f"'{name}' lies between its steps in {reading.between:.0%} of the samples: the file was"
             " resampled, so its time stamps and noise are not those of the sensor"

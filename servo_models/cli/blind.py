@@ -39,7 +39,7 @@ def blind(
     SHA-256 of the answers is printed before anything is diagnosed, and
     checked when they are opened.
 
-    Exit code 0: done, 2: could not run.
+    Exit code 0: done, 1: cases whose diagnosis failed, 2: could not run.
 
     Examples:
 
@@ -68,4 +68,4 @@ def blind(
         told = finite_json(document(done, conditions()))
         write_whole(json, f"{told}\n".encode())
     show(check_sheet(done))
-    return 0
+    return 1 if any(case.said.why for case in done.cases) else 0

@@ -47,6 +47,8 @@ def explain(
         return
     if not name:
         raise UserError("nothing to explain: name an actuator or an effect, see 'list'")
+    if name.endswith(".toml"):
+        raise UserError(f"'{name}' is a file: explain a parameter file with --params {name}")
     show(sheet_of(name))
     if picture:
         from servo_models.demonstration import portrait

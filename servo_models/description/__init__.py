@@ -148,8 +148,11 @@ def _uncertainty(given: Section, chosen: Model) -> dict[str, float]:
     for name in section:
         text = section.content[name]
         if isinstance(text, str) and text.strip().endswith("%"):
-            spread[name] = quantity(section, name, "1") * abs(chosen.values[name])
+            share = quantity(section, name, "1")
+            spread[name] = share * abs(chosen.values[name])
             cure = "it is a share of the nominal value; give a size with a unit"
+            if chosen.values[name]:
+                cure = "give a share above 0"
         else:
             spread[name] = quantity(section, name, known[name].param.unit)
             cure = "give a size above 0"

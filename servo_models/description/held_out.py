@@ -24,7 +24,8 @@ def held_out(entry: Section, since: Array, inputs: Mapping[str, Array]) -> Mask:
         inputs: SI by name, each (n,).
 
     Raises:
-        UserError: neither true nor false, a span of time, nor levels of an input.
+        UserError: neither true nor false, a span of time, nor levels of an input; or a span in
+            which there is no row.
     """
     given = entry.content.get("held_out", False)
     if isinstance(given, bool):
@@ -34,7 +35,10 @@ def held_out(entry: Section, since: Array, inputs: Mapping[str, Array]) -> Mask:
         section.check_keys(("input", "levels"))
         return _levels(section, inputs)
     section.check_keys(("from", "to"))
-    return span(section, since)
+    marked = span(section, since)
+    if not marked.any():
+        entry.fail("held_out", f"no row inside; the log lasts from {since[0]:g} to {since[-1]:g} s")
+    return marked
 
 
 def skipped(entry: Section, times: Array, inputs: Mapping[str, Array]) -> Mask | None:

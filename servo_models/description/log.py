@@ -72,6 +72,8 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     if "file" not in entry:
         entry.fail("file", "missing; name the file of the log")
     path = entry.file.parent / entry.text("file")
+    if not path.exists():
+        entry.fail("file", f"no file '{path}'; name it as seen from the description")
     header = entry.content.get("header")
     if header is not None and not isinstance(header, bool):
         entry.fail("header", "neither true nor false")

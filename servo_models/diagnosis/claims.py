@@ -37,6 +37,7 @@ class Claim:
         parameters: of the effect, in the best explanation that has it.
         gap_after: held-out error [noise floors] of that explanation.
         closed: share of the reducible gap [1] that it closes, None where there is none.
+        beside: the other effects of that explanation.
         converged: False where its fit did not; it is ranked all the same.
         reach: how far it can move the outputs of these logs [noise floors].
         detected: what its own detector says, None where there is none or it can say nothing, and
@@ -51,6 +52,7 @@ class Claim:
     parameters: tuple[Value, ...]
     gap_after: float
     closed: float | None
+    beside: tuple[str, ...]
     converged: bool
     reach: float
     detected: Detection | None = None
@@ -82,6 +84,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),
         gap_after=after,
         closed=closed(causes.before.rms, after, 1.0),
+        beside=tuple(other for other in explanation.effects if other != name),
         converged=explanation.converged,
         reach=causes.reach.get(name, 0.0),
         detected=detection(explanation, name) if matters else None,

@@ -26,6 +26,9 @@ step is none."""
 CLEAR = 0.1
 """Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
 
+HARDLY = 0.7
+"""Error left over the standard deviation of a reading, from which the model does not follow it."""
+
 
 @dataclass(frozen=True)
 class Reduction:
@@ -104,6 +107,18 @@ def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
             found.setdefault(name, []).append(np.arange(start, start + count))
             start += count
     return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def not_followed(found: Explanation, least: float = 0.0) -> tuple[str, ...]:
+    """Return outputs that an explanation hardly follows, missed by ``least`` noise floors."""
+    problem, names = found.problem, []
+    for name, rows in rows_of(problem).items():
+        own = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
+        motion = float(np.std(np.concatenate(own))) / problem.sigma[name]
+        left = float(np.sqrt(np.mean(found.evidence.unseen[rows] ** 2))) if len(rows) else 0.0
+        if left > max(HARDLY * motion, least):
+            names.append(name)
+    return tuple(names)
 
 
 def _gap(

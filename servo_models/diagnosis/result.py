@@ -65,5 +65,5 @@ class Diagnosis:
 
     @cached_property
     def held_out(self) -> tuple[Unseen, ...]:
-        """What the diagnosed effects do to samples that the description holds out, by log."""
-        return unseen(self.causes) if self.causes.taken.effects else ()
+        """What the model leaves of samples that the description holds out, by log."""
+        return unseen(self.causes)

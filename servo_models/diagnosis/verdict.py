@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from servo_models.diagnosis.belief import covering, probabilities
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.structure import missing, sure
+from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.search.causes import Causes
 
@@ -75,7 +76,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
     hunting = unrepeatable(taken)
     left = taken.left.without(hunting)
-    lacking = missing(left, gap, len(taken.effects))
+    lacking = missing(left, gap, len(taken.effects)) or bool(not_followed(taken, TOLERANCE))
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)

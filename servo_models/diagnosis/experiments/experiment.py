@@ -131,6 +131,8 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
         f" noise floors; as they are fitted now, they differ by {so_far:.2g} in these logs.",
     ]
     plan = stage.plan(command)
+    if plan.settle:
+        sentences.append(f"Hold its first value for {in_time(plan.settle)} before the log begins.")
     if plan.constants:
         sentences.append(f"Meanwhile {_held(plant, plan.constants)}, as in log '{plan.name}'.")
     known = _on_record(plant, one.effects, other.effects)

@@ -59,7 +59,8 @@ class Stage:
         self.problem = rivals[0].problem
         self.seed = seed
         self.wire, self.low, self.high = _limits(self.problem)
-        self.step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
+        step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
+        self.step = float(f"{step:.9g}")  # a table is read by people
         longest = max(log.duration for log in self.problem.logs)
         # where the sampling could not follow the slowest pace, all are made slower
         playable = (1.0 + 1e-9) * FINEST * self.step / PACES[-1]
@@ -181,23 +182,27 @@ class Stage:
         """Return the log of a command before it is played: nothing is measured yet.
 
         It is taken under the conditions of the first log, other inputs where they were most of the
-        time, and begins at rest.
+        time.  It begins at rest, as its first row says to whoever reads it, or, where the middle of
+        the command is no rest, with its first row held.
         """
         first, n = self.problem.logs[0], len(self.times)
         rests = command.middle == self.wire.rest
         held = {**first.constants, **{k: float(np.median(v)) for k, v in first.inputs.items()}}
         held.pop(self.wire.name, None)
+        values = command.values(self.times)
+        if rests:
+            values[0] = self.wire.rest
         return replace(
             first,
             times=self.times,
-            inputs={self.wire.name: command.values(self.times)},
+            inputs={self.wire.name: values},
             constants=held,
             outputs={name: np.zeros(n) for name in self.problem.sigma},
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),
             skipped=None,
             begin=0.0,
-            settle=max(first.settle, 0.0 if rests else self.problem.model.stop_time),
+            settle=0.0 if rests else max(first.settle, self.problem.model.stop_time),
         )
 
     def _played(self, i: int, command: Command) -> Problem:

@@ -9,13 +9,12 @@ import numpy as np
 from servo_models.audit import EXACT
 from servo_models.audit.signals import REPEATS
 from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
+from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.telling.words import doubts, listed, moves
+from servo_models.diagnosis.telling.words import doubts, listed, missed, moves
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.identification.beginning import false_starts
 
-HARDLY = 0.7
-"""Error left over the standard deviation of a reading, from which it is not explained."""
 UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
 MOTION = 0.5
@@ -84,14 +83,11 @@ def _sought(found: Diagnosis) -> str:
 
 def _about_fits(found: Diagnosis) -> Iterator[str]:
     taken = found.causes.taken
-    for gap in found.gaps:
-        own = [log for log in found.logs if gap.output in log.outputs]
-        readings = [log.outputs[gap.output][log.fitted] for log in own]
-        if gap.rms["after"] > HARDLY * np.std(np.concatenate(readings)):
-            yield (
-                f"the model explains hardly anything of '{gap.output}': check scale and sign of its"
-                f" column, and that the log is of '{found.model.actuator.name}'"
-            )
+    for name in not_followed(taken):
+        yield (
+            f"the model explains hardly anything of '{name}': check scale and sign of its"
+            f" column, and that the log is of '{found.model.actuator.name}'"
+        )
     if found.unconfirmed:
         yield f"the FMU of the diagnosed model {found.unconfirmed}"
     if taken.effects and not taken.converged:
@@ -121,6 +117,12 @@ def _about_held_out(found: Diagnosis) -> Iterator[str]:
                 f"held out of log '{one.log}', the motion gets worse: parameters alone leave"
                 f" {one.retuned:.3g} noise floors, with {listed(effects)} it is"
                 f" {one.after:.3g}; there, something else is missing"
+            )
+        elif one in missed(found):
+            yield (
+                f"held out of log '{one.log}', {one.after:.3g} noise floors are left, of what is"
+                f" judged {found.gap.rms['after']:.3g}: something else acts there; judge that log"
+                " as well"
             )
 
 

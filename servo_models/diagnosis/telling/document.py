@@ -133,6 +133,7 @@ def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
         "closed": claim.closed,
         "converged": claim.converged,
         "reach": claim.reach,
+        "beside": list(claim.beside),
         "detected": None if claim.detected is None else _detected(claim.detected),
     }
 

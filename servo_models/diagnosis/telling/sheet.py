@@ -110,7 +110,7 @@ def _before(found: Diagnosis) -> Iterator[tuple[str, ...]]:
     for gap in found.gaps:
         log, time = gap.worst
         share = "" if isnan(gap.nrmse) else f"{100.0 * gap.nrmse:.3g} %"
-        yield gap.output, share, f"{log}, {time:.4g} s", f"{1e3 * gap.delay:.3g} ms", gap.origin
+        yield gap.output, share, f"{time:.4g} s in {log}", f"{1e3 * gap.delay:.3g} ms", gap.origin
 
 
 def _confirmed(found: Diagnosis, confirmation: Confirmation) -> Table:
@@ -137,6 +137,7 @@ def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
     for claim in found.claims:
         said = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
         if claim.name in fitted and not claim.taken:
+            said += [f"beside {words.listed(claim.beside)}"] if claim.beside else []
             said += words.marks(found, fitted[claim.name])
         sizes = ", ".join(_size(plant, value) for value in claim.parameters)
         yield (

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -22,6 +23,8 @@ SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""
+UNLIKE = 2.0
+"""Error of a log that is held out over that of the others, from which something else acts there."""
 
 
 def sentence(found: Diagnosis) -> str:
@@ -30,17 +33,30 @@ def sentence(found: Diagnosis) -> str:
     before, retuned = found.gap.rms["before"], found.gap.rms["retuned"]
     if kind == NO_GAP:
         allowed = f"{found.tolerance:g} are allowed"
-        return f"{said}: the model leaves {before:.3g} noise floors, {allowed}."
+        return f"{said}: the model leaves {before:.3g} noise floors, {allowed}{elsewhere(found)}."
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
-        return f"{said}; {change(found)}."
+        return f"{said}; {change(found)}{elsewhere(found)}."
     alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    return f"{said}: {change(found)}{alone}{rivals(found)}{_rest(found)}."
+    return f"{said}: {change(found)}{alone}{rivals(found)}{rest(found)}{elsewhere(found)}."
 
 
-def _rest(found: Diagnosis) -> str:
-    """A clause on errors that are left and are no noise."""
-    rest = found.verdict.rest
-    return f"; {rest:.3g} noise floors of what is left are no noise" if rest else ""
+def rest(found: Diagnosis) -> str:
+    """Return a clause on errors that are left and are no noise, "" where something is missing
+    anyway."""
+    left = found.verdict.rest if found.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
+    return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
+
+
+def elsewhere(found: Diagnosis) -> str:
+    """Return a clause on the log that is held out and missed most, "" for none."""
+    most = max(missed(found), key=lambda one: one.after, default=None)
+    return f"; of log '{most.log}', held out, it leaves {most.after:.3g}" if most else ""
+
+
+def missed(found: Diagnosis) -> list[Unseen]:
+    """Return logs with samples held out of which much more is left than of those judged."""
+    least = max(found.tolerance, UNLIKE * found.gap.rms["after"])
+    return [one for one in found.held_out if one.after > least]
 
 
 def headline(found: Diagnosis) -> str:

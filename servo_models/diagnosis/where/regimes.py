@@ -28,6 +28,8 @@ AMPLITUDES = (0.03, 0.1, 0.2, 0.5, 1.0)
 SPEEDS = (0.1, 0.4, 1.0)
 """Edges over the largest value."""
 POSITIONS = 6
+ROUNDING = 1e-12
+"""Share of a range below which an edge is 0."""
 AROUND = 0.1
 """Window around reversals over the time between them."""
 Edge = tuple[str, float, float]
@@ -116,6 +118,7 @@ def by_position(samples: Samples) -> Breakdown:
     values = scale * samples.position
     low, high = float(values.min()), float(values.max())
     cuts = np.linspace(low, high, POSITIONS + 1)
+    cuts[np.abs(cuts) < ROUNDING * (high - low)] = 0.0
     at = np.clip(np.searchsorted(cuts, values, side="right") - 1, 0, POSITIONS - 1)
     digits = _digits(float(np.abs(cuts).max()), (high - low) / POSITIONS)
     edges = [(_between(a, b, unit, digits), a, b) for a, b in itertools.pairwise(cuts)]

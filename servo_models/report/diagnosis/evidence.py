@@ -50,7 +50,7 @@ def section(found: Diagnosis) -> Section | None:
         "Held-out error with each effect switched on and fitted, nominal parameters free inside"
         " their uncertainty. What counts is whether an effect predicts blocks of time that its"
         f" fit has not seen. {_about_set(found)} Read probabilities as a ranking: they come out"
-        " too sure.",
+        f" too sure.{_about_taken(found)}",
         tuple(tables),
         tuple(pictures),
     )
@@ -63,6 +63,19 @@ def _about_set(found: Diagnosis) -> str:
     outside = found.verdict.kind == OUTSIDE
     beyond = "here something beyond it is missing"
     return f"{aim}; {beyond}." if outside else f"{aim}."
+
+
+def _about_taken(found: Diagnosis) -> str:
+    """What fitting to the end made of the explanation that is told everywhere else."""
+    taken = found.causes.taken
+    (before,) = [it.evidence.rms for it in found.causes.alike if it.effects == taken.effects] or [0]
+    now, then = number(taken.evidence.rms, 3), number(before, 3)
+    if not taken.effects or now == then:
+        return ""
+    return (
+        f" All fits ended as soon as they could be compared; the one with {together(taken.effects)}"
+        f" was then fitted to the end, and leaves {now} instead of {then}."
+    )
 
 
 def intervals(explanations: Sequence[Explanation]) -> list[tuple[float, float]]:

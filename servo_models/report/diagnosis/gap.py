@@ -39,7 +39,16 @@ def section(found: Diagnosis, confirmed: Confirmation | None) -> Section:
         TITLE,
         "RMS errors on blocks of time that the fit has not seen, with 95 % intervals over the"
         f" blocks. {left}".strip(),
-        (_errors(found), _details(found), *([_fmu(found, confirmed)] if confirmed else [])),
+        tuple(
+            table
+            for table in (
+                _errors(found),
+                _details(found),
+                _fmu(found, confirmed) if confirmed else None,
+                _held_out(found),
+            )
+            if table
+        ),
         (*bars, *curves),
     )
 
@@ -86,6 +95,21 @@ def _details(found: Diagnosis) -> Table:
     )
     caption = "The nominal model: error over the measured range, worst moment, lag to measured"
     return Table(caption, DETAILS, lines, ("of its range", "lag"))
+
+
+def _held_out(found: Diagnosis) -> Table | None:
+    """Errors of logs with samples that no fit has seen; None where the description holds none."""
+    if not found.held_out:
+        return None
+    names = stages(found)
+    shown = [name for stage, name in names.items() if stage != "before"] or [names["before"]]
+    lines = []
+    for one in found.held_out:
+        figures = {"retuned": one.retuned, "after": one.after}
+        cells = [number(figures[s], 3) for s in names if s in figures] or [number(one.after, 3)]
+        lines.append(Line((one.log, *cells, "gets worse" if one.worse else "")))
+    caption = "Held out by the description, RMS of all outputs in noise floors"
+    return Table(caption, ("log", *shown, ""), tuple(lines), tuple(shown))
 
 
 def _fmu(found: Diagnosis, confirmed: Confirmation) -> Table:

@@ -16,8 +16,9 @@ UNEXPLAINED = (OUTSIDE, NOT_IDENTIFIABLE)
 
 
 def sentence(found: Diagnosis) -> str:
-    """Return the verdict in one sentence, figures aside."""
-    return f"{capital(words(said.headline(found) + said.rivals(found)))}."
+    """Return the verdict in one sentence, figures of the gap aside."""
+    claim = capital(words(said.headline(found) + said.rivals(found)))
+    return f"{claim}{said.rest(found)}{said.elsewhere(found)}."
 
 
 def judgement(found: Diagnosis) -> bool | None:
