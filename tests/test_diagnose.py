@@ -117,7 +117,10 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     told = replace(found, causes=replace(causes, taken=both, retuned=alone), logs=(log, other))
     (missed,) = told.held_out
     assert missed.after > 3.0 * told.gap.rms["after"]
-    assert f"; of log 'rubbing', held out, it leaves {missed.after:.3g}." in words.sentence(told)
+    assert (
+        f"; of log 'rubbing', held out, it leaves {missed.after:.3g} noise floors."
+        in words.sentence(told)
+    )
     assert any("'rubbing'" in text and "judge that log" in text for text in cautions(told))
     assert "held out, it leaves" not in words.sentence(found)
 

@@ -265,7 +265,7 @@ def nothing(folder: Path) -> None:
         (text('unit = "deg"', 'unit = "dge"'), "", ["outputs.angle.unit", "'dge'"]),
         (text('unit = "V"', 'unit = "kV"'), "", ["row 2", "'u'", "outside", "unit and scale"]),
         (text('"angle_deg"', '"angle"'), "", ["log.csv", "'angle'", "did you mean 'angle_deg'"]),
-        (text('"log.csv"', '"lag.csv"'), "", ["lag.csv", "No such file"]),
+        (text('"log.csv"', '"lag.csv"'), "", ["logs[1].file", "no file", "lag.csv"]),
         (text("[[logs]]", "[[log]]"), "", ["mine.toml", "'log'", "did you mean 'logs'"]),
         (text("[parameters]", "[parameters"), "", ["mine.toml", "line 5", "correct"]),
         (text('"inductance"', '"inductanse"'), "", ["free", "did you mean 'inductance'"]),

@@ -50,7 +50,9 @@ def rest(found: Diagnosis) -> str:
 def elsewhere(found: Diagnosis) -> str:
     """Return a clause on the log that is held out and missed most, "" for none."""
     most = max(missed(found), key=lambda one: one.after, default=None)
-    return f"; of log '{most.log}', held out, it leaves {most.after:.3g}" if most else ""
+    return (
+        f"; of log '{most.log}', held out, it leaves {most.after:.3g} noise floors" if most else ""
+    )
 
 
 def missed(found: Diagnosis) -> list[Unseen]:
