@@ -103,9 +103,10 @@ def _about_held_out(found: Diagnosis) -> Iterator[str]:
     effects = found.causes.taken.effects
     for one in found.held_out:
         if np.isnan(one.retuned):
+            helped = ": nothing tells there whether the effects help" if effects else ""
             yield (
                 f"held out of log '{one.log}', the motion cannot be simulated with parameters"
-                " alone: nothing tells there whether the effects help"
+                f" alone{helped}"
             )
         elif np.isnan(one.after):
             yield (

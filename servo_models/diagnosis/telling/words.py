@@ -23,7 +23,7 @@ SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""
-UNLIKE = 2.0
+ELSEWHERE = 2.0
 """Error of a log that is held out over that of the others, from which something else acts there."""
 
 
@@ -57,7 +57,7 @@ def elsewhere(found: Diagnosis) -> str:
 
 def missed(found: Diagnosis) -> list[Unseen]:
     """Return logs with samples held out of which much more is left than of those judged."""
-    least = max(found.tolerance, UNLIKE * found.gap.rms["after"])
+    least = max(found.tolerance, ELSEWHERE * found.gap.rms["after"])
     return [one for one in found.held_out if one.after > least]
 
 

@@ -68,9 +68,10 @@ def _about_set(found: Diagnosis) -> str:
 def _about_taken(found: Diagnosis) -> str:
     """What fitting to the end made of the explanation that is told everywhere else."""
     taken = found.causes.taken
-    (before,) = [it.evidence.rms for it in found.causes.alike if it.effects == taken.effects] or [0]
-    now, then = number(taken.evidence.rms, 3), number(before, 3)
-    if not taken.effects or now == then:
+    left = {one.effects: number(one.evidence.rms, 3) for one in found.causes.alike}
+    now = number(taken.evidence.rms, 3)
+    then = left.get(taken.effects, now)
+    if now == then:
         return ""
     return (
         f" All fits ended as soon as they could be compared; the one with {together(taken.effects)}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
@@ -106,7 +108,8 @@ def _held_out(found: Diagnosis) -> Table | None:
     lines = []
     for one in found.held_out:
         figures = {"retuned": one.retuned, "after": one.after}
-        cells = [number(figures[s], 3) for s in names if s in figures] or [number(one.after, 3)]
+        left = [figures[stage] for stage in names if stage in figures] or [one.after]
+        cells = ("cannot be simulated" if math.isnan(it) else number(it, 3) for it in left)
         lines.append(Line((one.log, *cells, "gets worse" if one.worse else "")))
     caption = "Held out by the description, RMS of all outputs in noise floors"
     return Table(caption, ("log", *shown, ""), tuple(lines), tuple(shown))
