@@ -181,21 +181,21 @@ if __name__ == "__main__":
 # Result: two cores, nothing beside it; CPython 3.11, numba 0.68.
 #
 # whole process                      cold     warm     memory
-# SG90, 60 s at 200 Hz             12.0 s    7.7 s    542 MiB
-# torque motor, 1 s at 10 kHz       8.5 s    5.2 s    503 MiB
+# SG90, 60 s at 200 Hz             13.2 s    8.3 s    532 MiB
+# torque motor, 1 s at 10 kHz       9.6 s    5.0 s    496 MiB
 #
 # whole process, warm                 one      two   unknown
-# SG90, 60 s at 200 Hz              7.2 s   11.2 s   15.7 s
-# torque motor, 1 s at 10 kHz       5.1 s    6.5 s    9.6 s
+# SG90, 60 s at 200 Hz              8.4 s   12.9 s   18.4 s
+# torque motor, 1 s at 10 kHz       4.8 s    7.9 s   10.6 s
 #
 # log length, over that above      1/4     1/2       1       2
-# SG90, 60 s at 200 Hz             1.9 s   2.4 s   4.2 s   8.9 s
-# torque motor, 1 s at 10 kHz      0.4 s   0.6 s   1.0 s   2.1 s
+# SG90, 60 s at 200 Hz             2.2 s   2.6 s   4.6 s   9.5 s
+# torque motor, 1 s at 10 kHz      0.4 s   0.7 s   1.1 s   2.1 s
 #
 # effects in the catalogue         1/4     1/2     3/4     all
-# SG90, 60 s at 200 Hz             6.5 s   2.4 s   3.6 s   4.3 s
-# torque motor, 1 s at 10 kHz      0.9 s   1.1 s   0.9 s   1.0 s
+# SG90, 60 s at 200 Hz             6.6 s   2.5 s   4.2 s   4.7 s
+# torque motor, 1 s at 10 kHz      1.0 s   1.2 s   1.0 s   1.1 s
 #
 # jobs                               1       2   ratio
-# SG90, 60 s at 200 Hz             7.4 s   4.2 s  1.76
-# torque motor, 1 s at 10 kHz      1.6 s   1.1 s  1.45
+# SG90, 60 s at 200 Hz             8.0 s   4.7 s  1.68
+# torque motor, 1 s at 10 kHz      1.9 s   1.4 s  1.37

@@ -249,16 +249,16 @@ if __name__ == "__main__":
 # Result: two cores, CPython 3.11, numba 0.68; the script with the default method, then with LSODA.
 #
 # fit of three parameters             ours      script  ratio   apart
-# torque motor                       16 ms     3287 ms    204   1e-06
-# SG90, saturating                   23 ms     3436 ms    148   7e-05
-# linear drive, discrete loop        10 ms     1144 ms    116   6e-04
+# torque motor                       20 ms     3532 ms    173   1e-06
+# SG90, saturating                   21 ms     3562 ms    170   7e-05
+# linear drive, discrete loop        13 ms     1208 ms     90   6e-04
 # fit of 4 parameters to 2 x 24841 samples in a discrete loop
-# 0.83 s, 77 simulations, peak memory 239 MiB
+# 0.64 s, 77 simulations, peak memory 239 MiB
 # largest error in standard errors 1.3
 #
 # fit of three parameters             ours      script  ratio   apart
-# torque motor                       17 ms     1780 ms    105   6e-06
-# SG90, saturating                   23 ms     1136 ms     50   1e-05
-# linear drive, discrete loop        11 ms      967 ms     87   7e-04
+# torque motor                       18 ms     1953 ms    111   6e-06
+# SG90, saturating                   26 ms     1196 ms     46   1e-05
+# linear drive, discrete loop        10 ms      961 ms     97   7e-04
 #
 # servo-models identify emps.toml: 2.1 s, peak memory 291 MiB
