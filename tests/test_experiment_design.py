@@ -225,13 +225,18 @@ def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first
     assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text
 
 
-def test_an_experiment_begins_at_rest_where_its_middle_is_none(verdict: Verdict) -> None:
-    """The motor is held there for as long as a step takes."""
+def test_an_experiment_begins_at_rest_where_its_limits_allow_that(verdict: Verdict) -> None:
+    """Else the motor is held at the first value for as long as a step takes."""
     stage = Stage(verdict.rivals[:2], 0)
     away = Command("triangle", 5.0, 2.0, 0.01, 0)
-    assert stage.plan(away).settle == pytest.approx(nominal().stop_time)
-    about_rest = stage.plan(replace(away, middle=0.0))
-    assert about_rest.settle == 0.0
+    plan = stage.plan(away)
+    assert plan.settle == 0.0
+    assert plan.inputs["voltage"][0] == 0.0
+    np.testing.assert_array_equal(plan.inputs["voltage"][1:], away.values(stage.times)[1:])
+    stage.low = 1.0
+    plan = stage.plan(away)
+    assert plan.settle == pytest.approx(nominal().stop_time)
+    assert plan.inputs["voltage"][0] == away.values(stage.times)[0]
 
 
 def test_a_played_table_is_read_as_it_was_meant(
@@ -243,7 +248,7 @@ def test_a_played_table_is_read_as_it_was_meant(
         assert one.command[0] == 0.0
         assert "Hold its first value" not in one.text
     stage = Stage(verdict.rivals[:2], 0)
-    stage.low = 10.0  # the middle is now no rest
+    stage.low = 10.0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiment, "Stage", lambda *_: stage)
         (away,) = next_experiments(replace(verdict, rivals=verdict.rivals[:2]))

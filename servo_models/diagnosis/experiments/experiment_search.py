@@ -182,16 +182,17 @@ class Stage:
         """Return the log of a command before it is played: nothing is measured yet.
 
         It is taken under the conditions of the first log, other inputs where they were most of the
-        time.  It begins at rest, as its first row says to whoever reads it, or, where the middle of
-        the command is no rest, with its first row held.
+        time.  It begins at rest, as its first row says to whoever reads it, or, where the limits do
+        not allow that, with its first row held.
         """
         first, n = self.problem.logs[0], len(self.times)
-        rests = command.middle == self.wire.rest
+        rest = float(self.wire.rest)
+        rests = self.low <= rest <= self.high
         held = {**first.constants, **{k: float(np.median(v)) for k, v in first.inputs.items()}}
         held.pop(self.wire.name, None)
         values = command.values(self.times)
         if rests:
-            values[0] = self.wire.rest
+            values[0] = rest
         return replace(
             first,
             times=self.times,
