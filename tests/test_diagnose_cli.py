@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +17,12 @@ from jsonschema import Draft202012Validator, ValidationError
 from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.diagnosis import telling
-from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.fitting import explanation
 from servo_models.diagnosis.fitting.descent import Array, descend
 from servo_models.identification.problem import Problem
 from servo_models.parameter_set import read_parameters
 from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
 from servo_models.simulate import model, simulate
-from servo_models.tables import read_signals
 
 RATE = 4000.0
 NOISE = 5e-5
@@ -298,82 +295,6 @@ def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
     marked = {one["name"]: "did not converge" in one["reason"] for one in document["ruled_out"]}
     assert [name for name, holds in marked.items() if holds] == ["backlash"]
     assert not any("did not converge" in text for text in document["warnings"])
-
-
-VOLTAGE = model("torque_motor").plant.wire["voltage"]
-
-
-def planned(description: Path) -> experiment.Experiment:
-    """A sine to play."""
-    (log,) = read_description(description).logs
-    times = np.linspace(0.0, 0.3, 61)
-    plan = replace(log, times=times, inputs={"voltage": 5.0 * np.sin(20.0 * times)})
-    names = ("transport_delay",), ("sensor_lag",)
-    return experiment.Experiment(*names, "Play a sine.", VOLTAGE, plan, 7.0, 0.2)
-
-
-def test_the_next_experiment_is_told_and_can_be_played(
-    session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sine = planned(session.folder / "rig.toml")
-    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
-    words = ("diagnose", session.folder / "rig.toml", "--json", tmp_path / "d.json")
-    _, out, _ = run(*words)
-    assert "Play a sine. Its table is rig_next_1.csv." in " ".join(out.split())
-    document = json.loads((tmp_path / "d.json").read_text())
-    check_schema(document)
-    (told,) = document["next_experiments"]
-    played, signals = read_signals(tmp_path / told["file"], [VOLTAGE])
-    assert np.array_equal(played, sine.times)
-    assert np.array_equal(signals["voltage"], sine.command)
-
-
-def test_a_table_that_was_played_and_filled_is_not_written_over(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = describe(tmp_path)
-    log = (tmp_path / "log.csv").rename(tmp_path / "rig_next_1.csv")
-    path.write_text(path.read_text().replace("log.csv", log.name))
-    before, sine = log.read_bytes(), planned(path)
-    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine, sine))
-    run("diagnose", path, "--json", tmp_path / "d.json")
-    document = json.loads((tmp_path / "d.json").read_text())
-    names = [one["file"] for one in document["next_experiments"]]
-    assert names == ["rig_next_2.csv", "rig_next_3.csv"]
-    assert log.read_bytes() == before
-
-
-def test_a_filled_table_that_is_no_log_yet_is_not_written_over_either(
-    session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One that still is as it was written is replaced."""
-    sine = planned(session.folder / "rig.toml")
-    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
-    words = ("diagnose", session.folder / "rig.toml", "--json", tmp_path / "d.json")
-    table = tmp_path / "rig_next_1.csv"
-    for _ in range(2):
-        run(*words)
-        assert [it.name for it in tmp_path.glob("*.csv")] == [table.name]
-    head, *rows = table.read_text().splitlines()
-    filled = "\n".join([f"{head},angle", *(f"{row},0.1" for row in rows)])
-    table.write_text(filled)
-    run(*words)
-    assert table.read_text() == filled
-    (told,) = json.loads((tmp_path / "d.json").read_text())["next_experiments"]
-    assert told["file"] == "rig_next_2.csv"
-
-
-def test_without_a_file_no_table_is_promised(
-    session: Session, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sine = planned(session.folder / "rig.toml")
-    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
-    monkeypatch.chdir(tmp_path)
-    _, out, _ = run("diagnose", session.folder / "rig.toml", "--format", "json")
-    told = json.loads(out)
-    check_schema(told)
-    assert [one["file"] for one in told["next_experiments"]] == [None]
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:

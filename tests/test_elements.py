@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from servo_models.elements.lines import line_with_flats, straight_line
 from servo_models.elements.loop import REACHED
 from servo_models.elements.motor import motor_curve
 from servo_models.elements.step import first_order
-from servo_models.errors import UserError
 from servo_models.simulate import model
 from servo_models.synthesis_pictures import synthesis_picture
 
@@ -320,26 +318,30 @@ TRUTH = {
 }
 
 
-@pytest.fixture
-def bench(tmp_path: Path) -> Path:
+def taken_apart(folder: Path) -> Path:
     """The paper's servo, taken apart and measured; the path of its description."""
     draw = np.random.default_rng(3)
     angles, inputs = np.arange(-90.0, 91.0, 10.0), np.linspace(0.125, 0.6, 20)
     voltages = 0.025 * (angles + 95.0) + draw.normal(0.0, 0.005, len(angles))
-    write(tmp_path / "potentiometer.csv", angle_deg=angles, U=voltages)
+    write(folder / "potentiometer.csv", angle_deg=angles, U=voltages)
     unloaded = -0.1 + 5.7895 * (inputs - 0.125) + draw.normal(0.0, 0.01, 20)
     loaded = -1.15 + 7.4737 * (inputs - 0.125) + draw.normal(0.0, 0.01, 20)
     columns = {"in": inputs, "unloaded": unloaded, "loaded": loaded}
-    write(tmp_path / "amplifier.csv", **columns)
+    write(folder / "amplifier.csv", **columns)
     drive, speeds, _ = Bench(half_width=0.03).table(0.02, 0.013, 2.5, noise=2.0)
-    write(tmp_path / "motor.csv", U_mV=1e3 * drive, n=speeds * 30.0 / math.pi)
+    write(folder / "motor.csv", U_mV=1e3 * drive, n=speeds * 30.0 / math.pi)
     times = np.arange(0.0, 6.0, 0.02)
     turned = 633.3 / 1.307 * (1.0 - np.exp(-1.307 * np.maximum(times - 0.5, 0.0)))
     step = np.where(times >= 0.5 - 1e-9, 1.0, 0.0)
     noisy = turned + draw.normal(0.0, 2.0, len(times))
-    write(tmp_path / "step.csv", t_ms=1e3 * times, U=step, w=noisy)
-    (tmp_path / "servo.toml").write_text(DESCRIPTION)
-    return tmp_path / "servo.toml"
+    write(folder / "step.csv", t_ms=1e3 * times, U=step, w=noisy)
+    (folder / "servo.toml").write_text(DESCRIPTION)
+    return folder / "servo.toml"
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    return taken_apart(tmp_path)
 
 
 def test_a_servo_taken_apart_becomes_the_actuator_that_it_was(bench: Path) -> None:
@@ -396,92 +398,3 @@ def test_the_picture_marks_the_choice_of_both_bands(bench: Path) -> None:
     }
     assert marks == {round(choice.optimum.k_f, 9) for choice in result.synthesis.choices}
     assert len(figure.axes) == 4
-
-
-def only_positive(path: Path) -> None:
-    voltages, speeds, _ = Bench().table(0.05, 0.02, 2.5)
-    write(path, U_mV=1e3 * voltages[voltages > 0], n=speeds[voltages > 0])
-
-
-def on_off(path: Path) -> None:
-    voltages, _, _ = Bench().table(0.05, 0.02, 2.5)
-    write(path, U_mV=1e3 * voltages, n=np.where(abs(voltages) > 1.0, np.sign(voltages), 0.0))
-
-
-def few(path: Path) -> None:
-    write(path, U_mV=np.array([-1.0, 1.0]), n=np.array([-1.0, 1.0]))
-
-
-def constant(path: Path) -> None:
-    write(path, U_mV=np.linspace(-1.0, 1.0, 20), n=np.zeros(20))
-
-
-def backward(path: Path) -> None:
-    voltages, speeds, _ = Bench().table(0.05, 0.02, 2.5)
-    write(path, U_mV=1e3 * voltages, n=-speeds)
-
-
-def text(path: Path) -> None:
-    path.write_text("U_mV,n\n" + "1,2\n" * 9 + "3,stuck\n")
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (only_positive, ("voltage and speed", "no negative voltage", "both directions")),
-        (on_off, ("no linear region at positive voltages", "add 3 rows")),
-        (few, ("column 'U_mV' has 2 rows", "at least 8")),
-        (constant, ("column 'n' is constant", "measure over a range")),
-        (backward, ("never turns", "sign of the speed")),
-        (text, ("row 11", "column 'n'", "'stuck' is not a number")),
-    ],
-)
-def test_a_bad_table_is_one_line_with_its_cure(
-    bench: Path, spoil: Callable[[Path], None], words: tuple[str, ...]
-) -> None:
-    spoil(bench.parent / "motor.csv")
-    with pytest.raises(UserError) as caught:
-        identify_elements(bench)
-    message = str(caught.value)
-    assert "motor.csv" in message
-    assert "\n" not in message
-    for word in words:
-        assert word in message
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[elements.gears]", "[elements.gear]", "did you mean 'gears'?"),
-        ("teeth = [[8, 48], [8, 32]]", "teeth = [8, 48]", "elements.gears.teeth"),
-        ('unit = "rpm"', 'unit = "V"', "elements.motor.speed.unit"),
-        ('column = "U_mV"', 'column = "U"', "has no column 'U'"),
-        ("k_f = [0.05, 0.1]", 'band = "200 %"', "elements.synthesis.band"),
-        ('column = "U", unit = "V"', 'column = "U", unit = "V", sign = -1', "potentiometer_gain"),
-        ('actuator = "sg90"\nvariant = "printed"', 'actuator = "torque_motor"', "such as sg90"),
-        ('file = "motor.csv"', "", "elements.motor.file: missing"),
-    ],
-)
-def test_a_bad_description_is_one_line_with_its_cure(
-    bench: Path, old: str, new: str, words: str
-) -> None:
-    assert old in DESCRIPTION
-    bench.write_text(DESCRIPTION.replace(old, new))
-    with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
-        identify_elements(bench)
-    assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("speeds", "voltages", "words"),
-    [
-        (np.linspace(0.0, 1.0, 50), None, "does not settle"),
-        (np.ones(4) - np.exp(-np.arange(4.0)), None, "rows after the step"),
-        (np.ones(50), np.tile([0.0, 1.0], 25), "more than once"),
-    ],
-)
-def test_a_record_that_is_no_step_is_told(
-    speeds: Array, voltages: Array | None, words: str
-) -> None:
-    with pytest.raises(UserError, match=words):
-        first_order(np.arange(len(speeds)) * 0.1, speeds, voltages)

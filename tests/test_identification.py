@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
@@ -26,7 +26,7 @@ from servo_models.identification.estimate import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
 from servo_models.identification.run import prepared
-from servo_models.recording import Channel, Log, regular
+from servo_models.recording import Channel, Log
 from servo_models.simulate import Model, model, simulate
 
 Array = NDArray[np.float64]
@@ -359,29 +359,6 @@ def test_a_free_parameter_starts_inside_its_bounds(
     free = free_parameter(Parameter("x", param, ""), value, prior)
     assert free.low <= free.start <= free.high
     assert free.scale > 0.0
-
-
-@settings(max_examples=60)
-@given(
-    st.integers(20, 3000),
-    st.sampled_from([1e-3, 1.0 / 30.0, 2e-2, 0.0134]),
-    st.floats(0.0, 1.0),
-    st.integers(0, 99),
-)
-def test_rounded_times_go_back_to_their_grid(
-    count: int, step: float, share: float, seed: int
-) -> None:
-    exact = step * np.arange(count)
-    noise = np.random.default_rng(seed).uniform(-1.0, 1.0, count)
-    noise[0] = 0.0
-    found = regular(exact + 2e-4 * share * step * noise)
-    np.testing.assert_allclose(found, exact, atol=1e-3 * step, rtol=0.0)
-    assert np.ptp(np.diff(found)) <= 1e-9 * step or share == 0.0
-
-
-def test_jittered_times_stay_as_they_are() -> None:
-    times = np.cumsum(np.tile([0.013, 0.014, 0.013], 30))
-    assert np.array_equal(regular(times), times)
 
 
 def test_the_modules_share_one_list_of_methods() -> None:
