@@ -168,6 +168,17 @@ def test_what_other_code_began_is_not_gone_on_with(
     assert not (copy / "new.json").exists()
 
 
+def test_a_case_whose_diagnosis_failed_shows_in_the_exit_code(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = copy / "results.jsonl"
+    first, *others = path.read_text().splitlines()
+    failed = {**json.loads(first), "verdict": "failed", "why": "no memory"}
+    path.write_text("\n".join([json.dumps(failed), *others]) + "\n")
+    assert main(command(copy, copy / "new.json")) == 1
+    assert f"Case {failed['case']} failed: no memory" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("text", ["[]", '{"seal": "x"}', '"seal"', "7", '{"seal": "x", "code": 1}'])
 def test_a_damaged_journal_is_refused(
     text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

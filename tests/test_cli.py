@@ -87,6 +87,7 @@ def test_list_names_everything_and_warns(run: Run) -> None:
         (["simulate", "sg90", "--out", "a.xlsx"], "'a.xlsx'"),
         (["simulate", "sg90", "--plot", "a.gif"], "'a.gif'"),
         (["simulate"], "name one"),
+        (["explain", "mine.toml"], "with --params mine.toml"),
         (["simulate", "sg90", "--params", "a.toml"], "leave them out"),
         (["build", "--params", "absent.toml"], "cannot read 'absent.toml'"),
         (["explain"], "name an actuator or an effect"),

@@ -96,6 +96,8 @@ def test_a_fault_of_the_description_is_named(
         ),
         ("[uncertainty]\nmass = 1", ["uncertainty.mass", "unknown parameter"]),
         ("[uncertainty]\nstiffness = 0", ["uncertainty.stiffness", "above 0"]),
+        ('[uncertainty]\nstiffness = "-5 %"', ["uncertainty.stiffness", "give a share above 0"]),
+        ('[uncertainty]\nback = "5 %"', ["did you mean 'back_emf_constant'"]),
         ('[uncertainty]\nnull_shift.angle = "5 %"', ["uncertainty.null_shift.angle", "share"]),
         ('[uncertainty]\nstiffness = "x %"', ["uncertainty.stiffness", "'x %' is not a number"]),
     ],

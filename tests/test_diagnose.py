@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,6 +25,7 @@ from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.telling.parameters import parameter_set
+from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -123,6 +125,17 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     )
     assert any("'rubbing'" in text and "judge that log" in text for text in cautions(told))
     assert "held out, it leaves" not in words.sentence(found)
+
+
+@pytest.mark.parametrize("after", [math.nan, 3.0])
+def test_no_effect_is_blamed_where_parameters_alone_cannot_be_simulated(
+    case: tuple[Diagnosis, Told], after: float
+) -> None:
+    found = replace(case[0])
+    found.__dict__["held_out"] = (Unseen("light", math.nan, after, worse=False),)
+    (text,) = [text for text in cautions(found) if "'light'" in text]
+    assert "with parameters alone" in text
+    assert "something else is missing" not in text
 
 
 def test_parameters_that_close_little_are_not_said_to_explain_a_gap(
