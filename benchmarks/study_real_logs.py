@@ -70,7 +70,7 @@ def diagnosed(case: Case) -> Told:
     begin = time.perf_counter()
     found = diagnose(told, case.tolerance)
     confirm(found)
-    experiments, breakdowns = next_experiments(found.verdict), tuple(where(found.causes))
+    experiments, breakdowns = next_experiments(found.undecided), tuple(where(found.causes))
     seconds = time.perf_counter() - begin
     usual = found if case.tolerance == TOLERANCE else diagnose(told)
     return Told(found, breakdowns, experiments, seconds, usual)

@@ -243,7 +243,7 @@ def test_parameters_are_in_their_display_units(found: Diagnosis, text: str) -> N
 
 
 def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
-    planned = next_experiments(unsure.verdict)
+    planned = next_experiments(unsure.undecided)
     page = Page(diagnosis_page("Bench", unsure, experiments=planned))
     page.assert_stands_alone()
     assert planned

@@ -88,7 +88,7 @@ def verdict(first: Log) -> Verdict:
 
 @pytest.fixture(scope="module")
 def experiments(verdict: Verdict) -> tuple[Experiment, ...]:
-    return next_experiments(verdict)
+    return next_experiments(verdict.rivals)
 
 
 def test_the_set_shrinks_to_the_truth(
@@ -200,7 +200,7 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     gain = free_parameter(parameters["gain_error.error"], 0.0, None)
     other = bench.fit(("gain_error",), [gain])
     verdict = Verdict("not-identifiable", {}, ("gain_error",), (retuned, other))
-    (found,) = next_experiments(verdict)
+    (found,) = next_experiments(verdict.rivals)
     assert found.separation < 0.1
     assert not found.telling
     assert "No command that was tried inside the limits" in found.text
@@ -208,7 +208,7 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
 
 def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
     few = replace(verdict, rivals=verdict.rivals[:3])
-    pairs = [{one.one, one.other} for one in next_experiments(few)]
+    pairs = [{one.one, one.other} for one in next_experiments(few.rivals)]
     one, two, three = (rival.effects for rival in few.rivals)
     assert pairs == [{one, two}, {one, three}, {two, three}]
 
@@ -220,7 +220,7 @@ def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first
     inputs = {**first.inputs, "load_torque": load}
     held = replace(first, inputs=inputs) if recorded else None
     loaded = verdict_on(held or replace(first, constants={"load_torque": 2e-4}))
-    told = next_experiments(replace(loaded, rivals=loaded.rivals[:2]))[0]
+    told = next_experiments(loaded.rivals[:2])[0]
     assert told.constants == {"load_torque": 2e-4}
     assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text
 
@@ -251,7 +251,7 @@ def test_a_played_table_is_read_as_it_was_meant(
     stage.low = 10.0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiment, "Stage", lambda *_: stage)
-        (away,) = next_experiments(replace(verdict, rivals=verdict.rivals[:2]))
+        (away,) = next_experiments(verdict.rivals[:2])
     held = in_time(away.plan.settle)
     assert f"Hold its first value for {held} before the log begins." in away.text
     assert away.command[0] != 0.0
@@ -324,7 +324,7 @@ def test_a_log_too_coarse_for_every_pace_gets_slower_ones(verdict: Verdict, firs
 
 
 def test_nothing_to_separate() -> None:
-    assert next_experiments(Verdict("parameters", {}, (), ())) == ()
+    assert next_experiments(()) == ()
 
 
 @given(

@@ -51,7 +51,7 @@ def test_two_causes_are_not_joined_by_a_third() -> None:
 def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(name: str) -> None:
     bench, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
     seen = bench.fit((), ()).view
-    for sight in look((seen,), [every[name]])[0][:5]:
+    for sight in look((seen,), [every[name]])[:5]:
         begin = best_start([sight])
         as_seen = {**sight.settings, **sight.seen.start(sight.whole)}
         assert begin.cost <= seen.cost(as_seen)

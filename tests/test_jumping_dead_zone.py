@@ -53,7 +53,7 @@ def test_a_fit_finds_the_part_that_is_kept(half_width: float, kept: float) -> No
     """All that a fit is told of it is what is seen of dead zones that keep nothing."""
     bench, one = rig(half_width, kept)
     first = bench.fit((), ())
-    ((_, own),) = starts_of(look((first.view,), [one])[0])
+    ((_, own),) = starts_of(look((first.view,), [one]))
     found = beside(bench, first, own)
     assert found.values["drive_dead_zone.kept"] == pytest.approx(kept, abs=0.03)
     assert found.evidence.rms < 1.3

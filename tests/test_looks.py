@@ -58,7 +58,7 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     retuned = bench.finish(bench.fit((), ()))
     assert "low" in retuned.problem.sides(retuned.evidence.vector)
     assert retuned.view.left == pytest.approx(retuned.cost, rel=1e-3)
-    sights, _ = look((retuned.view,), [every["sensor_offset"], every["sensor_nonlinearity"]])
+    sights = look((retuned.view,), [every["sensor_offset"], every["sensor_nonlinearity"]])
     sight = next(it for it in sights if it.candidate.name == "sensor_offset")
     found = beside(bench, retuned, [sight])
     assert found.cost == pytest.approx(sight.left, rel=0.02)
@@ -138,7 +138,7 @@ def test_where_nothing_jumps_no_delay_is_moved() -> None:
 def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     bench, every = made({"sensor_offset.value": 1e-5})
     retuned = bench.finish(bench.fit((), ()))
-    sights, _ = look((retuned.view,), [every["sensor_offset"]])
+    sights = look((retuned.view,), [every["sensor_offset"]])
     found = beside(bench, retuned, sights[:1])
     worth = advantage(found.evidence, retuned.evidence)
     assert worth > LIKELY
@@ -176,14 +176,14 @@ def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
     retuned = bench.fit((), ())
     assert retuned.values[delay.name] > nominal.values[delay.name] + 0.3 * period
     (hold,) = [it for it in candidates(nominal, [log]) if it.name == "sample_hold"]
-    sight = look((retuned.view,), shortlist(bench, retuned, [hold]))[0][0]
+    sight = look((retuned.view,), shortlist(bench, retuned, [hold]))[0]
     assert sight.settings["sample_hold.period"] == pytest.approx(period, rel=3e-3)
 
 
 def test_half_of_what_a_limit_on_a_rate_does_is_twice_the_rate() -> None:
     """And no small part of a tight one counts: it imitates a lag, and no fit leads away."""
     bench, every = made({"rate_limit.rate": 5000.0, "null_shift.angle": 2e-3})
-    seen = look((bench.fit((), ()).view,), [every["rate_limit"]])[0]
+    seen = look((bench.fit((), ()).view,), [every["rate_limit"]])
     assert 2500.0 < seen[0].settings["rate_limit.rate"] < 10000.0
     assert seen[0].at(0.5)["rate_limit.rate"] == 2.0 * seen[0].settings["rate_limit.rate"]
     assert min(it.share for it in seen) > 0.49

@@ -38,7 +38,7 @@ def test_effects_that_change_the_response_alike_take_one_place() -> None:
     bench, every = made({"coulomb_friction.level": 2e-3})
     one = every["coulomb_friction"]
     twins = [one, replace(one, name="first twin"), replace(one, name="second twin")]
-    seen = look((bench.fit((), ()).view,), [*twins, every["cogging"], every["sensor_offset"]])[0]
+    seen = look((bench.fit((), ()).view,), [*twins, every["cogging"], every["sensor_offset"]])
     chosen = [name for name, _ in promising(seen, np.inf, 2)]
     assert len(chosen) == 2
     assert len({"coulomb_friction", "first twin", "second twin"} & set(chosen)) == 1
@@ -62,7 +62,7 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     """Alone it takes a count that imitates the friction as well."""
     true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
     bench, every = made({**true, "stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1})
-    sights = look((bench.fit((), ()).view,), list(every.values()))[0]
+    sights = look((bench.fit((), ()).view,), list(every.values()))
     near = narrowed(every.values(), sights)
     (ripple,) = [one for one in near if one.name == "cogging"]
     assert ripple.sizes == every["cogging"].sizes
@@ -90,11 +90,11 @@ def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
 ) -> None:
     """None of these laws adds to another one, and the sizes are those that would do if they did."""
     bench, every = made({**first, **second})
-    near = narrowed(every.values(), look((bench.fit((), ()).view,), list(every.values()))[0])
+    near = narrowed(every.values(), look((bench.fit((), ()).view,), list(every.values())))
     (name,), (cause,) = ({it.partition(".")[0] for it in part} for part in (first, second))
     fitted = bench.fit((name,), every[name].at(first))
     few = seen_beside(fitted, near)
-    most = look((fitted.view,), [one for one in every.values() if one.name != name])[0]
+    most = look((fitted.view,), [one for one in every.values() if one.name != name])
     smooth = [one.name for one in near if len(one.alone) > SIZES and one.name != name]
     assert len(smooth) > 10
     best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
@@ -132,7 +132,7 @@ def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
     friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
     bench, every = made({**true, **friction})
     wanted = [every[name] for name in ("cogging", "stribeck_friction")]
-    sights = look((bench.fit((), ()).view,), wanted)[0]
+    sights = look((bench.fit((), ()).view,), wanted)
     alone = next(it for it in sights if it.candidate.name == "cogging")
     ((one, other),) = pairs(sights)
     ripple = one if one.candidate.name == "cogging" else other
@@ -167,7 +167,7 @@ def test_a_fit_begins_with_several_shapes() -> None:
     friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
     bench, every = made(friction)
     one = every["stribeck_friction"]
-    sights = look((bench.fit((), ()).view,), [one])[0]
+    sights = look((bench.fit((), ()).view,), [one])
     tried = likeliest(sights)
     speeds = [it.settings["stribeck_friction.speed"] for it in tried]
     assert len(set(speeds)) == len(speeds) == TRIED

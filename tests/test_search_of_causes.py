@@ -18,6 +18,7 @@ from servo_models.diagnosis.fitting.evidence import blocks, judge
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.fitting.nominal import BELIEVED, nominal_parameters
 from servo_models.diagnosis.search.fits import beside
+from servo_models.diagnosis.search.reach import reaches
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.diagnosis.sizes import travel
@@ -122,20 +123,22 @@ def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> No
     """An offset of the reading is linear: the look's start is the answer."""
     bench, every = made({"sensor_offset.value": 2e-3})
     retuned = bench.finish(bench.fit((), ()))
-    sights, reach = look((retuned.view,), [every["sensor_offset"], every["coulomb_friction"]])
+    wanted = [every["sensor_offset"], every["coulomb_friction"]]
+    sights = look((retuned.view,), wanted)
     assert sights[0].candidate.name == "sensor_offset"
     found = beside(bench, retuned, sights[:1])
     assert found.cost == pytest.approx(sights[0].left, rel=0.02)
     assert found.values["sensor_offset.value"] == pytest.approx(2e-3, rel=0.01)
     whole = np.sqrt(np.mean(sights[0].difference ** 2))
-    assert reach["sensor_offset"] >= whole * (1.0 - 1e-6)  # of any size looked at
+    shown = reaches(sights, wanted)["sensor_offset"].shown
+    assert shown >= whole * (1.0 - 1e-6)  # of any size looked at
 
 
 def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
     truth = {"cogging.torque": 4e-4, "cogging.count": 230.0, "cogging.phase": -1.2}
     bench, every = made(truth)
     retuned = bench.finish(bench.fit((), ()))
-    sights, _ = look((retuned.view,), [every["cogging"]])
+    sights = look((retuned.view,), [every["cogging"]])
     found = beside(bench, retuned, sights[:2])
     assert found.values["cogging.count"] == pytest.approx(230.0, rel=0.01)
     assert found.values["cogging.torque"] == pytest.approx(4e-4, rel=0.05)
@@ -147,7 +150,7 @@ def test_a_hold_is_found_though_no_size_near_it_looks_like_it() -> None:
     period = 2.43e-3
     bench, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
     retuned = bench.finish(bench.fit((), ()))
-    sights, _ = look((retuned.view,), shortlist(bench, retuned, [every["sample_hold"]]))
+    sights = look((retuned.view,), shortlist(bench, retuned, [every["sample_hold"]]))
     found = beside(bench, retuned, sights[:2])
     assert found.values["sample_hold.period"] == pytest.approx(period, rel=2e-3)
 
@@ -159,7 +162,7 @@ def test_a_stiff_resonance_is_followed_beyond_its_reach() -> None:
     retuned = bench.finish(bench.fit((), ()))
     found = {}
     for name in ("gear_compliance", "load_inertia"):
-        sights, _ = look((retuned.view,), [every[name]])
+        sights = look((retuned.view,), [every[name]])
         found[name] = beside(bench, retuned, sights[:2])
     stiff, rigid = found["gear_compliance"], found["load_inertia"]
     assert stiff.values["gear_compliance.compliance"] == pytest.approx(0.2, rel=0.1)
@@ -181,7 +184,7 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     bench, every = made({"command_quantisation.step": 3.137})
     retuned = bench.finish(bench.fit((), ()))
     one = every["command_quantisation"]
-    sights, _ = look((retuned.view,), shortlist(bench, retuned, [one]))
+    sights = look((retuned.view,), shortlist(bench, retuned, [one]))
     found = beside(bench, retuned, sights[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
@@ -209,7 +212,7 @@ def test_a_reading_without_codes_is_not_quantised_at_any_size() -> None:
     one = {it.name: it for it in candidates(bench.model, [chirp])}["sensor_quantisation"]
     assert one.sizes == ()
     assert one.trials == 1
-    assert look((bench.fit((), ()).view,), [one]) == ([], {one.name: 0.0})
+    assert look((bench.fit((), ()).view,), [one]) == []
 
 
 def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:

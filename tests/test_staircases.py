@@ -55,7 +55,7 @@ def test_an_effect_that_moves_nothing_is_not_on_the_list() -> None:
     bench, every = made({"command_quantisation.step": 3.0})
     retuned = bench.fit((), ())
     stairs = [every["command_quantisation"], every["sample_hold"]]
-    seen = look((retuned.view,), stairs)[0]
+    seen = look((retuned.view,), stairs)
     other = [it for it in seen if it.candidate.name == "sample_hold"]
     assert [it.name for it in shortlist(bench, retuned, stairs, other)] == ["sample_hold"]
 
@@ -109,7 +109,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     truth = {"sample_hold.period": period, **SECONDS["coulomb_friction"]}
     bench, every = made(truth, 2e-4, sweep=50.0)
     retuned = bench.finish(bench.fit((), ()))
-    friction = look((retuned.view,), [every["coulomb_friction"]])[0]
+    friction = look((retuned.view,), [every["coulomb_friction"]])
     first = beside(bench, retuned, friction[:2])
     others = [one for one in every.values() if not one.fine]
     both = [*others, every["sample_hold"]]
@@ -163,7 +163,7 @@ def test_a_correction_that_leads_astray_is_not_followed() -> None:
     hold = replace(every["sample_hold"], sizes=sizes)
 
     def left(corrected: bool) -> Array:
-        sights = look((seen,), [hold], corrected)[0]
+        sights = look((seen,), [hold], corrected)
         found = {it.settings["sample_hold.period"]: it.change for it in sights}
         return np.array(
             [np.sum(seen.without(seen.errors + found[it]) ** 2) for it in sorted(found)]

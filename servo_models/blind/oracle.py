@@ -193,7 +193,7 @@ def _sights(names: Iterable[str], first: Explanation) -> list[Sight]:
     """Sizes of some effects, those that explain most first."""
     model, wanted = first.problem.model, set(names)
     every = candidates(model, first.problem.logs)
-    return look((first.view,), [one for one in every if one.name in wanted])[0]
+    return look((first.view,), [one for one in every if one.name in wanted])
 
 
 def _error(explanation: Explanation) -> float:

@@ -103,7 +103,7 @@ def diagnose(
             )
             confirmed, found = None, replace(found, unconfirmed=why)
         bar(0, None, "looking for the next experiment")
-        next_ = next_experiments(found.verdict, seed)
+        next_ = next_experiments(found.undecided, seed)
     places, versions, today = where(found.causes), conditions(), date.today()
     folders = {file.parent for file in (json, report) if file}
     if folders:

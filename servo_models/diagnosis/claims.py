@@ -39,7 +39,8 @@ class Claim:
         closed: share of the reducible gap [1] that it closes, None where there is none.
         beside: the other effects of that explanation.
         converged: False where its fit did not; it is ranked all the same.
-        reach: how far it can move the outputs of these logs [noise floors].
+        reach: how far it can move the outputs of these logs [noise floors], without what nominal
+            parameters imitate.
         detected: what its own detector says, None where there is none or it can say nothing, and
             of effects that are not believed.
     """
@@ -86,7 +87,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
         closed=closed(causes.before.rms, after, 1.0),
         beside=tuple(other for other in explanation.effects if other != name),
         converged=explanation.converged,
-        reach=causes.reach.get(name, 0.0),
+        reach=causes.reach[name].shown,
         detected=detection(explanation, name) if matters else None,
     )
 

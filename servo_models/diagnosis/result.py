@@ -7,12 +7,17 @@ from functools import cached_property
 
 from servo_models.audit import Audit
 from servo_models.diagnosis.claims import Claim, Value, estimates
+from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Gap, Reduction
 from servo_models.diagnosis.search.causes import Causes
+from servo_models.diagnosis.search.hidden import Hidden
 from servo_models.diagnosis.unseen import Unseen, unseen
-from servo_models.diagnosis.verdict import NO_GAP, Verdict
+from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
 from servo_models.recording import Log
 from servo_models.simulate import Model
+
+MUCH = 0.5
+"""Share of the gap from which an effect that re-tuned parameters hide may as well be its cause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +67,24 @@ class Diagnosis:
     def found(self) -> tuple[Value, ...]:
         """Every parameter that is other in ``fitted``, nominal ones first."""
         return estimates(self.causes.taken)
+
+    @property
+    def hidden(self) -> tuple[Hidden, ...]:
+        """Effects that may be there, since re-tuned parameters imitate them, the largest first."""
+        explained = self.verdict.kind == PARAMETERS and self.moved
+        return tuple(self.causes.hidden) if explained else ()
+
+    @property
+    def suspects(self) -> tuple[Hidden, ...]:
+        """Those of them that may make much of the gap."""
+        least = MUCH * self.gap.rms["before"]
+        return tuple(it for it in self.hidden if it.moved >= least)
+
+    @property
+    def undecided(self) -> tuple[Explanation, ...]:
+        """Explanations that these logs cannot tell apart, and another experiment may."""
+        suspects = [it.explanation for it in self.suspects]
+        return (self.causes.retuned, *suspects) if suspects else self.verdict.rivals
 
     @cached_property
     def held_out(self) -> tuple[Unseen, ...]:

@@ -13,7 +13,7 @@ from servo_models.actuator import Plant, Wire
 from servo_models.diagnosis.experiments.commands import Array
 from servo_models.diagnosis.experiments.experiment_search import Stage
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.verdict import FEW, Verdict
+from servo_models.diagnosis.verdict import FEW
 from servo_models.experiment import display, in_time
 from servo_models.explain import display_unit, in_display_unit
 from servo_models.lookalikes import cause, experiment
@@ -91,22 +91,23 @@ def is_filled(path: Path) -> bool:
         return file.readline().count(b",") != 1
 
 
-def next_experiments(verdict: Verdict, seed: int = 0) -> tuple[Experiment, ...]:
+def next_experiments(rivals: Sequence[Explanation], seed: int = 0) -> tuple[Experiment, ...]:
     """Return for each pair of explanations left the command that separates them.
 
-    Of more than ``verdict.FEW`` only the likeliest is told from each other one: what it survives
-    leaves few pairs.
+    Of more than ``verdict.FEW`` only the first is told from each other one, since what it survives
+    leaves few pairs; and parameters alone are before an effect is told from another.
 
     Args:
-        verdict: of a diagnosis; without rivals there is nothing to separate.
+        rivals: explanations that a diagnosis leaves, the likeliest first.
         seed: of random commands.
     """
-    count = len(verdict.rivals)
+    count = len(rivals)
     if count < 2:
         return ()
-    stage = Stage(verdict.rivals, seed)
+    stage = Stage(rivals, seed)
     every = combinations(range(count), 2)
-    return tuple(_experiment(stage, i, k) for i, k in every if i == 0 or count <= FEW)
+    others = count <= FEW and bool(rivals[0].effects)
+    return tuple(_experiment(stage, i, k) for i, k in every if i == 0 or others)
 
 
 def _experiment(stage: Stage, i: int, k: int) -> Experiment:
@@ -127,8 +128,8 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
     sentences = [
         f"{telling}, play on {stage.wire.name}: {played};"
         f" {in_time(duration)} long, log {outputs} every {in_time(stage.step)}.",
-        f"Re-fitted to imitate one another, the two models then still differ by {separation:.2g}"
-        f" noise floors; as they are fitted now, they differ by {so_far:.2g} in these logs.",
+        f"Re-fitted to imitate one another, the two models then still differ by {_few(separation)}"
+        f" noise floors; as they are fitted now, they differ by {_few(so_far)} in these logs.",
     ]
     plan = stage.plan(command)
     if plan.settle:
@@ -147,6 +148,11 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
         separation,
         so_far,
     )
+
+
+def _few(size: float) -> str:
+    """Two figures, but never a power of ten for what a person can read without."""
+    return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
 
 
 def _names(explanation: Explanation) -> str:

@@ -141,7 +141,7 @@ def _closer(
     beside_it = bench.unfit((), (), best.values)
     near = [it for it in sights if it.seen is retuned.view]
     short = shortlist(bench, beside_it, every, near)
-    return look((retuned.view, beside_it.view), short)[0]
+    return look((retuned.view, beside_it.view), short)
 
 
 def _likely(

@@ -25,9 +25,11 @@ from servo_models.diagnosis.search.fits import (
     starts_of,
 )
 from servo_models.diagnosis.search.further import further
+from servo_models.diagnosis.search.hidden import Hidden, hidden_effects
 from servo_models.diagnosis.search.looks import narrowed
 from servo_models.diagnosis.search.pairing import LESS, halves_of, lookalikes
-from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.search.reach import Reach, reaches
+from servo_models.diagnosis.search.screening import Sight, promising, sights_of
 
 QUIET = 4
 """Effects that are fitted where nominal parameters leave noise only."""
@@ -37,6 +39,8 @@ FINER, LONGER = 1e-6, 60
 """Relative tolerance and steps of these fits."""
 HALVED = 2
 """Pairs of which each half is tried alone again."""
+LEAST = 1.0
+"""Movement of the outputs [RMS, noise floors] from which an effect that parameters hide is told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +53,8 @@ class Causes:
         singles, pairs: explanations by one and by two effects, best first.
         more: by as many as were taken, where further ones were added to a pair.
         taken: the explanation that earns its place.
-        reach: how far each effect can move the outputs [noise floors].
+        reach: how far each effect can move the outputs, by its name.
+        hidden: effects that may be there beside nominal parameters alone, if these were taken.
     """
 
     before: Evidence
@@ -58,7 +63,8 @@ class Causes:
     pairs: list[Explanation]
     more: list[Explanation]
     taken: Explanation
-    reach: dict[str, float]
+    reach: dict[str, Reach]
+    hidden: Sequence[Hidden] = ()
 
     @property
     def alike(self) -> list[Explanation]:
@@ -106,13 +112,18 @@ def find_causes(
     if not settled(retuned):
         nominal = {free.name: free.nominal for free in bench.nominal}
         plain.insert(0, bench.unfit((), (), nominal))
-    sights, reach = look([it.view for it in plain], every)
-    tried = _tried(bench, retuned, sights, every, say)
+    sights = sights_of([it.view for it in plain], every)
+    reach = reaches(sights, every)
+    tried = _tried(bench, retuned, promising(sights), every, say)
     couples, more, taken = _explained(bench, retuned, tried, say)
-    if taken is not retuned:
+    hidden: Sequence[Hidden] = ()
+    if taken is retuned:
+        say("looking at what re-tuned parameters hide")
+        hidden = hidden_effects(bench, retuned, sights, max(tolerance, LEAST))
+    else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
-    return Causes(before, retuned, tried.singles, couples, more, taken, reach)
+    return Causes(before, retuned, tried.singles, couples, more, taken, reach, hidden)
 
 
 def _tried(

@@ -54,7 +54,7 @@ def _place(one: Candidate, settings: Settings) -> Hashable:
 def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
     """Return what is seen of other effects beside those of ``first``, best first."""
     others = [_likely(first.view, one) for one in every if one.name not in first.effects]
-    return look((first.view,), others)[0]
+    return look((first.view,), others)
 
 
 def _likely(seen: View, one: Candidate) -> Candidate:

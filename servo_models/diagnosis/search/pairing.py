@@ -135,7 +135,7 @@ def stairs_seen(
 
     ``seen`` is what is seen of all effects there before.
     """
-    return look((first.view,), shortlist(bench, first, every, seen))[0]
+    return look((first.view,), shortlist(bench, first, every, seen))
 
 
 def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:

@@ -8,7 +8,7 @@ bounds, so a look gives the start of a fit as well.  Source: Rao, Proc. Cambridg
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -80,17 +80,25 @@ class Sight:
         }
 
 
-def look(
-    views: Sequence[View], every: Sequence[Candidate], corrected: bool = True
-) -> tuple[list[Sight], dict[str, float]]:
-    """Return each effect at each size from each view, best first, and the reach of each effect.
+def look(views: Sequence[View], every: Sequence[Candidate], corrected: bool = True) -> list[Sight]:
+    """Return each effect at each size from each view, best first, without those that do nothing.
 
-    That is how far it moves the outputs at most: RMS in noise floors of what nominal
-    parameters cannot imitate.  Other parameters are ``corrected`` before a staircase is judged:
-    one of the wrong step looks as good while they are still at values that made up for it.
+    Other parameters are ``corrected`` before a staircase is judged: one of the wrong step looks
+    as good while they are still at values that made up for it.
     """
+    return promising(sights_of(views, every, corrected))
+
+
+def promising(sights: Iterable[Sight]) -> list[Sight]:
+    """Return those that move the outputs beyond what parameters can imitate, best first."""
+    return sorted((it for it in sights if it.difference.any()), key=lambda it: it.left)
+
+
+def sights_of(
+    views: Sequence[View], every: Sequence[Candidate], corrected: bool = True
+) -> list[Sight]:
+    """Return each effect at each size from each view, whatever it does."""
     sights: list[Sight] = []
-    reach = {one.name: 0.0 for one in every}
     for seen in views:
         problem = seen.problem
         base = problem.values(seen.vector)
@@ -98,12 +106,8 @@ def look(
         simulate = partial(corrected_changes if corrected else changes, seen, base)
         found = map_on(problem.jobs, simulate, tasks)
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
-        for sight in _sights(seen, every_size, list(chain.from_iterable(found))):
-            moved = float(np.sqrt(np.sum(sight.difference**2) / max(problem.samples, 1)))
-            reach[sight.candidate.name] = max(reach[sight.candidate.name], moved)
-            if moved > 0.0:
-                sights.append(sight)
-    return sorted(sights, key=lambda sight: sight.left), reach
+        sights += _sights(seen, every_size, list(chain.from_iterable(found)))
+    return sights
 
 
 def _sights(

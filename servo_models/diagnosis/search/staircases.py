@@ -84,7 +84,7 @@ class _Part:
     def look(self, name: str, sizes: Iterable[Settings], corrected: bool = False) -> list[Sight]:
         """What is seen of a staircase at some sizes, best first."""
         one = replace(self.candidates[name], sizes=tuple(sizes))
-        return look((self.view,), [one], corrected)[0]
+        return look((self.view,), [one], corrected)
 
     def _cut(self, sight: Sight, rows: NDArray[np.int_]) -> Sight:
         """What was seen of an effect with the whole logs, as far as this part goes."""

@@ -17,6 +17,7 @@ from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.hidden import Hidden
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.where import Breakdown
@@ -57,6 +58,7 @@ def document(
         "confirmation": _confirmation(found, confirmation) if confirmation else None,
         "effects": [_effect(found, claim) for claim in found.claims],
         "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
+        "hidden": [_hidden(found, one) for one in found.hidden],
         "parameters": [_parameter(found, value) for value in found.found],
         "held_out": [asdict(one) for one in found.held_out],
         "where": [asdict(breakdown) for breakdown in breakdowns],
@@ -136,6 +138,11 @@ def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
         "beside": list(claim.beside),
         "detected": None if claim.detected is None else _detected(claim.detected),
     }
+
+
+def _hidden(found: Diagnosis, one: Hidden) -> dict[str, Any]:
+    wire = found.model.plant.placements[one.name][0].on[0]
+    return {"name": one.name, "block": wire, "up_to": one.moved}
 
 
 def _detected(seen: Detection) -> dict[str, Any]:

@@ -35,6 +35,7 @@ HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
 PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
 RULED_OUT = ("why", "effects")
+HIDDEN = ("effect", "on", "up to [noise floors]")
 DETECTED = ("effect", "its own detector")
 
 
@@ -65,6 +66,7 @@ def diagnosis_sheet(
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
         Table("Seen apart from any error", DETECTED, tuple(_detected(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
+        Table("Hidden, since re-tuned parameters imitate them", HIDDEN, tuple(_hidden(found))),
         Table("Parameters", PARAMETERS, tuple(_parameters(found))),
         Table(_next(experiments), ("number", ""), next_),
     )
@@ -173,14 +175,19 @@ def _size(plant: Plant, value: Value) -> str:
 
 
 def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
-    """Effects of one reason in one row; those that were fitted say it in their own."""
-    fitted = {claim.name for claim in found.claims}
+    """Effects of one reason in one row; those that were fitted or are hidden have their own."""
+    told = {claim.name for claim in found.claims} | {one.name for one in found.hidden}
     rows: dict[str, list[str]] = {}
     for name, reason in words.ruled_out(found).items():
-        if name not in fitted:
+        if name not in told:
             rows.setdefault(reason.partition(":")[0], []).append(name)
     for reason, names in rows.items():
         yield reason, ", ".join(names)
+
+
+def _hidden(found: Diagnosis) -> Iterator[tuple[str, str, str]]:
+    for one in found.hidden:
+        yield one.name, found.model.plant.placements[one.name][0].on[0], f"{one.moved:.3g}"
 
 
 def _parameters(found: Diagnosis) -> Iterator[tuple[str, ...]]:

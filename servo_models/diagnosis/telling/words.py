@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.hidden import Hidden
+from servo_models.diagnosis.search.reach import Reach
 from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import (
     EFFECT,
@@ -23,6 +25,8 @@ SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""
+MENTIONED = 4
+"""Effects that a sentence names at most of those that parameters may stand in for."""
 ELSEWHERE = 2.0
 """Error of a log that is held out over that of the others, from which something else acts there."""
 
@@ -37,7 +41,8 @@ def sentence(found: Diagnosis) -> str:
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
         return f"{said}; {change(found)}{elsewhere(found)}."
     alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    return f"{said}: {change(found)}{alone}{rivals(found)}{rest(found)}{elsewhere(found)}."
+    ends = f"{alone}{rivals(found)}{rest(found)}{hides(found)}{elsewhere(found)}"
+    return f"{said}: {change(found)}{ends}."
 
 
 def rest(found: Diagnosis) -> str:
@@ -45,6 +50,17 @@ def rest(found: Diagnosis) -> str:
     anyway."""
     left = found.verdict.rest if found.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
     return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
+
+
+def hides(found: Diagnosis) -> str:
+    """Return a clause on effects that may make much of a gap that parameters explain, "" for
+    none."""
+    names = [one.name for one in found.suspects]
+    if not names:
+        return ""
+    if len(names) > MENTIONED:
+        names[MENTIONED - 1 :] = [f"{len(names) - MENTIONED + 1} others"]
+    return f"; these logs do not tell that from {listed(names)}"
 
 
 def elsewhere(found: Diagnosis) -> str:
@@ -151,16 +167,28 @@ def ruled_out(found: Diagnosis) -> dict[str, str]:
     fitted = found.causes.fitted
     rest = [name for name in reach if name not in named and name not in fitted]
     said = {name: _loses(found, name, one) for name, one in fitted.items() if name not in named}
-    for name in sorted(rest, key=lambda name: -reach[name]):
+    for name in sorted(rest, key=lambda name: -reach[name].shown):
         said[name] = "explains too little beside those that were fitted"
-    unseen = {name: _unseen(reach[name]) for name in said if reach[name] < SEEN}
+    hidden = {one.name: _hidden(one) for one in found.hidden}
+    unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
+    unseen |= {name: why for name, why in hidden.items() if name in said}
     return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
 
 
-def _unseen(reach: float) -> str:
-    if reach == 0.0:
+def _hidden(one: Hidden) -> str:
+    return f"re-tuned parameters imitate it: up to {one.moved:.3g} noise floors of it do not show"
+
+
+def _unseen(reach: Reach) -> str:
+    if reach.moved == 0.0:
         return "these logs cannot show it: no size that they suggest moves what is measured"
-    return f"these logs cannot show it: it moves the outputs by {reach:.1g} noise floors at most"
+    if reach.moved < SEEN:
+        most = f"{reach.moved:.1g}"
+        return f"these logs cannot show it: it moves the outputs by {most} noise floors at most"
+    return (
+        f"re-tuned parameters imitate it: it moves the outputs by {reach.moved:.3g} noise floors at"
+        f" most, and they leave {reach.shown:.1g} of these"
+    )
 
 
 def _loses(found: Diagnosis, name: str, fitted: Explanation) -> str:

@@ -46,7 +46,7 @@ def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | No
 
 def _picture(found: Diagnosis, next_: Experiment, name: str) -> Picture:
     """The command, each output as either explanation predicts it, and how far these differ."""
-    rivals = {one.effects: one for one in found.verdict.rivals}
+    rivals = {one.effects: one for one in found.undecided}
     told = {together(it): _predicted(rivals[it], next_) for it in (next_.one, next_.other)}
     rows = 2 + len(found.floors)
     with drawing(name, rows=rows, height=0.7 + PANEL * rows) as (figure, panels):

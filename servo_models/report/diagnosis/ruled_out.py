@@ -1,4 +1,4 @@
-"""Section: effects less likely than those named, and those on which these logs say nothing."""
+"""Section: effects less likely than those named, and those that these logs cannot show."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from servo_models.report.parts import Line, Section, Table, number
 TITLE = "Ruled out"
 COLUMNS = ("effect", "acts on", "why", "moves outputs by [noise floors]", "")
 NUMBERS = ("moves outputs by [noise floors]",)
+HIDDEN = ("effect", "acts on", "up to [noise floors]")
 
 
 def section(found: Diagnosis) -> Section | None:
@@ -19,14 +20,15 @@ def section(found: Diagnosis) -> Section | None:
     reasons = said.ruled_out(found)
     if not reasons:
         return None
-    fitted = found.causes.fitted
-    seen = [name for name in reasons if found.causes.reach[name] >= said.SEEN]
+    fitted, hidden = found.causes.fitted, {one.name for one in found.hidden}
+    out = [name for name in reasons if name not in hidden]
+    seen = [name for name in out if found.causes.reach[name].shown >= said.SEEN]
     groups = {
         "Fitted, and less likely": [name for name in seen if name in fitted],
         "Seen, but explain less than those that were fitted": [
             name for name in seen if name not in fitted
         ],
-        "Not shown by these logs": [name for name in reasons if name not in seen],
+        "Not shown by these logs": [name for name in out if name not in seen],
     }
     tables = [
         Table(
@@ -39,6 +41,7 @@ def section(found: Diagnosis) -> Section | None:
         for i, (caption, names) in enumerate(groups.items())
         if names
     ]
+    tables = [*_hidden(found), *tables]
     return Section(
         "ruled-out",
         TITLE,
@@ -49,9 +52,20 @@ def section(found: Diagnosis) -> Section | None:
     )
 
 
+def _hidden(found: Diagnosis) -> list[Table]:
+    """What parameters may stand in for: the verdict rules out nothing of it."""
+    place = found.model.plant.placements
+    rows = tuple(
+        Line((words(it.name), words(place[it.name][0].on[0]), number(it.moved, 2)))
+        for it in found.hidden
+    )
+    caption = f"Not ruled out: re-tuned parameters imitate them ({len(rows)})"
+    return [Table(caption, HIDDEN, rows, HIDDEN[2:])] if rows else []
+
+
 def _line(found: Diagnosis, name: str, reason: str) -> Line:
     placement, *_ = found.model.plant.placements[name]
     module = inspect.getmodule(placement.effect.function)
     about = (inspect.getdoc(module) or "").partition("\n")[0]
-    reach = number(found.causes.reach[name], 2)
+    reach = number(found.causes.reach[name].shown, 2)
     return Line((words(name), words(placement.on[0]), reason, reach, about))

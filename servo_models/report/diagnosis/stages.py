@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,6 +44,6 @@ def readings(found: Diagnosis) -> list[Reading]:
     return said
 
 
-def together(effects: Iterable[str]) -> str:
+def together(effects: Sequence[str]) -> str:
     """Return effects that act at once, in words."""
-    return listed(map(words, effects))
+    return listed(map(words, effects)) if effects else "parameters alone"
