@@ -1,7 +1,7 @@
 """Effects that re-tuned parameters imitate: one may be there, and the logs would hardly show it.
 
-A look tells at which sizes that may be so, as if responses were straight; then the effect is put
-into the model at such a size, and the parameters are fitted beside it.
+A look tells of which that may be so; then the effect is put into the model at one of the sizes that
+were looked at, and the parameters are fitted beside it.
 """
 
 from __future__ import annotations
@@ -21,15 +21,13 @@ Array = NDArray[np.float64]
 
 SHOWN = 3.0
 """Standard deviations of noise by which an effect stands out."""
-SURELY = 0.8
-"""Share of that, at which a part of a size is tried: responses are not quite straight."""
-BENT = 10.0
-"""Times that, which an effect may stand out by, for a part of it to be tried."""
-SIZES = 4
-"""Sizes looked at of which each is tried whole, beside a part of a larger one."""
-
-Size = tuple[float, Sight, float]
-"""How far an effect moves the outputs [RMS, noise floors], as seen, and by which part of that."""
+UNLIKE = 0.3
+"""Share of a change that slopes of the parameters leave, above which they do not imitate it."""
+SIZES = 5
+"""Sizes of an effect, of either sign, that are tried at most."""
+BENT, SURELY = 10.0, 0.8
+"""How far one may stand out, over what noise does, for a part of it to be tried, and the share of
+that part which is: responses are not quite straight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,58 +60,68 @@ def hidden_effects(
         sights: of every effect.
         least: RMS [noise floors] by which an effect has to move the outputs.
     """
-    by_effect: dict[str, list[Sight]] = {}
+    alike: dict[tuple[str, bool], list[Sight]] = {}
     for sight in sights:
         # a ripple is seen as a share of each phase, at no size of its own
         if sight.seen is retuned.view and sight.waves is None:
-            by_effect.setdefault(sight.candidate.name, []).append(sight)
-    found = (_hidden(bench, retuned, own, least) for own in by_effect.values())
-    return sorted((it for it in found if it), key=lambda it: -it.moved)
+            positive = all(
+                sight.settings.get(name, 0.0) >= 0.0 for name in sight.candidate.switches
+            )
+            alike.setdefault((sight.candidate.name, positive), []).append(sight)
+    largest: dict[str, Hidden] = {}
+    for (name, _), own in alike.items():
+        one = _hidden(bench, retuned, own, least)
+        if one and (name not in largest or one.moved > largest[name].moved):
+            largest[name] = one
+    return sorted(largest.values(), key=lambda it: -it.moved)
 
 
 def _hidden(
     bench: Bench, retuned: Explanation, own: Sequence[Sight], least: float
 ) -> Hidden | None:
-    """An effect at the largest of a few sizes that parameters imitate, None for none."""
+    """An effect at the largest of a few sizes that parameters imitate, None for none.
+
+    Each fit begins where the one of the size before has ended, since parameters have to go far.
+    """
     noise = SHOWN * float(np.sqrt(retuned.evidence.dispersion))
-    for promised, sight, part in _sizes(own, noise):
-        if promised <= least:
-            return None
-        found = _beside(bench, retuned, sight, part)
+    best: Hidden | None = None
+    for sight in _sizes(own, least):
+        found = _beside(bench, retuned, sight, 1.0, best)
         shows = _more(found, retuned) / noise
+        whole = shows <= 1.0
         if 1.0 < shows < BENT:
-            found = _beside(bench, retuned, sight, part * SURELY / shows)
+            found = _beside(bench, retuned, sight, SURELY / shows, best)
             shows = _more(found, retuned) / noise
-        if shows <= 1.0 and (moved := _moved(found, retuned)) > least:
-            return Hidden(found, moved)
-    return None
+        moved = _moved(found, retuned)
+        if shows <= 1.0 and moved > max(least, best.moved if best else 0.0):
+            best = Hidden(found, moved)
+        if not whole:
+            break
+    return best
 
 
-def _sizes(own: Iterable[Sight], noise: float) -> list[Size]:
-    """Sizes of an effect that promise to show by less than ``noise``, largest movement first."""
-    whole: list[Size] = []
-    parts: list[Size] = []
-    for sight in own:
-        shown, moved = float(np.linalg.norm(sight.difference)), _rms(sight.change, sight.seen)
-        if shown <= noise:
-            whole.append((moved, sight, 1.0))
-        else:
-            part = SURELY * noise / shown
-            parts.append((part * moved, sight, part))
-    return _largest([*_largest(whole, SIZES), *_largest(parts, 1)], SIZES + 1)
+def _sizes(own: Iterable[Sight], least: float) -> list[Sight]:
+    """Sizes of an effect that parameters may imitate, the smallest movement first."""
+    sizes = [
+        it
+        for it in own
+        if _rms(it.change, it.seen) > least
+        and np.linalg.norm(it.difference) < UNLIKE * np.linalg.norm(it.change)
+    ]
+    sizes.sort(key=lambda it: float(np.linalg.norm(it.change)))
+    chosen = np.linspace(0, len(sizes) - 1, min(SIZES, len(sizes))).round().astype(int)
+    return [sizes[i] for i in chosen]
 
 
-def _largest(sizes: Iterable[Size], count: int) -> list[Size]:
-    return sorted(sizes, key=lambda size: -size[0])[:count]
-
-
-def _beside(bench: Bench, retuned: Explanation, sight: Sight, part: float) -> Explanation:
-    """Nominal parameters fitted where a part of an effect belongs to the model."""
+def _beside(
+    bench: Bench, retuned: Explanation, sight: Sight, part: float, last: Hidden | None
+) -> Explanation:
+    """Nominal parameters fitted where an effect, or a part of it, belongs to the model."""
     values = {**bench.model.values, **sight.at(part)}
     other = replace(bench, model=replace(bench.model, values=values))
     if sight.candidate.stairs:
         other = other.surveyed()
-    start = retuned.view.start(part * sight.change)
+    start = last.explanation.values if last else retuned.view.start(part * sight.change)
     return other.fit((sight.candidate.name,), (), start)
 
 
