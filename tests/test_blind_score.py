@@ -57,6 +57,7 @@ def case(
     hidden: str = "",
     chance: float = 1.0,
     after: float = 1.0,
+    imitated: str | None = None,
     **known: Any,
 ) -> Case:
     """A case with names as words; the gap before is 11, and 1 after when told."""
@@ -80,17 +81,20 @@ def case(
         kind,
         frozenset(truth.split()),
         frozenset(hidden.split()),
-        Said(**{**asdict(said), "after": after}),
+        Said(**{**asdict(said), "after": after, "imitated": imitated and imitated.split()}),
         None if kind == "nothing" else Known(case="0", **oracle),
     )
 
 
+ABSORBED = {"separated": False, "absorbed": True}
 MADE = [
     case("one", "a", "effect", "a", chance=0.95, without="outside-catalogue"),
     case("one", "a", "effect", "a b", hidden="b", chance=0.6, without="effect"),
     case("one", "a", "effects", "a c", chance=0.95, after=6.0, without="outside-catalogue"),
     case("one", "a", "outside-catalogue", "b", "b a", chance=0.65),
-    case("one", "quantisation", "parameters", separated=False, absorbed=True),
+    case("one", "quantisation", "parameters", imitated="quantisation b", **ABSORBED),
+    case("one", "a", "parameters", imitated="b", **ABSORBED),
+    case("one", "a", "parameters", **ABSORBED),
     case("one", "a", "effect", "b", "b c", "b", chance=0.3, separated=False, absorbed=True),
     case("one", "reading_quantisation", "not-identifiable", "b", "b c d e", chance=0.3),
     case("one", "reading_quantisation", "parameters", after=16.0),
@@ -108,22 +112,23 @@ MADE = [
     case("foreign", "drag", "effect", "a", separated=False),
 ]
 EXPECTED = {
-    "separated": (12, 16),
+    "separated": (12, 18),
     "first_place": (3, 7),
     "only_true_ones": (2, 7),
-    "set_holds": (4, 9),
-    "set_coverage": (6, 9),
+    "set_holds": (4, 11),
+    "set_coverage": (8, 11),
     "mean_set_size": (1 + 1 + 2 + 2 + 1 + 4, 6),
     "both_named": (1, 2),
     "false_causes": (2, 4),
     "foreign_recall": (1, 3),
     "left_out_recall": (2, 3),
-    "wrong_abstention": (3, 12),
-    "not_identifiable": (2, 9),
-    "owns_up": (1, 5),
-    "closed_vs_oracle": (9 * 1.0 + 0.5 + 0.0 + 0.0, 12),
+    "wrong_abstention": (3, 14),
+    "not_identifiable": (2, 11),
+    "owns_up": (1, 7),
+    "stand_ins_told": (1, 2),
+    "closed_vs_oracle": (11 * 1.0 + 0.5 + 0.0 + 0.0, 14),
     "quantisation_found": (0, 2),
-    "seconds_per_case": (2 * 20, 20),
+    "seconds_per_case": (2 * 22, 22),
 }
 
 
@@ -145,6 +150,7 @@ def test_confusions_count_every_case_once() -> None:
         "b": 1,
         "outside-catalogue": 1,
         "failed": 1,
+        "parameters": 2,
     }
     assert found["a + b"] == {"a + b": 1, "a": 1, "outside-catalogue": 1}
     assert found["nothing"] == {"parameters": 1, "no-gap": 1, "a": 1, "outside-catalogue": 1}

@@ -14,7 +14,7 @@ from servo_models.blind.interval import Figure
 from servo_models.blind.oracle import Known
 from servo_models.blind.run import Check
 from servo_models.blind.said import Said
-from servo_models.blind.score import FIGURES, Case, Cases, calibration, confusion
+from servo_models.blind.score import FIGURES, Case, Cases, calibration, confusion, stand_ins_told
 from servo_models.blind.sheet import document
 from servo_models.blind.table import case_of, row_of
 from servo_models.interchange import finite_json
@@ -43,6 +43,7 @@ SAID = st.builds(
     chances=st.dictionaries(st.sampled_from(["a", "b"]), st.floats(0.0, 1.0)),
     before=SIZE,
     after=SIZE,
+    imitated=st.one_of(st.none(), NAMES),
 )
 TRUTHS = st.frozensets(st.sampled_from(["a", "b", "sensor_quantisation"]), min_size=1)
 ONE = st.builds(
@@ -57,11 +58,13 @@ ONE = st.builds(
 )
 
 
+def written(cases: Cases) -> dict[str, Any]:
+    return document(Check(1, ("easy",), "0" * 64, cases), {})
+
+
 def kept(cases: Cases) -> Cases:
     """The cases after a run's JSON and a table."""
-    run: dict[str, Any] = json.loads(
-        finite_json(document(Check(1, ("easy",), "0" * 64, cases), {}))
-    )
+    run = json.loads(finite_json(written(cases)))
     return [case_of(row_of(case)) for case in run["cases"]]
 
 
@@ -78,3 +81,10 @@ def test_every_figure_is_that_of_the_run(cases: Cases) -> None:
     assert all(same(define(found), define(cases)) for define in FIGURES)
     assert confusion(found) == confusion(cases)
     assert calibration(found) == calibration(cases)
+
+
+def test_a_table_of_an_earlier_run_does_not_say_what_parameters_imitate() -> None:
+    rows = [row_of(case) for case in json.loads(finite_json(written(MADE)))["cases"]]
+    for row in rows:
+        del row["imitated"]
+    assert stand_ins_told([case_of(row) for row in rows]).n == 0

@@ -30,6 +30,8 @@ class Said:
         left: held-out error [noise floors] that each of them leaves.
         values: free parameters [SI] of each of them, by name.
         floors: noise floor [SI] by output.
+        imitated: effects that re-tuned parameters are said to imitate, None where that was not
+            looked at.
         before, after: held-out error [noise floors] of the nominal model and of the one named.
     """
 
@@ -46,6 +48,7 @@ class Said:
     floors: dict[str, float] = field(default_factory=dict)
     before: float = 0.0
     after: float = 0.0
+    imitated: list[str] | None = None
 
 
 def diagnose_case(folder: Path) -> dict[str, Any]:
@@ -80,4 +83,5 @@ def _said(case: str, found: Diagnosis, seconds: float) -> Said:
         floors=found.floors,
         before=causes.before.rms,
         after=causes.taken.evidence.rms,
+        imitated=[one.name for one in found.imitated],
     )

@@ -178,6 +178,20 @@ def owns_up(cases: Cases) -> Figure:
     return share(case.said.verdict == NOT_IDENTIFIABLE for case in lost)
 
 
+def stand_ins_told(cases: Cases) -> Figure:
+    """One effect, absorbed, and the verdict is ``parameters``: it is among those that they are
+    said to imitate."""
+    return share(
+        bool(case.truth & set(case.said.imitated))
+        for case in cases
+        if case.kind == "one"
+        and case.known
+        and case.known.absorbed
+        and case.said.verdict == PARAMETERS
+        and case.said.imitated is not None
+    )
+
+
 def closed_vs_oracle(cases: Cases) -> Figure:
     """One or two effects: gap closed over that of the product's own fit when told the names,
     (before - after) / (before - after when told), held out, at most 1 and at least 0 each, and 1
@@ -215,6 +229,7 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     wrong_abstention,
     not_identifiable,
     owns_up,
+    stand_ins_told,
     closed_vs_oracle,
     quantisation_found,
     seconds_per_case,

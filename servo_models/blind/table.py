@@ -11,6 +11,9 @@ from servo_models.blind.score import Case
 
 Row = dict[str, str]
 
+UNASKED = "?"
+"""What a row says of effects that parameters imitate where none was looked for."""
+
 
 def row_of(case: Mapping[str, Any]) -> Row:
     """Return a case of a run's JSON as a row; errors are in noise floors, times in seconds.
@@ -40,11 +43,13 @@ def row_of(case: Mapping[str, Any]) -> Row:
         "rival_leaves": _text(known.get("rival")),
         "after_when_told": _text(known.get("after")),
         "when_left_out": known.get("without", ""),
+        "imitated": UNASKED if said["imitated"] is None else " ".join(said["imitated"]),
     }
 
 
 def case_of(row: Mapping[str, str]) -> Case:
     """Return the case of a row, without what no figure asks for, such as all that was tried."""
+    imitated = row.get("imitated", UNASKED)  # no column in tables of earlier runs
     chances = dict(entry.split("=") for entry in row["chances"].split())
     said = Said(
         case=row["case"],
@@ -55,6 +60,7 @@ def case_of(row: Mapping[str, str]) -> Case:
         chances={name: float(chance) for name, chance in chances.items()},
         before=_number(row["before"]),
         after=_number(row["after"]),
+        imitated=None if imitated == UNASKED else imitated.split(),
     )
     known = Known(
         case=row["case"],

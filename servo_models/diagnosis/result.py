@@ -10,14 +10,14 @@ from servo_models.diagnosis.claims import Claim, Value, estimates
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Gap, Reduction
 from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.search.hidden import Hidden
+from servo_models.diagnosis.search.imitated import Imitated
 from servo_models.diagnosis.unseen import Unseen, unseen
 from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
 MUCH = 0.5
-"""Share of the gap from which an effect that re-tuned parameters hide may as well be its cause."""
+"""Share of the gap from which an effect that re-tuned parameters imitate may be its cause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +69,16 @@ class Diagnosis:
         return estimates(self.causes.taken)
 
     @property
-    def hidden(self) -> tuple[Hidden, ...]:
+    def imitated(self) -> tuple[Imitated, ...]:
         """Effects that may be there, since re-tuned parameters imitate them, the largest first."""
         explained = self.verdict.kind == PARAMETERS and self.moved
-        return tuple(self.causes.hidden) if explained else ()
+        return tuple(self.causes.imitated) if explained else ()
 
     @property
-    def suspects(self) -> tuple[Hidden, ...]:
+    def suspects(self) -> tuple[Imitated, ...]:
         """Those of them that may make much of the gap."""
         least = MUCH * self.gap.rms["before"]
-        return tuple(it for it in self.hidden if it.moved >= least)
+        return tuple(it for it in self.imitated if it.moved >= least)
 
     @property
     def undecided(self) -> tuple[Explanation, ...]:

@@ -25,7 +25,7 @@ from servo_models.diagnosis.search.fits import (
     starts_of,
 )
 from servo_models.diagnosis.search.further import further
-from servo_models.diagnosis.search.hidden import Hidden, hidden_effects
+from servo_models.diagnosis.search.imitated import Imitated, imitated_effects
 from servo_models.diagnosis.search.looks import narrowed
 from servo_models.diagnosis.search.pairing import LESS, halves_of, lookalikes
 from servo_models.diagnosis.search.reach import Reach, reaches
@@ -40,7 +40,7 @@ FINER, LONGER = 1e-6, 60
 HALVED = 2
 """Pairs of which each half is tried alone again."""
 LEAST = 1.0
-"""Movement of the outputs [RMS, noise floors] from which an effect that parameters hide is told."""
+"""Movement of the outputs [RMS, noise floors] from which what parameters imitate is told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Causes:
         more: by as many as were taken, where further ones were added to a pair.
         taken: the explanation that earns its place.
         reach: how far each effect can move the outputs, by its name.
-        hidden: effects that may be there beside nominal parameters alone, if these were taken.
+        imitated: effects that may be there beside nominal parameters alone, if these were taken.
     """
 
     before: Evidence
@@ -64,7 +64,7 @@ class Causes:
     more: list[Explanation]
     taken: Explanation
     reach: dict[str, Reach]
-    hidden: Sequence[Hidden] = ()
+    imitated: Sequence[Imitated] = ()
 
     @property
     def alike(self) -> list[Explanation]:
@@ -116,14 +116,14 @@ def find_causes(
     reach = reaches(sights, every)
     tried = _tried(bench, retuned, promising(sights), every, say)
     couples, more, taken = _explained(bench, retuned, tried, say)
-    hidden: Sequence[Hidden] = ()
+    imitated: Sequence[Imitated] = ()
     if taken is retuned:
-        say("looking at what re-tuned parameters hide")
-        hidden = hidden_effects(bench, retuned, sights, max(tolerance, LEAST))
+        say("looking for what re-tuned parameters imitate")
+        imitated = imitated_effects(bench, retuned, sights, max(tolerance, LEAST))
     else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = bench.finish(taken)
-    return Causes(before, retuned, tried.singles, couples, more, taken, reach, hidden)
+    return Causes(before, retuned, tried.singles, couples, more, taken, reach, imitated)
 
 
 def _tried(

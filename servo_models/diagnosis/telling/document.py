@@ -17,7 +17,7 @@ from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.hidden import Hidden
+from servo_models.diagnosis.search.imitated import Imitated
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.where import Breakdown
@@ -58,7 +58,7 @@ def document(
         "confirmation": _confirmation(found, confirmation) if confirmation else None,
         "effects": [_effect(found, claim) for claim in found.claims],
         "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
-        "hidden": [_hidden(found, one) for one in found.hidden],
+        "imitated": [_imitated(found, one) for one in found.imitated],
         "parameters": [_parameter(found, value) for value in found.found],
         "held_out": [asdict(one) for one in found.held_out],
         "where": [asdict(breakdown) for breakdown in breakdowns],
@@ -140,7 +140,7 @@ def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
     }
 
 
-def _hidden(found: Diagnosis, one: Hidden) -> dict[str, Any]:
+def _imitated(found: Diagnosis, one: Imitated) -> dict[str, Any]:
     wire = found.model.plant.placements[one.name][0].on[0]
     return {"name": one.name, "block": wire, "up_to": one.moved}
 

@@ -35,7 +35,7 @@ HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
 PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
 RULED_OUT = ("why", "effects")
-HIDDEN = ("effect", "on", "up to [noise floors]")
+IMITATED = ("effect", "on", "up to [noise floors]")
 DETECTED = ("effect", "its own detector")
 
 
@@ -66,7 +66,7 @@ def diagnosis_sheet(
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
         Table("Seen apart from any error", DETECTED, tuple(_detected(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
-        Table("Hidden, since re-tuned parameters imitate them", HIDDEN, tuple(_hidden(found))),
+        Table("Not ruled out: re-tuned parameters imitate them", IMITATED, tuple(_imitated(found))),
         Table("Parameters", PARAMETERS, tuple(_parameters(found))),
         Table(_next(experiments), ("number", ""), next_),
     )
@@ -175,8 +175,8 @@ def _size(plant: Plant, value: Value) -> str:
 
 
 def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
-    """Effects of one reason in one row; those that were fitted or are hidden have their own."""
-    told = {claim.name for claim in found.claims} | {one.name for one in found.hidden}
+    """Effects of one reason in one row; fitted and imitated ones have their own."""
+    told = {claim.name for claim in found.claims} | {one.name for one in found.imitated}
     rows: dict[str, list[str]] = {}
     for name, reason in words.ruled_out(found).items():
         if name not in told:
@@ -185,8 +185,8 @@ def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
         yield reason, ", ".join(names)
 
 
-def _hidden(found: Diagnosis) -> Iterator[tuple[str, str, str]]:
-    for one in found.hidden:
+def _imitated(found: Diagnosis) -> Iterator[tuple[str, str, str]]:
+    for one in found.imitated:
         yield one.name, found.model.plant.placements[one.name][0].on[0], f"{one.moved:.3g}"
 
 

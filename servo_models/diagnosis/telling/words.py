@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.hidden import Hidden
+from servo_models.diagnosis.search.imitated import Imitated
 from servo_models.diagnosis.search.reach import Reach
 from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import (
@@ -41,7 +41,7 @@ def sentence(found: Diagnosis) -> str:
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
         return f"{said}; {change(found)}{elsewhere(found)}."
     alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    ends = f"{alone}{rivals(found)}{rest(found)}{hides(found)}{elsewhere(found)}"
+    ends = f"{alone}{rivals(found)}{rest(found)}{stand_ins(found)}{elsewhere(found)}"
     return f"{said}: {change(found)}{ends}."
 
 
@@ -52,7 +52,7 @@ def rest(found: Diagnosis) -> str:
     return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
 
 
-def hides(found: Diagnosis) -> str:
+def stand_ins(found: Diagnosis) -> str:
     """Return a clause on effects that may make much of a gap that parameters explain, "" for
     none."""
     names = [one.name for one in found.suspects]
@@ -169,13 +169,13 @@ def ruled_out(found: Diagnosis) -> dict[str, str]:
     said = {name: _loses(found, name, one) for name, one in fitted.items() if name not in named}
     for name in sorted(rest, key=lambda name: -reach[name].shown):
         said[name] = "explains too little beside those that were fitted"
-    hidden = {one.name: _hidden(one) for one in found.hidden}
+    imitated = {one.name: _imitated(one) for one in found.imitated}
     unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
-    unseen |= {name: why for name, why in hidden.items() if name in said}
+    unseen |= {name: why for name, why in imitated.items() if name in said}
     return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
 
 
-def _hidden(one: Hidden) -> str:
+def _imitated(one: Imitated) -> str:
     return f"re-tuned parameters imitate it: up to {one.moved:.3g} noise floors of it do not show"
 
 

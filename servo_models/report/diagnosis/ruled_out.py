@@ -12,7 +12,7 @@ from servo_models.report.parts import Line, Section, Table, number
 TITLE = "Ruled out"
 COLUMNS = ("effect", "acts on", "why", "moves outputs by [noise floors]", "")
 NUMBERS = ("moves outputs by [noise floors]",)
-HIDDEN = ("effect", "acts on", "up to [noise floors]")
+IMITATED = ("effect", "acts on", "up to [noise floors]")
 
 
 def section(found: Diagnosis) -> Section | None:
@@ -20,8 +20,8 @@ def section(found: Diagnosis) -> Section | None:
     reasons = said.ruled_out(found)
     if not reasons:
         return None
-    fitted, hidden = found.causes.fitted, {one.name for one in found.hidden}
-    out = [name for name in reasons if name not in hidden]
+    fitted, imitated = found.causes.fitted, {one.name for one in found.imitated}
+    out = [name for name in reasons if name not in imitated]
     seen = [name for name in out if found.causes.reach[name].shown >= said.SEEN]
     groups = {
         "Fitted, and less likely": [name for name in seen if name in fitted],
@@ -41,7 +41,7 @@ def section(found: Diagnosis) -> Section | None:
         for i, (caption, names) in enumerate(groups.items())
         if names
     ]
-    tables = [*_hidden(found), *tables]
+    tables = [*_imitated(found), *tables]
     return Section(
         "ruled-out",
         TITLE,
@@ -52,15 +52,15 @@ def section(found: Diagnosis) -> Section | None:
     )
 
 
-def _hidden(found: Diagnosis) -> list[Table]:
+def _imitated(found: Diagnosis) -> list[Table]:
     """What parameters may stand in for: the verdict rules out nothing of it."""
     place = found.model.plant.placements
     rows = tuple(
         Line((words(it.name), words(place[it.name][0].on[0]), number(it.moved, 2)))
-        for it in found.hidden
+        for it in found.imitated
     )
     caption = f"Not ruled out: re-tuned parameters imitate them ({len(rows)})"
-    return [Table(caption, HIDDEN, rows, HIDDEN[2:])] if rows else []
+    return [Table(caption, IMITATED, rows, IMITATED[2:])] if rows else []
 
 
 def _line(found: Diagnosis, name: str, reason: str) -> Line:

@@ -18,7 +18,7 @@ UNEXPLAINED = (OUTSIDE, NOT_IDENTIFIABLE)
 def sentence(found: Diagnosis) -> str:
     """Return the verdict in one sentence, figures of the gap aside."""
     claim = capital(words(said.headline(found) + said.rivals(found)))
-    return f"{claim}{said.rest(found)}{words(said.hides(found))}{said.elsewhere(found)}."
+    return f"{claim}{said.rest(found)}{words(said.stand_ins(found))}{said.elsewhere(found)}."
 
 
 def judgement(found: Diagnosis) -> bool | None:

@@ -31,7 +31,7 @@ that part which is: responses are not quite straight."""
 
 
 @dataclass(frozen=True, eq=False)
-class Hidden:
+class Imitated:
     """An effect that parameters imitate, at the largest size at which they were found to.
 
     Attributes:
@@ -49,9 +49,9 @@ class Hidden:
         return self.explanation.effects[0]
 
 
-def hidden_effects(
+def imitated_effects(
     bench: Bench, retuned: Explanation, sights: Iterable[Sight], least: float
-) -> list[Hidden]:
+) -> list[Imitated]:
     """Return effects that may be there beside re-tuned parameters, the largest first.
 
     Args:
@@ -68,23 +68,23 @@ def hidden_effects(
                 sight.settings.get(name, 0.0) >= 0.0 for name in sight.candidate.switches
             )
             alike.setdefault((sight.candidate.name, positive), []).append(sight)
-    largest: dict[str, Hidden] = {}
+    largest: dict[str, Imitated] = {}
     for (name, _), own in alike.items():
-        one = _hidden(bench, retuned, own, least)
+        one = _imitated(bench, retuned, own, least)
         if one and (name not in largest or one.moved > largest[name].moved):
             largest[name] = one
     return sorted(largest.values(), key=lambda it: -it.moved)
 
 
-def _hidden(
+def _imitated(
     bench: Bench, retuned: Explanation, own: Sequence[Sight], least: float
-) -> Hidden | None:
+) -> Imitated | None:
     """An effect at the largest of a few sizes that parameters imitate, None for none.
 
     Each fit begins where the one of the size before has ended, since parameters have to go far.
     """
     noise = SHOWN * float(np.sqrt(retuned.evidence.dispersion))
-    best: Hidden | None = None
+    best: Imitated | None = None
     for sight in _sizes(own, least):
         found = _beside(bench, retuned, sight, 1.0, best)
         shows = _more(found, retuned) / noise
@@ -94,7 +94,7 @@ def _hidden(
             shows = _more(found, retuned) / noise
         moved = _moved(found, retuned)
         if shows <= 1.0 and moved > max(least, best.moved if best else 0.0):
-            best = Hidden(found, moved)
+            best = Imitated(found, moved)
         if not whole:
             break
     return best
@@ -114,7 +114,7 @@ def _sizes(own: Iterable[Sight], least: float) -> list[Sight]:
 
 
 def _beside(
-    bench: Bench, retuned: Explanation, sight: Sight, part: float, last: Hidden | None
+    bench: Bench, retuned: Explanation, sight: Sight, part: float, last: Imitated | None
 ) -> Explanation:
     """Nominal parameters fitted where an effect, or a part of it, belongs to the model."""
     values = {**bench.model.values, **sight.at(part)}

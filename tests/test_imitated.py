@@ -1,4 +1,4 @@
-"""What re-tuned parameters hide: effects that one log cannot show, and the next one does."""
+"""What re-tuned parameters imitate: effects that one log cannot show, and the next one does."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def described(folder: Path, effects: dict[str, float], volts: Array) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("hidden")
+    return tmp_path_factory.mktemp("imitated")
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def found(folder: Path) -> Diagnosis:
     return diagnose(described(folder, DEAD_ZONE, TWO_LEVELS), jobs=1)
 
 
-def test_the_cause_is_among_what_parameters_hide(found: Diagnosis) -> None:
+def test_the_cause_is_among_what_parameters_imitate(found: Diagnosis) -> None:
     assert found.verdict.kind == "parameters"
     suspects = [one.name for one in found.suspects]
     assert {"drive_dead_zone", "drive_saturation", "direction_asymmetry"} <= set(suspects)
@@ -82,7 +82,7 @@ def test_the_cause_is_among_what_parameters_hide(found: Diagnosis) -> None:
     assert f"; these logs do not tell that from {suspects[0]}" in said
 
 
-def test_a_hidden_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
+def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
     """By plain simulations: parameters as they were, and as they were re-tuned beside it."""
     (log,) = found.logs
     noise = 3.0 * np.sqrt(found.causes.retuned.evidence.dispersion)
@@ -94,7 +94,7 @@ def test_a_hidden_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
     parameters = found.causes.retuned.values
     without = response(parameters)
     measured = log.outputs["angle"] / found.floors["angle"]
-    for one in found.hidden:
+    for one in found.imitated:
         own = one.explanation.problem.model.values
         effect = {k: v for k, v in own.items() if k.startswith(f"{one.name}.")}
         moved = response({**parameters, **effect}) - without
@@ -105,17 +105,17 @@ def test_a_hidden_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
         assert one.moved > found.tolerance
 
 
-def test_a_log_of_many_sizes_hides_no_dead_zone(found: Diagnosis, tmp_path: Path) -> None:
+def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path) -> None:
     """And as before what is another parameter by another name."""
     rich = diagnose(described(tmp_path, {}, MANY), jobs=1)
     assert rich.verdict.kind == "parameters"
-    hidden = {one.name: one.moved for one in rich.hidden}
-    poor = {one.name: one.moved for one in found.hidden}
-    assert "drive_dead_zone" not in hidden
-    assert hidden["gain_error"] > 0.5 * poor["gain_error"]
+    now = {one.name: one.moved for one in rich.imitated}
+    poor = {one.name: one.moved for one in found.imitated}
+    assert "drive_dead_zone" not in now
+    assert now["gain_error"] > 0.5 * poor["gain_error"]
 
 
-def test_the_next_experiment_shows_what_was_hidden(
+def test_the_next_experiment_shows_what_was_imitated(
     found: Diagnosis, folder: Path, run: Run
 ) -> None:
     """Played on the rig, its table and the first log name the cause."""
@@ -130,22 +130,22 @@ def test_the_next_experiment_shows_what_was_hidden(
     (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
     both = diagnose(folder / "both.toml", jobs=1)
     assert both.verdict.members == ("drive_dead_zone",)
-    assert both.hidden == ()
+    assert both.imitated == ()
 
 
 def test_what_parameters_imitate_is_not_said_to_do_nothing(found: Diagnosis) -> None:
     reasons = words.ruled_out(found)
     assert reasons["drive_dead_zone"].startswith("re-tuned parameters imitate it: up to")
     tables = {table.heading: table.rows for table in diagnosis_sheet(found, None).tables}
-    told = tables["Hidden, since re-tuned parameters imitate them"]
-    assert [row[0] for row in told] == [one.name for one in found.hidden]
+    told = tables["Not ruled out: re-tuned parameters imitate them"]
+    assert [row[0] for row in told] == [one.name for one in found.imitated]
     out = " ".join(names for _, names in tables["Ruled out without a fit"])
     assert "drive_dead_zone" not in out
     part = section(found)
     assert part
-    hidden, *others = part.tables
-    assert hidden.caption.startswith("Not ruled out")
-    assert "drive dead zone" in {line.cells[0] for line in hidden.lines}
+    imitated, *others = part.tables
+    assert imitated.caption.startswith("Not ruled out")
+    assert "drive dead zone" in {line.cells[0] for line in imitated.lines}
     assert "drive dead zone" not in {line.cells[0] for table in others for line in table.lines}
 
 
@@ -171,16 +171,16 @@ def test_the_reach_of_an_effect_is_that_of_a_simulation(found: Diagnosis) -> Non
 
 
 @pytest.mark.parametrize("kind", ["effect", "no-gap", "outside-catalogue"])
-def test_only_parameters_hide_effects(kind: str, found: Diagnosis) -> None:
+def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
     other = replace(found, verdict=Verdict(kind, {}, (), ()))
-    assert other.hidden == ()
-    assert words.hides(other) == ""
+    assert other.imitated == ()
+    assert words.stand_ins(other) == ""
     assert other.undecided == ()
 
 
-def test_parameters_that_cannot_move_hide_nothing(folder: Path) -> None:
+def test_parameters_that_cannot_move_imitate_nothing(folder: Path) -> None:
     """Frozen ones imitate nothing, so every effect that moves the outputs shows."""
     told = read_description(folder / "rig.toml")
     frozen = diagnose(replace(told, uncertainty={}), jobs=1)
-    assert frozen.hidden == ()
+    assert frozen.imitated == ()
     assert all(it.shown == pytest.approx(it.moved) for it in frozen.causes.reach.values())
