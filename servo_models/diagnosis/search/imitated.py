@@ -6,7 +6,7 @@ were looked at, and the parameters are fitted beside it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,11 +86,13 @@ def _imitated(
     noise = SHOWN * float(np.sqrt(retuned.evidence.dispersion))
     best: Imitated | None = None
     for sight in _sizes(own, least):
-        found = _beside(bench, retuned, sight, 1.0, best)
+        start = best.explanation.values if best else retuned.view.start(sight.change)
+        found = _beside(bench, sight, 1.0, start)
         shows = _more(found, retuned) / noise
         whole = shows <= 1.0
         if 1.0 < shows < BENT:
-            found = _beside(bench, retuned, sight, SURELY / shows, best)
+            part = SURELY / shows
+            found = _beside(bench, sight, part, _between(retuned.values, found.values, part))
             shows = _more(found, retuned) / noise
         moved = _moved(found, retuned)
         if shows <= 1.0 and moved > max(least, best.moved if best else 0.0):
@@ -98,6 +100,11 @@ def _imitated(
         if not whole:
             break
     return best
+
+
+def _between(one: Mapping[str, float], other: Mapping[str, float], part: float) -> dict[str, float]:
+    """Values that are by a part of the way from one towards the other."""
+    return {name: value + part * (other[name] - value) for name, value in one.items()}
 
 
 def _sizes(own: Iterable[Sight], least: float) -> list[Sight]:
@@ -113,15 +120,12 @@ def _sizes(own: Iterable[Sight], least: float) -> list[Sight]:
     return [sizes[i] for i in chosen]
 
 
-def _beside(
-    bench: Bench, retuned: Explanation, sight: Sight, part: float, last: Imitated | None
-) -> Explanation:
+def _beside(bench: Bench, sight: Sight, part: float, start: Mapping[str, float]) -> Explanation:
     """Nominal parameters fitted where an effect, or a part of it, belongs to the model."""
     values = {**bench.model.values, **sight.at(part)}
     other = replace(bench, model=replace(bench.model, values=values))
     if sight.candidate.stairs:
         other = other.surveyed()
-    start = last.explanation.values if last else retuned.view.start(part * sight.change)
     return other.fit((sight.candidate.name,), (), start)
 
 
