@@ -121,9 +121,16 @@ def test_the_next_experiment_shows_what_was_imitated(
     """Played on the rig, its table and the first log name the cause."""
     assert run("diagnose", str(folder / "rig.toml"), "--json", str(folder / "rig.json"))[0] == 1
     planned = next_experiments(found.undecided)
-    assert all(one.one == () for one in planned)
+    assert all(one.one == () and one.telling for one in planned)
+    assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
+    (row,) = (
+        it for it in diagnosis_sheet(found, None, (), planned).tables if "shown by" in it.columns
+    )
+    shown = {name: by for name, _, _, by in row.rows}
+    assert shown["gain_error"] == "no command that was tried"
     number = [one.other for one in planned].index(("drive_dead_zone",))
     assert planned[number].telling
+    assert shown["drive_dead_zone"] == f"experiment {number + 1}"
     table = np.loadtxt(folder / f"rig_next_{number + 1}.csv", delimiter=",", skiprows=1)
     step = float(np.median(np.diff(table[:, 0])))
     second = record(folder / "second.csv", DEAD_ZONE, table[:, 1], 2, step)

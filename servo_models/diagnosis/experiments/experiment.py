@@ -95,7 +95,8 @@ def next_experiments(rivals: Sequence[Explanation], seed: int = 0) -> tuple[Expe
     """Return for each pair of explanations left the command that separates them.
 
     Of more than ``verdict.FEW`` only the first is told from each other one, since what it survives
-    leaves few pairs; and parameters alone are before an effect is told from another.
+    leaves few pairs.  Parameters alone, where they are the first, are told from what they imitate
+    before that is told from another; commands that show nothing of it are none to play.
 
     Args:
         rivals: explanations that a diagnosis leaves, the likeliest first.
@@ -106,8 +107,10 @@ def next_experiments(rivals: Sequence[Explanation], seed: int = 0) -> tuple[Expe
         return ()
     stage = Stage(rivals, seed)
     every = combinations(range(count), 2)
-    others = count <= FEW and bool(rivals[0].effects)
-    return tuple(_experiment(stage, i, k) for i, k in every if i == 0 or others)
+    effects = bool(rivals[0].effects)
+    pairs = [pair for pair in every if pair[0] == 0 or (count <= FEW and effects)]
+    found = (_experiment(stage, i, k) for i, k in pairs)
+    return tuple(one for one in found if effects or one.telling)
 
 
 def _experiment(stage: Stage, i: int, k: int) -> Experiment:

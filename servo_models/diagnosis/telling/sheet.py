@@ -35,7 +35,7 @@ HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
 PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
 RULED_OUT = ("why", "effects")
-IMITATED = ("effect", "on", "up to [noise floors]")
+IMITATED = ("effect", "on", "up to [noise floors]", "shown by")
 DETECTED = ("effect", "its own detector")
 
 
@@ -66,7 +66,11 @@ def diagnosis_sheet(
         Table("Effects, most likely first", EFFECTS, tuple(_effects(found))),
         Table("Seen apart from any error", DETECTED, tuple(_detected(found))),
         Table("Ruled out without a fit", RULED_OUT, tuple(_ruled_out(found))),
-        Table("Not ruled out: re-tuned parameters imitate them", IMITATED, tuple(_imitated(found))),
+        Table(
+            "Not ruled out: re-tuned parameters imitate them",
+            IMITATED,
+            tuple(_imitated(found, experiments)),
+        ),
         Table("Parameters", PARAMETERS, tuple(_parameters(found))),
         Table(_next(experiments), ("number", ""), next_),
     )
@@ -185,9 +189,12 @@ def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
         yield reason, ", ".join(names)
 
 
-def _imitated(found: Diagnosis) -> Iterator[tuple[str, str, str]]:
+def _imitated(
+    found: Diagnosis, experiments: Sequence[Experiment]
+) -> Iterator[tuple[str, str, str, str]]:
     for one in found.imitated:
-        yield one.name, found.model.plant.placements[one.name][0].on[0], f"{one.moved:.3g}"
+        wire = found.model.plant.placements[one.name][0].on[0]
+        yield one.name, wire, f"{one.moved:.3g}", words.shown_by(found, one, experiments)
 
 
 def _parameters(found: Diagnosis) -> Iterator[tuple[str, ...]]:

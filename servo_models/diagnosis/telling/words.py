@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
@@ -61,6 +62,15 @@ def stand_ins(found: Diagnosis) -> str:
     if len(names) > MENTIONED:
         names[MENTIONED - 1 :] = [f"{len(names) - MENTIONED + 1} others"]
     return f"; these logs do not tell that from {listed(names)}"
+
+
+def shown_by(found: Diagnosis, one: Imitated, experiments: Sequence[Experiment]) -> str:
+    """Return which experiment would show an effect that parameters imitate, "" where none was
+    sought."""
+    for number, experiment in enumerate(experiments, start=1):
+        if experiment.other == one.explanation.effects:
+            return f"experiment {number}"
+    return "no command that was tried" if one in found.suspects else ""
 
 
 def elsewhere(found: Diagnosis) -> str:

@@ -55,7 +55,7 @@ def diagnosis_page(
                 regimes.section(where),
                 evidence.section(found),
                 detectors.section(found),
-                ruled_out.section(found),
+                ruled_out.section(found, experiments),
                 parameters.section(found),
                 experiment.section(found, experiments),
                 provenance.section(found, conditions or {}),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 
+from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words as said
 from servo_models.report.identification.readings import words
@@ -12,10 +14,10 @@ from servo_models.report.parts import Line, Section, Table, number
 TITLE = "Ruled out"
 COLUMNS = ("effect", "acts on", "why", "moves outputs by [noise floors]", "")
 NUMBERS = ("moves outputs by [noise floors]",)
-IMITATED = ("effect", "acts on", "up to [noise floors]")
+IMITATED = ("effect", "acts on", "up to [noise floors]", "shown by")
 
 
-def section(found: Diagnosis) -> Section | None:
+def section(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> Section | None:
     """Return why each other effect is not named, the fitted ones open; None if all are named."""
     reasons = said.ruled_out(found)
     if not reasons:
@@ -41,7 +43,7 @@ def section(found: Diagnosis) -> Section | None:
         for i, (caption, names) in enumerate(groups.items())
         if names
     ]
-    tables = [*_imitated(found), *tables]
+    tables = [*_imitated(found, experiments), *tables]
     return Section(
         "ruled-out",
         TITLE,
@@ -52,15 +54,22 @@ def section(found: Diagnosis) -> Section | None:
     )
 
 
-def _imitated(found: Diagnosis) -> list[Table]:
+def _imitated(found: Diagnosis, experiments: Sequence[Experiment]) -> list[Table]:
     """What parameters may stand in for: the verdict rules out nothing of it."""
     place = found.model.plant.placements
     rows = tuple(
-        Line((words(it.name), words(place[it.name][0].on[0]), number(it.moved, 2)))
-        for it in found.imitated
+        Line(
+            (
+                words(one.name),
+                words(place[one.name][0].on[0]),
+                number(one.moved, 3),
+                said.shown_by(found, one, experiments),
+            )
+        )
+        for one in found.imitated
     )
     caption = f"Not ruled out: re-tuned parameters imitate them ({len(rows)})"
-    return [Table(caption, IMITATED, rows, IMITATED[2:])] if rows else []
+    return [Table(caption, IMITATED, rows, IMITATED[2:3])] if rows else []
 
 
 def _line(found: Diagnosis, name: str, reason: str) -> Line:
