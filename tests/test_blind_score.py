@@ -126,6 +126,7 @@ EXPECTED = {
     "not_identifiable": (2, 11),
     "owns_up": (1, 7),
     "stand_ins_told": (1, 2),
+    "stand_ins_listed": (2 + 1, 2),
     "closed_vs_oracle": (11 * 1.0 + 0.5 + 0.0 + 0.0, 14),
     "quantisation_found": (0, 2),
     "seconds_per_case": (2 * 22, 22),

@@ -88,3 +88,10 @@ def test_a_table_of_an_earlier_run_does_not_say_what_parameters_imitate() -> Non
     for row in rows:
         del row["imitated"]
     assert stand_ins_told([case_of(row) for row in rows]).n == 0
+
+
+def test_a_run_from_before_that_was_looked_for_can_be_kept() -> None:
+    cases = json.loads(finite_json(written(MADE)))["cases"]
+    for case in cases:
+        del case["said"]["imitated"]
+    assert stand_ins_told([case_of(row_of(case)) for case in cases]).n == 0

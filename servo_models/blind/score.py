@@ -192,6 +192,13 @@ def stand_ins_told(cases: Cases) -> Figure:
     )
 
 
+def stand_ins_listed(cases: Cases) -> Figure:
+    """The verdict is ``parameters``: how many effects they are said to imitate, mean.  It tells
+    what the log cannot show, whether something is wrong or not."""
+    said = (case.said for case in cases if case.said.verdict == PARAMETERS)
+    return mean(len(it.imitated) for it in said if it.imitated is not None)
+
+
 def closed_vs_oracle(cases: Cases) -> Figure:
     """One or two effects: gap closed over that of the product's own fit when told the names,
     (before - after) / (before - after when told), held out, at most 1 and at least 0 each, and 1
@@ -230,6 +237,7 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     not_identifiable,
     owns_up,
     stand_ins_told,
+    stand_ins_listed,
     closed_vs_oracle,
     quantisation_found,
     seconds_per_case,

@@ -21,6 +21,7 @@ def row_of(case: Mapping[str, Any]) -> Row:
     Without an oracle, since nothing was wrong with the rig, its columns are empty.
     """
     said, known = case["said"], case["oracle"] or {}
+    imitated = said.get("imitated")  # earlier runs have not looked
     return {
         "case": said["case"],
         "tier": case["tier"],
@@ -43,7 +44,7 @@ def row_of(case: Mapping[str, Any]) -> Row:
         "rival_leaves": _text(known.get("rival")),
         "after_when_told": _text(known.get("after")),
         "when_left_out": known.get("without", ""),
-        "imitated": UNASKED if said["imitated"] is None else " ".join(said["imitated"]),
+        "imitated": UNASKED if imitated is None else " ".join(imitated),
     }
 
 

@@ -130,7 +130,7 @@ def diagnose(
     if format_ is Format.JSON:
         print(told)
     elif format_ is Format.GITHUB:
-        print("\n".join(github(found)))
+        print("\n".join(github(found, next_)))
     else:
         show(diagnosis_sheet(found, confirmed, places, next_))
     return 0 if found.within_tolerance else GAP_FOUND

@@ -16,8 +16,10 @@ from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
+EXPLAINED = 0.5
+"""Share of what can be closed from which parameters explain a gap."""
 MUCH = 0.5
-"""Share of the gap from which an effect that re-tuned parameters imitate may be its cause."""
+"""Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +71,24 @@ class Diagnosis:
         return estimates(self.causes.taken)
 
     @property
-    def imitated(self) -> tuple[Imitated, ...]:
-        """Effects that may be there, since re-tuned parameters imitate them, the largest first."""
-        explained = self.verdict.kind == PARAMETERS and self.moved
-        return tuple(self.causes.imitated) if explained else ()
+    def explained(self) -> bool:
+        """Whether re-tuned parameters explain the gap: else, without an effect, it is noise."""
+        share = self.gap.closed
+        alone = self.verdict.kind == PARAMETERS and bool(self.moved)
+        return alone and share is not None and share[0] >= EXPLAINED
 
     @property
-    def suspects(self) -> tuple[Imitated, ...]:
-        """Those of them that may make much of the gap."""
-        least = MUCH * self.gap.rms["before"]
-        return tuple(it for it in self.imitated if it.moved >= least)
+    def imitated(self) -> tuple[Imitated, ...]:
+        """Effects that may be there beside re-tuned parameters that explain the gap, and would not
+        show, the largest first."""
+        return tuple(self.causes.imitated) if self.explained else ()
 
     @property
     def undecided(self) -> tuple[Explanation, ...]:
         """Explanations that these logs cannot tell apart, and another experiment may."""
-        suspects = [it.explanation for it in self.suspects]
-        return (self.causes.retuned, *suspects) if suspects else self.verdict.rivals
+        least = MUCH * self.gap.rms["before"]
+        large = [it.explanation for it in self.imitated if it.moved >= least]
+        return (self.causes.retuned, *large) if large else self.verdict.rivals
 
     @cached_property
     def held_out(self) -> tuple[Unseen, ...]:

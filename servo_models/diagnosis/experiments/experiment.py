@@ -155,7 +155,7 @@ def _experiment(stage: Stage, i: int, k: int) -> Experiment:
 
 def _few(size: float) -> str:
     """Two figures, but never a power of ten for what a person can read without."""
-    return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
+    return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
 
 
 def _names(explanation: Explanation) -> str:

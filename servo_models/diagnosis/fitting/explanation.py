@@ -165,17 +165,19 @@ class Bench:
         extra: Sequence[Free],
         start: Mapping[str, float] | None = None,
         known: Array | None = None,
+        limit: int = STEPS,
     ) -> Explanation:
         """Fit from a start [SI by name]; what it does not name begins with its own.
 
-        ``known`` are slopes near there, shape (m, k), of the first k parameters.
+        ``known`` are slopes near there, shape (m, k), of the first k parameters; ``limit`` is that
+        of steps.
         """
         problem = self.problem(extra)
         if not problem.free:
             return self._judged(effects, problem, problem.start, converged=True)
         begin = [(start or {}).get(free.name, free.start) for free in problem.free]
         vector = np.array(begin) / problem.scales
-        return self._judged(effects, problem, *self._descend(problem, vector, ENOUGH, STEPS, known))
+        return self._judged(effects, problem, *self._descend(problem, vector, ENOUGH, limit, known))
 
     def unfit(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]

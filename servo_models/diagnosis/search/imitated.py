@@ -1,11 +1,12 @@
 """Effects that re-tuned parameters imitate: one may be there, and the logs would hardly show it.
 
-A look tells of which that may be so; then the effect is put into the model at one of the sizes that
-were looked at, and the parameters are fitted beside it.
+A look tells of which that may be so; then the effect is put into the model at sizes that were
+looked at, and at some between them, and the parameters are fitted beside it.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,19 +16,20 @@ from numpy.typing import NDArray
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.screening import Sight
+from servo_models.diagnosis.sizes import Settings
 from servo_models.errors import UserError
 
 Array = NDArray[np.float64]
 
 SHOWN = 3.0
-"""Standard deviations of noise by which an effect stands out."""
+"""Standard deviations, of noise or of the parameters together, by which an effect stands out."""
 UNLIKE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
-SIZES = 5
-"""Sizes of an effect, of either sign, that are tried at most."""
-BENT, SURELY = 10.0, 0.8
-"""How far one may stand out, over what noise does, for a part of it to be tried, and the share of
-that part which is: responses are not quite straight."""
+HALVINGS = 2
+"""Of the way between a size that does not show and the next one, which does."""
+SHAPES, STEPS = 2, 8
+"""Shapes and signs of an effect that are tried, those first that may move most, and steps of a fit:
+what parameters imitate they find at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,78 +62,111 @@ def imitated_effects(
         sights: of every effect.
         least: RMS [noise floors] by which an effect has to move the outputs.
     """
-    alike: dict[tuple[str, bool], list[Sight]] = {}
+    alike: dict[tuple[object, ...], list[Sight]] = {}
     for sight in sights:
         # a ripple is seen as a share of each phase, at no size of its own
         if sight.seen is retuned.view and sight.waves is None:
-            positive = all(
-                sight.settings.get(name, 0.0) >= 0.0 for name in sight.candidate.switches
-            )
-            alike.setdefault((sight.candidate.name, positive), []).append(sight)
+            alike.setdefault(_kind(sight), []).append(sight)
     largest: dict[str, Imitated] = {}
-    for (name, _), own in alike.items():
-        one = _imitated(bench, retuned, own, least)
-        if one and (name not in largest or one.moved > largest[name].moved):
-            largest[name] = one
+    tried: Counter[str] = Counter()
+    for own in sorted(alike.values(), key=lambda it: -_promised(it)):
+        name = own[0].candidate.name
+        wanted = max(least, largest[name].moved) if name in largest else least
+        if _promised(own) > wanted and tried[name] < SHAPES:
+            tried[name] += 1
+            one = _Walk(bench, retuned, own).largest()
+            if one and one.moved > wanted:
+                largest[name] = one
     return sorted(largest.values(), key=lambda it: -it.moved)
 
 
-def _imitated(
-    bench: Bench, retuned: Explanation, own: Sequence[Sight], least: float
-) -> Imitated | None:
-    """An effect at the largest of a few sizes that parameters imitate, None for none.
-
-    Each fit begins where the one of the size before has ended, since parameters have to go far.
-    """
-    noise = SHOWN * float(np.sqrt(retuned.evidence.dispersion))
-    best: Imitated | None = None
-    for sight in _sizes(own, least):
-        start = best.explanation.values if best else retuned.view.start(sight.change)
-        found = _beside(bench, sight, 1.0, start)
-        shows = _more(found, retuned) / noise
-        whole = shows <= 1.0
-        if 1.0 < shows < BENT:
-            part = SURELY / shows
-            found = _beside(bench, sight, part, _between(retuned.values, found.values, part))
-            shows = _more(found, retuned) / noise
-        moved = _moved(found, retuned)
-        if shows <= 1.0 and moved > max(least, best.moved if best else 0.0):
-            best = Imitated(found, moved)
-        if not whole:
-            break
-    return best
+def _kind(sight: Sight) -> tuple[object, ...]:
+    """What sizes have in common that differ by how large they are: effect, sign and shape."""
+    switches = sight.candidate.switches
+    shape = tuple(it for it in sight.settings.items() if it[0] not in switches)
+    signs = tuple((name, sight.settings[name] < 0.0) for name in switches if name in sight.settings)
+    return sight.candidate.name, signs, shape
 
 
-def _between(one: Mapping[str, float], other: Mapping[str, float], part: float) -> dict[str, float]:
-    """Values that are by a part of the way from one towards the other."""
-    return {name: value + part * (other[name] - value) for name, value in one.items()}
+def _promised(own: Iterable[Sight]) -> float:
+    """How far an effect moves the outputs at sizes that parameters may imitate."""
+    return max((_rms(it.change, it.seen) for it in own if _alike(it)), default=0.0)
 
 
-def _sizes(own: Iterable[Sight], least: float) -> list[Sight]:
-    """Sizes of an effect that parameters may imitate, the smallest movement first."""
-    sizes = [
-        it
-        for it in own
-        if _rms(it.change, it.seen) > least
-        and np.linalg.norm(it.difference) < UNLIKE * np.linalg.norm(it.change)
+def _alike(sight: Sight) -> bool:
+    """Whether slopes of the parameters lead to most of a change."""
+    return bool(np.linalg.norm(sight.difference) < UNLIKE * np.linalg.norm(sight.change))
+
+
+class _Walk:
+    """Through the sizes of an effect of one sign and shape, to the largest that does not show."""
+
+    def __init__(self, bench: Bench, retuned: Explanation, own: Sequence[Sight]) -> None:
+        self.bench, self.retuned = bench, retuned
+        self.candidate = own[0].candidate
+        self.sizes = sorted(own, key=lambda it: float(np.linalg.norm(it.change)))
+        self.best: Imitated | None = None
+
+    def largest(self) -> Imitated | None:
+        """Return the effect at the largest size that does not show, None for none."""
+        low, high = -1, len(self.sizes)
+        middle = max(i for i in range(high) if _alike(self.sizes[i]))
+        while high - low > 1:
+            if self._passes(self.sizes[middle]):
+                low = middle
+            else:
+                high = middle
+            middle = (low + high) // 2
+        if high < len(self.sizes) and (self.best or _alike(self.sizes[high])):
+            self._closer(self._at(low), self.sizes[high].settings)
+        return self.best
+
+    def _at(self, index: int) -> Settings:
+        """Settings of a size; before the first one, of none, as long as larger ones do more."""
+        if index >= 0:
+            return self.sizes[index].settings
+        off = dict.fromkeys(self.candidate.switches, 0.0)
+        return {name: off.get(name, value) for name, value in self.sizes[0].settings.items()}
+
+    def _closer(self, low: Settings, high: Settings) -> None:
+        for _ in range(HALVINGS):
+            middle = {name: 0.5 * (low[name] + high[name]) for name in low}
+            start = self.best.explanation.values if self.best else self.retuned.values
+            if self._tried(middle, start):
+                low = middle
+            else:
+                high = middle
+
+    def _passes(self, sight: Sight) -> bool:
+        """Whether parameters imitate an effect at a size that was looked at."""
+        if not sight.change.any():
+            return True
+        return _alike(sight) and self._tried(sight.settings, sight.seen.start(sight.change))
+
+    def _tried(self, settings: Settings, start: Mapping[str, float]) -> bool:
+        """Whether they do so at some settings; keeps the largest that they do imitate."""
+        model = self.bench.model
+        other = replace(self.bench, model=replace(model, values={**model.values, **settings}))
+        if self.candidate.stairs:
+            other = other.surveyed()
+        found = other.fit((self.candidate.name,), (), start, limit=STEPS)
+        if _stands_out(found, self.retuned):
+            return False
+        moved = _moved(found, self.retuned)
+        if self.best is None or moved > self.best.moved:
+            self.best = Imitated(found, moved)
+        return True
+
+
+def _stands_out(found: Explanation, retuned: Explanation) -> bool:
+    """Whether an effect leaves more of the data than noise would make of what parameters alone
+    leave, or strains these further than their priors allow."""
+    n = retuned.problem.samples
+    more = [
+        float(it @ it) - float(was @ was)
+        for it, was in zip(np.split(found.view.errors, [n]), np.split(retuned.view.errors, [n]))
     ]
-    sizes.sort(key=lambda it: float(np.linalg.norm(it.change)))
-    chosen = np.linspace(0, len(sizes) - 1, min(SIZES, len(sizes))).round().astype(int)
-    return [sizes[i] for i in chosen]
-
-
-def _beside(bench: Bench, sight: Sight, part: float, start: Mapping[str, float]) -> Explanation:
-    """Nominal parameters fitted where an effect, or a part of it, belongs to the model."""
-    values = {**bench.model.values, **sight.at(part)}
-    other = replace(bench, model=replace(bench.model, values=values))
-    if sight.candidate.stairs:
-        other = other.surveyed()
-    return other.fit((sight.candidate.name,), (), start)
-
-
-def _more(found: Explanation, retuned: Explanation) -> float:
-    """The root of the squared errors that are left more than by parameters alone."""
-    return float(np.sqrt(max(found.cost - retuned.cost, 0.0)))
+    return more[0] > SHOWN**2 * retuned.evidence.dispersion or more[1] > SHOWN**2
 
 
 def _moved(found: Explanation, retuned: Explanation) -> float:

@@ -52,7 +52,7 @@ def document(
         "actuator": found.model.actuator.name,
         "variant": found.model.variant,
         "verdict": found.verdict.kind,
-        "sentence": words.sentence(found),
+        "sentence": words.sentence(found, experiments),
         "tolerance": found.tolerance,
         "gap": {**_reduction(found.gap, FLOORS), "outputs": _outputs(found)},
         "confirmation": _confirmation(found, confirmation) if confirmation else None,
@@ -70,10 +70,10 @@ def document(
     }
 
 
-def github(found: Diagnosis) -> Iterator[str]:
+def github(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> Iterator[str]:
     """Return workflow commands: the verdict, an error where there is a gap, and all warnings."""
-    title = f"servo-models: {found.model.actuator.name}"
-    yield command("notice" if found.within_tolerance else "error", title, words.sentence(found))
+    title, said = f"servo-models: {found.model.actuator.name}", words.sentence(found, experiments)
+    yield command("notice" if found.within_tolerance else "error", title, said)
     for text in cautions(found):
         yield command("warning", title, text)
 

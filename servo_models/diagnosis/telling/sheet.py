@@ -76,7 +76,7 @@ def diagnosis_sheet(
     )
     return Sheet(
         f"{model.actuator.name}, variant {model.variant}: {found.verdict.kind}",
-        (words.sentence(found), *warnings),
+        (words.sentence(found, experiments), *warnings),
         tuple(table for table in tables if table.rows),
     )
 
@@ -149,7 +149,7 @@ def _effects(found: Diagnosis) -> Iterator[tuple[str, ...]]:
         yield (
             claim.name,
             claim.wire,
-            _percent(claim.probability),
+            _percent(claim.probability if found.verdict.chances else None),
             sizes,
             f"{claim.gap_after:.3g}",
             _percent(claim.closed),
@@ -179,11 +179,11 @@ def _size(plant: Plant, value: Value) -> str:
 
 
 def _ruled_out(found: Diagnosis) -> Iterator[tuple[str, str]]:
-    """Effects of one reason in one row; fitted and imitated ones have their own."""
-    told = {claim.name for claim in found.claims} | {one.name for one in found.imitated}
+    """Effects of one reason in one row; those that were fitted say it in their own."""
+    fitted = {claim.name for claim in found.claims}
     rows: dict[str, list[str]] = {}
     for name, reason in words.ruled_out(found).items():
-        if name not in told:
+        if name not in fitted:
             rows.setdefault(reason.partition(":")[0], []).append(name)
     for reason, names in rows.items():
         yield reason, ", ".join(names)
@@ -194,7 +194,7 @@ def _imitated(
 ) -> Iterator[tuple[str, str, str, str]]:
     for one in found.imitated:
         wire = found.model.plant.placements[one.name][0].on[0]
-        yield one.name, wire, f"{one.moved:.3g}", words.shown_by(found, one, experiments)
+        yield one.name, wire, f"{one.moved:.3g}", words.shown_by(one, experiments)
 
 
 def _parameters(found: Diagnosis) -> Iterator[tuple[str, ...]]:

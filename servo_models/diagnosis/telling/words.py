@@ -24,16 +24,12 @@ from servo_models.identification.estimate import doubt
 
 SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""
-EXPLAINED = 0.5
-"""Share of what can be closed from which parameters explain a gap."""
-MENTIONED = 4
-"""Effects that a sentence names at most of those that parameters may stand in for."""
 ELSEWHERE = 2.0
 """Error of a log that is held out over that of the others, from which something else acts there."""
 
 
-def sentence(found: Diagnosis) -> str:
-    """Return the verdict in one sentence."""
+def sentence(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> str:
+    """Return the verdict in one sentence, with what only another experiment would show."""
     kind, said = found.verdict.kind, headline(found)
     before, retuned = found.gap.rms["before"], found.gap.rms["retuned"]
     if kind == NO_GAP:
@@ -42,7 +38,7 @@ def sentence(found: Diagnosis) -> str:
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
         return f"{said}; {change(found)}{elsewhere(found)}."
     alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    ends = f"{alone}{rivals(found)}{rest(found)}{stand_ins(found)}{elsewhere(found)}"
+    ends = f"{alone}{rivals(found)}{rest(found)}{unseen(experiments)}{elsewhere(found)}"
     return f"{said}: {change(found)}{ends}."
 
 
@@ -53,24 +49,21 @@ def rest(found: Diagnosis) -> str:
     return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
 
 
-def stand_ins(found: Diagnosis) -> str:
-    """Return a clause on effects that may make much of a gap that parameters explain, "" for
-    none."""
-    names = [one.name for one in found.suspects]
+def unseen(experiments: Sequence[Experiment]) -> str:
+    """Return a clause on effects that another experiment shows and these logs do not, beside
+    parameters that explain the gap; "" for none."""
+    names = [name for one in experiments if not one.one for name in one.other]
     if not names:
         return ""
-    if len(names) > MENTIONED:
-        names[MENTIONED - 1 :] = [f"{len(names) - MENTIONED + 1} others"]
-    return f"; these logs do not tell that from {listed(names)}"
+    many = len(names) > 1
+    others = f"do in the next experiment{'s' * many}" if many else "does in the next experiment"
+    return f"; {listed(names)} would not show in these logs, and {others}"
 
 
-def shown_by(found: Diagnosis, one: Imitated, experiments: Sequence[Experiment]) -> str:
-    """Return which experiment would show an effect that parameters imitate, "" where none was
-    sought."""
-    for number, experiment in enumerate(experiments, start=1):
-        if experiment.other == one.explanation.effects:
-            return f"experiment {number}"
-    return "no command that was tried" if one in found.suspects else ""
+def shown_by(one: Imitated, experiments: Sequence[Experiment]) -> str:
+    """Return which experiment would show an effect that parameters imitate, "" for none."""
+    found = (k for k, it in enumerate(experiments, start=1) if it.other == one.explanation.effects)
+    return ", ".join(f"experiment {number}" for number in found)
 
 
 def elsewhere(found: Diagnosis) -> str:
@@ -93,7 +86,7 @@ def headline(found: Diagnosis) -> str:
     whole = "most of the gap" if found.verdict.rest else "the gap"
     if kind == NO_GAP:
         return "No gap"
-    if kind == PARAMETERS and _by_parameters(found):
+    if found.explained:
         return f"Re-tuned parameters explain {whole}, no effect is needed"
     if kind == PARAMETERS:
         return f"{whole.capitalize()} passes for noise, no effect is needed"
@@ -104,12 +97,6 @@ def headline(found: Diagnosis) -> str:
         best = f"with the nearest, {placed(found, taken)}" if taken else alone
         return f"Outside the catalogue: {best}, something is left"
     return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
-
-
-def _by_parameters(found: Diagnosis) -> bool:
-    """Return whether re-tuned parameters close at least half of what can be closed."""
-    share = found.gap.closed
-    return bool(found.moved) and share is not None and share[0] >= EXPLAINED
 
 
 def _undecided(found: Diagnosis) -> str:
@@ -171,22 +158,20 @@ def closed(gap: Reduction) -> str:
 
 
 def ruled_out(found: Diagnosis) -> dict[str, str]:
-    """Return why each effect is not named, by its name, the nearest first."""
+    """Return why each effect is not named, by its name, the nearest first.
+
+    What parameters imitate is not ruled out.
+    """
     reach = found.causes.reach
     named = {*found.verdict.members, *found.causes.taken.effects}
+    named |= {one.name for one in found.imitated}
     fitted = found.causes.fitted
     rest = [name for name in reach if name not in named and name not in fitted]
     said = {name: _loses(found, name, one) for name, one in fitted.items() if name not in named}
     for name in sorted(rest, key=lambda name: -reach[name].shown):
         said[name] = "explains too little beside those that were fitted"
-    imitated = {one.name: _imitated(one) for one in found.imitated}
     unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
-    unseen |= {name: why for name, why in imitated.items() if name in said}
     return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
-
-
-def _imitated(one: Imitated) -> str:
-    return f"re-tuned parameters imitate it: up to {one.moved:.3g} noise floors of it do not show"
 
 
 def _unseen(reach: Reach) -> str:
@@ -196,8 +181,8 @@ def _unseen(reach: Reach) -> str:
         most = f"{reach.moved:.1g}"
         return f"these logs cannot show it: it moves the outputs by {most} noise floors at most"
     return (
-        f"re-tuned parameters imitate it: it moves the outputs by {reach.moved:.3g} noise floors at"
-        f" most, and they leave {reach.shown:.1g} of these"
+        "these logs can hardly tell it from parameters: what these cannot imitate of it is"
+        f" {reach.shown:.1g} noise floors at most"
     )
 
 

@@ -13,6 +13,7 @@ from servo_models.report.diagnosis import (
     evidence,
     experiment,
     gap,
+    imitated,
     parameters,
     provenance,
     ruled_out,
@@ -47,7 +48,7 @@ def diagnosis_page(
         Page(
             title=title,
             kind=title,
-            sentence=verdict.sentence(found),
+            sentence=verdict.sentence(found, experiments),
             passed=verdict.judgement(found),
             sections=(
                 verdict.warnings(found),
@@ -55,7 +56,8 @@ def diagnosis_page(
                 regimes.section(where),
                 evidence.section(found),
                 detectors.section(found),
-                ruled_out.section(found, experiments),
+                imitated.section(found, experiments),
+                ruled_out.section(found),
                 parameters.section(found),
                 experiment.section(found, experiments),
                 provenance.section(found, conditions or {}),

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
 
-from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words as said
 from servo_models.report.identification.readings import words
@@ -14,23 +12,21 @@ from servo_models.report.parts import Line, Section, Table, number
 TITLE = "Ruled out"
 COLUMNS = ("effect", "acts on", "why", "moves outputs by [noise floors]", "")
 NUMBERS = ("moves outputs by [noise floors]",)
-IMITATED = ("effect", "acts on", "up to [noise floors]", "shown by")
 
 
-def section(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> Section | None:
+def section(found: Diagnosis) -> Section | None:
     """Return why each other effect is not named, the fitted ones open; None if all are named."""
     reasons = said.ruled_out(found)
     if not reasons:
         return None
-    fitted, imitated = found.causes.fitted, {one.name for one in found.imitated}
-    out = [name for name in reasons if name not in imitated]
-    seen = [name for name in out if found.causes.reach[name].shown >= said.SEEN]
+    fitted = found.causes.fitted
+    seen = [name for name in reasons if found.causes.reach[name].shown >= said.SEEN]
     groups = {
         "Fitted, and less likely": [name for name in seen if name in fitted],
         "Seen, but explain less than those that were fitted": [
             name for name in seen if name not in fitted
         ],
-        "Not shown by these logs": [name for name in out if name not in seen],
+        "Not shown by these logs": [name for name in reasons if name not in seen],
     }
     tables = [
         Table(
@@ -43,7 +39,6 @@ def section(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> Section
         for i, (caption, names) in enumerate(groups.items())
         if names
     ]
-    tables = [*_imitated(found, experiments), *tables]
     return Section(
         "ruled-out",
         TITLE,
@@ -52,24 +47,6 @@ def section(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> Section
         " be there all the same.",
         tuple(tables),
     )
-
-
-def _imitated(found: Diagnosis, experiments: Sequence[Experiment]) -> list[Table]:
-    """What parameters may stand in for: the verdict rules out nothing of it."""
-    place = found.model.plant.placements
-    rows = tuple(
-        Line(
-            (
-                words(one.name),
-                words(place[one.name][0].on[0]),
-                number(one.moved, 3),
-                said.shown_by(found, one, experiments),
-            )
-        )
-        for one in found.imitated
-    )
-    caption = f"Not ruled out: re-tuned parameters imitate them ({len(rows)})"
-    return [Table(caption, IMITATED, rows, IMITATED[2:3])] if rows else []
 
 
 def _line(found: Diagnosis, name: str, reason: str) -> Line:

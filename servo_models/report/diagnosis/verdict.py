@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Gap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words as said
@@ -15,10 +18,10 @@ from servo_models.report.parts import Count, Section, number
 UNEXPLAINED = (OUTSIDE, NOT_IDENTIFIABLE)
 
 
-def sentence(found: Diagnosis) -> str:
+def sentence(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> str:
     """Return the verdict in one sentence, figures of the gap aside."""
     claim = capital(words(said.headline(found) + said.rivals(found)))
-    return f"{claim}{said.rest(found)}{words(said.stand_ins(found))}{said.elsewhere(found)}."
+    return f"{claim}{said.rest(found)}{words(said.unseen(experiments))}{said.elsewhere(found)}."
 
 
 def judgement(found: Diagnosis) -> bool | None:
