@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from scipy.optimize import least_squares
+from test_diagnose_cli import check_schema
 
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
@@ -183,6 +185,9 @@ def test_the_next_experiment_shows_what_was_imitated(
     code, out, _ = run("diagnose", str(folder / "rig.toml"), "--json", str(folder / "rig.json"))
     assert code == 1
     assert "would not show in these logs, and do in the next experiments." in " ".join(out.split())
+    told = json.loads((folder / "rig.json").read_text())
+    check_schema(told)
+    assert {it["name"]: it["up_to"] for it in told["imitated"]} == imitated(found)
     planned = next_experiments(found.undecided)
     assert all(one.one == () and one.telling for one in planned)
     assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
