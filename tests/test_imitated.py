@@ -14,6 +14,7 @@ import pytest
 from conftest import Run
 from scipy.optimize import least_squares
 from test_diagnose_cli import check_schema
+from test_experiment_design import DEAD_ZONE, FLOOR, LOG, TWO_LEVELS
 
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
@@ -29,10 +30,6 @@ from servo_models.diagnosis.verdict import Verdict
 from servo_models.report.diagnosis.imitated import section
 from servo_models.simulate import Array, Model, model, simulate
 
-FLOOR = 2e-5
-DEAD_ZONE = {"drive_dead_zone.half_width": 1.5}
-TWO_LEVELS = np.repeat([0.0, 10.0, 0.0], 200)
-"""Of a static law nothing but its value at one voltage shows."""
 MANY = np.repeat([0.0, 3.0, 10.0, -6.0, -1.0, 14.0, -14.0, 1.0, -4.0, 0.0], 120)
 HEAD = """
 actuator = "torque_motor"
@@ -43,13 +40,6 @@ torque_constant = "25 %"
 resistance = "1 %"
 stiffness = "1 %"
 rotor_inertia = "1 %"
-"""
-LOG = """
-[[logs]]
-file = "{}"
-time = {{ column = "t", unit = "s" }}
-inputs.voltage = {{ column = "u", unit = "V" }}
-outputs.angle = {{ column = "angle", unit = "rad" }}
 """
 
 

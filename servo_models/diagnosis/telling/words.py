@@ -38,7 +38,7 @@ def sentence(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> str:
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
         return f"{said}; {change(found)}{elsewhere(found)}."
     alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    ends = f"{alone}{rivals(found)}{rest(found)}{unseen(experiments)}{elsewhere(found)}"
+    ends = f"{alone}{rivals(found)}{rest(found)}{not_shown(experiments)}{elsewhere(found)}"
     return f"{said}: {change(found)}{ends}."
 
 
@@ -49,7 +49,7 @@ def rest(found: Diagnosis) -> str:
     return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
 
 
-def unseen(experiments: Sequence[Experiment]) -> str:
+def not_shown(experiments: Sequence[Experiment]) -> str:
     """Return a clause on effects that another experiment shows and these logs do not, beside
     parameters that explain the gap; "" for none."""
     names = [name for one in experiments if not one.one for name in one.other]

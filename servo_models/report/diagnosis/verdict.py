@@ -21,7 +21,7 @@ UNEXPLAINED = (OUTSIDE, NOT_IDENTIFIABLE)
 def sentence(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> str:
     """Return the verdict in one sentence, figures of the gap aside."""
     claim = capital(words(said.headline(found) + said.rivals(found)))
-    return f"{claim}{said.rest(found)}{words(said.unseen(experiments))}{said.elsewhere(found)}."
+    return f"{claim}{said.rest(found)}{words(said.not_shown(experiments))}{said.elsewhere(found)}."
 
 
 def judgement(found: Diagnosis) -> bool | None:
