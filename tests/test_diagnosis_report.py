@@ -247,8 +247,8 @@ def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
     page = Page(diagnosis_page("Bench", unsure, experiments=planned))
     page.assert_stands_alone()
     assert planned
-    for one in planned:
-        assert one.text in page.text
+    for number, one in enumerate(planned, start=1):
+        assert f"{number}: {one.text}" in page.text
     drawn = " ".join(page.values("aria-label"))
     assert " or ".join(one.effects[0] for one in unsure.verdict.rivals).replace("_", " ") in drawn
     assert "experiment" not in Page(_page(unsure)).values("id")

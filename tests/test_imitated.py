@@ -199,7 +199,7 @@ def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     )
     sheet = diagnosis_sheet(found, None, (), experiments)
     tables = {it.columns[-1]: it.rows for it in sheet.tables}
-    shown = {name: by for name, _, _, by in tables["shown by"]}
+    shown = {name: by for name, _, _, by in tables["experiment"]}
     assert shown.keys() == imitated(found).keys()
     assert {name for name, by in shown.items() if by} == {"drive_dead_zone"}
     part = section(found, experiments)

@@ -35,7 +35,7 @@ HELD_OUT_LOGS = ("log", "parameters alone", "with effects", "")
 EFFECTS = ("effect", "on", "probability", "size", "gap after", "closes", "")
 PARAMETERS = ("parameter", "before", "re-tuned", "after", "+-", "unit", "prior deviations", "")
 RULED_OUT = ("why", "effects")
-IMITATED = ("effect", "on", "up to [noise floors]", "shown by")
+IMITATED = ("effect", "on", "up to [noise floors]", "experiment")
 DETECTED = ("effect", "its own detector")
 
 

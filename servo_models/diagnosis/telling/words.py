@@ -61,9 +61,9 @@ def not_shown(experiments: Sequence[Experiment]) -> str:
 
 
 def shown_by(one: Imitated, experiments: Sequence[Experiment]) -> str:
-    """Return which experiment would show an effect that parameters imitate, "" for none."""
+    """Return the numbers of experiments that would show an effect that parameters imitate."""
     found = (k for k, it in enumerate(experiments, start=1) if it.other == one.explanation.effects)
-    return ", ".join(f"experiment {number}" for number in found)
+    return ", ".join(map(str, found))
 
 
 def elsewhere(found: Diagnosis) -> str:

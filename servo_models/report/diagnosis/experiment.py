@@ -40,7 +40,7 @@ def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | No
         "The command inside the actuator's limits on which the fitted models differ most, their"
         " parameters re-fitted to imitate one another. Log it and diagnose it with the old logs.",
         pictures=tuple(_picture(found, one, f"next-{i}") for i, one in enumerate(experiments)),
-        items=tuple(one.instruction for one in experiments),
+        items=tuple(f"{k}: {one.instruction}" for k, one in enumerate(experiments, start=1)),
     )
 
 

@@ -11,8 +11,8 @@ from servo_models.report.identification.readings import words
 from servo_models.report.parts import Line, Section, Table, number
 
 TITLE = "Not ruled out"
-COLUMNS = ("effect", "acts on", "up to [noise floors]", "shown by")
-NUMBERS = ("up to [noise floors]",)
+COLUMNS = ("effect", "noise floors", "experiment", "acts on")
+NUMBERS = ("noise floors",)
 
 
 def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | None:
@@ -24,9 +24,9 @@ def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | No
         Line(
             (
                 words(one.name),
-                words(place[one.name][0].on[0]),
                 number(one.moved, 3),
                 shown_by(one, experiments),
+                words(place[one.name][0].on[0]),
             )
         )
         for one in found.imitated
