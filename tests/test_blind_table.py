@@ -14,7 +14,7 @@ from servo_models.blind.interval import Figure
 from servo_models.blind.oracle import Known
 from servo_models.blind.run import Check
 from servo_models.blind.said import Said
-from servo_models.blind.score import FIGURES, Case, Cases, calibration, confusion, stand_ins_told
+from servo_models.blind.score import FIGURES, Case, Cases, calibration, confusion, imitated_told
 from servo_models.blind.sheet import document
 from servo_models.blind.table import case_of, row_of
 from servo_models.interchange import finite_json
@@ -87,11 +87,11 @@ def test_a_table_of_an_earlier_run_does_not_say_what_parameters_imitate() -> Non
     rows = [row_of(case) for case in json.loads(finite_json(written(MADE)))["cases"]]
     for row in rows:
         del row["imitated"]
-    assert stand_ins_told([case_of(row) for row in rows]).n == 0
+    assert imitated_told([case_of(row) for row in rows]).n == 0
 
 
 def test_a_run_from_before_that_was_looked_for_can_be_kept() -> None:
     cases = json.loads(finite_json(written(MADE)))["cases"]
     for case in cases:
         del case["said"]["imitated"]
-    assert stand_ins_told([case_of(row_of(case)) for case in cases]).n == 0
+    assert imitated_told([case_of(row_of(case)) for case in cases]).n == 0

@@ -178,7 +178,7 @@ def owns_up(cases: Cases) -> Figure:
     return share(case.said.verdict == NOT_IDENTIFIABLE for case in lost)
 
 
-def stand_ins_told(cases: Cases) -> Figure:
+def imitated_told(cases: Cases) -> Figure:
     """One effect, absorbed, and the verdict is ``parameters``: it is among those that they are
     said to imitate."""
     return share(
@@ -192,7 +192,7 @@ def stand_ins_told(cases: Cases) -> Figure:
     )
 
 
-def stand_ins_listed(cases: Cases) -> Figure:
+def imitated_listed(cases: Cases) -> Figure:
     """The verdict is ``parameters``: how many effects they are said to imitate, mean.  It tells
     what the log cannot show, whether something is wrong or not."""
     said = (case.said for case in cases if case.said.verdict == PARAMETERS)
@@ -236,8 +236,8 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     wrong_abstention,
     not_identifiable,
     owns_up,
-    stand_ins_told,
-    stand_ins_listed,
+    imitated_told,
+    imitated_listed,
     closed_vs_oracle,
     quantisation_found,
     seconds_per_case,
