@@ -142,9 +142,8 @@ def test_what_travels_in_every_fmu_needs_the_standard_library_only(name: str) ->
 
 
 @every_source
-def test_a_module_is_short_and_says_what_it_is(path: Path) -> None:
+def test_a_module_says_what_it_is(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) < 300
     assert ast.get_docstring(ast.parse(text)) or path.name == "__init__.py"
 
 
