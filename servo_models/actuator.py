@@ -7,9 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
-from servo_models.block import SIGNAL, Block, Param
+from servo_models.block import RESERVED, SIGNAL, Block, Param, check_name
 from servo_models.bounds import outside
 from servo_models.errors import UserError, did_you_mean
+from servo_models.flat import owned
+
+TIME_AXIS = "time"
+"""What tables and FMI masters call their first column."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,9 @@ class Wire:
         low, high: bounds, for an input.
         display: unit a person wants to read it in.
         flag: it is 0 or 1, a Boolean to the outside.
+
+    Raises:
+        ValueError: a name that no wire can have.
     """
 
     name: str
@@ -35,6 +42,11 @@ class Wire:
     high: float | None = None
     display: str | None = None
     flag: bool = False
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"wire '{self.name}'")
+        if self.name in (*RESERVED, TIME_AXIS):
+            raise ValueError(f"'{self.name}' is time itself: give the wire another name")
 
 
 @dataclass(frozen=True)
@@ -61,6 +73,9 @@ class Placement:
     Two effects placed under one name share that name's parameters.  ``reads`` maps further
     arguments of the effect to wires where the names differ; ``defaults`` overrides the
     bounds and default of single parameters.
+
+    Raises:
+        ValueError: a name that no effect can have.
     """
 
     name: str
@@ -68,6 +83,9 @@ class Placement:
     on: tuple[str, ...]
     reads: Mapping[str, str] = field(default_factory=dict)
     params: Mapping[str, Param] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"effect '{self.name}'")
 
     def wire_of(self, argument: str) -> str:
         if argument in self.effect.acts_on:
@@ -99,7 +117,8 @@ class Parameter:
     @property
     def text(self) -> str:
         """Its name in the flat text."""
-        return self.name.replace(".", "_")
+        owner, dot, key = self.name.rpartition(".")
+        return owned(owner, key) if dot else key
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +134,9 @@ class Plant:
         outputs: names of the wires offered outside.
         constants: parameters of the plant that no block's signature declares, such as
             ``internal_step``.
+
+    Raises:
+        ValueError: a parameter has a name that none can have.
     """
 
     inputs: tuple[Wire, ...]
@@ -124,6 +146,10 @@ class Plant:
     outputs: tuple[str, ...]
     projection: Block | None = None
     constants: Mapping[str, Param] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.constants:
+            check_name(name, f"parameter '{name}'")
 
     @cached_property
     def wire(self) -> dict[str, Wire]:

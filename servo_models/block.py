@@ -20,6 +20,8 @@ gap is a parameter vector.
 from __future__ import annotations
 
 import inspect
+import keyword
+import re
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,6 +31,10 @@ SIGNAL = "signal"
 """Unit of a parameter that takes the unit and the scale of the wire it acts on."""
 
 RESERVED = ("now", "due", "elapsed")
+START = "start_"
+"""``start_<state>`` is a reserved argument too."""
+
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 
 
 @dataclass(frozen=True)
@@ -142,6 +148,23 @@ class Block:
         return tuple(name for name, param in self.params.items() if param.switch)
 
 
+def check_name(name: str, what: str) -> None:
+    """Refuse a name that cannot stand in the flat text; ``what`` names the thing in the error.
+
+    Underscores at the ends and two in a row are kept for names made from the author's.
+
+    Raises:
+        ValueError: it is a Python keyword or not such a name.
+    """
+    if keyword.iskeyword(name):
+        raise ValueError(f"{what} has the name of a Python keyword: give it another one")
+    if not _PLAIN.fullmatch(name):
+        raise ValueError(
+            f"{what} has an unfit name: begin with a letter, go on with letters (a to z), digits"
+            " and single underscores between them"
+        )
+
+
 def _parse(function: Function, **options: Any) -> Block:
     hints = typing.get_type_hints(function, include_extras=True)
     wires: list[str] = []
@@ -150,10 +173,14 @@ def _parse(function: Function, **options: Any) -> Block:
         meta = next(
             (m for m in getattr(hints.get(name), "__metadata__", ()) if isinstance(m, Meta)), None
         )
+        check_name(name, f"argument '{name}' of block '{function.__name__}'")
         if meta is None:
             wires.append(name)
         else:
             metas[name] = meta
+    check_name(function.__name__, f"block '{function.__name__}'")
+    for name in options.get("gives", ()):
+        check_name(name, f"wire '{name}' of block '{function.__name__}'")
     about = inspect.getdoc(function)
     if not about:
         raise ValueError(f"block '{function.__name__}' has no docstring: say what it does")

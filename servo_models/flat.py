@@ -1,5 +1,16 @@
 """A flattened plant: what ``flatten.py`` makes and the stepper prints.
 
+**Names in the text.**  An author's name neither begins nor ends with an underscore nor holds
+two in a row (``block.check_name``), so none of these can be another:
+
+===========================  ==============================================================
+``angle``                    a wire, state or parameter of the plant, as its author calls it
+``backlash__half_width``     a parameter or memory of an effect, a memory of a block (``owned``)
+``backlash___gap``           a local variable of a block (``local``)
+``_start__angle``            what the text keeps about any of those (``kept``)
+``_half``, ``_abs``          the stepper's own, and what it takes from Python
+===========================  ==============================================================
+
 Standard library only: it is part of every FMU.
 """
 
@@ -8,6 +19,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+
+
+def owned(owner: str, name: str) -> str:
+    """Text name of a parameter or memory of an effect or block."""
+    return f"{owner}__{name}"
+
+
+def local(owner: str, name: str) -> str:
+    """Text name of a local variable of a block, which may have any name."""
+    return f"{owner}___{name}"
+
+
+def kept(what: str, name: str) -> str:
+    """Text name of what is kept about a text name, such as its value at the start."""
+    return f"_{what}__{name}"
 
 
 class Chunk(NamedTuple):

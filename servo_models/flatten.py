@@ -4,7 +4,7 @@ Every wire has a level, found from what it depends on: 0 *setup* (parameters onl
 *held* (inputs and clocks: constant during a sub-step), 2 *stage* (continuous states).  A
 block lands in the section of its highest argument, so whatever a run computes once is
 computed once, without anybody saying so.  When an effect lifts a wire to a higher level,
-the lower version keeps a name of its own (``friction_setup``), because stage lines run
+the lower version keeps a name of its own (``_setup__friction``), because stage lines run
 several times a step and must not pile up.
 """
 
@@ -14,12 +14,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from servo_models.actuator import Placement, Plant, unknown
-from servo_models.block import Block, Clock, Fault, Mode
-from servo_models.flat import Chunk, Flat
+from servo_models.block import RESERVED, START, Block, Clock, Fault, Mode
+from servo_models.flat import Chunk, Flat, kept, owned
 from servo_models.inline import inline
 from servo_models.printer import CREDIT
 
-_SUFFIX = ("_setup", "_held", "")
+_LEVELS = ("setup", "held", "stage")
 
 
 def flatten(plant: Plant, name: str) -> Flat:
@@ -32,11 +32,23 @@ def flatten(plant: Plant, name: str) -> Flat:
     links = [_Link.of(link) for link in plant.chain]
     top = _levels(plant, links)
     flat = _Flattener(plant, links, top).flat(name)
-    seen = [*flat.params, *(s[0] for s in flat.states), *(m[0] for m in flat.memory)]
-    twice = {n for n in seen if seen.count(n) > 1}
-    if twice:
-        raise ValueError(f"plant '{name}': the names {sorted(twice)} mean two things")
+    _check_names(plant, links, flat)
     return flat
+
+
+def _check_names(plant: Plant, links: Iterable[_Link], flat: Flat) -> None:
+    """Refuse a name of two things: each wire, parameter, state and memory is defined once."""
+    seen = [*flat.params, *(name for name, *_ in [*flat.states, *flat.memory])]
+    seen += [wire.name for wire in plant.inputs]
+    seen += {wire for link in links if not link.owner for wire in link.writes}
+    seen += [START + state.name for state in plant.states] + list(RESERVED)
+    if plant.projection and "dt" in plant.projection.wires:
+        seen.append("dt")
+    twice = sorted({name for name in seen if seen.count(name) > 1})
+    if twice:
+        raise ValueError(f"plant '{flat.name}': the names {twice} mean two things")
+    if "internal_step" not in flat.params:
+        raise ValueError(f"plant '{flat.name}' has no 'internal_step' among its constants")
 
 
 @dataclass(frozen=True)
@@ -56,14 +68,18 @@ class _Link:
             return _Link(link.effect, link.name, reads, link.on)
         return _Link(link, "", {arg: arg for arg in link.wires}, link.gives)
 
-    def own(self, name: str) -> str:
-        """Text name of one of its parameters or memories."""
-        if self.owner:
-            return f"{self.owner}_{name}"
-        return name
+    @property
+    def prefix(self) -> str:
+        """Whose its memories and local variables are."""
+        return self.owner or self.block.name
+
+    def param(self, name: str) -> str:
+        """Text name of one of its parameters."""
+        return owned(self.owner, name) if self.owner else name
 
     def memory(self, name: str) -> str:
-        return f"{self.owner or self.block.name}_{name}"
+        """Text name of one of its memories."""
+        return owned(self.prefix, name)
 
     @property
     def lowest_level(self) -> int:
@@ -76,7 +92,7 @@ def _known(plant: Plant) -> dict[str, int]:
     levels |= {name: 0 for name, p in plant.parameters.items() if not p.owner}
     levels |= {wire.name: 1 for wire in plant.inputs}
     for state in plant.states:
-        levels |= {state.name: 2, f"start_{state.name}": 2}
+        levels |= {state.name: 2, START + state.name: 2}
     return levels
 
 
@@ -118,11 +134,12 @@ class _Flattener:
 
     def flat(self, name: str) -> Flat:
         plant = self.plant
+        self.starts = {START + state.name for state in plant.states}
         self.now = _known(plant)
         self.start = [(self.start_text(s.start), s.owner) for s in plant.states]
         self.size = self.place_queues()
         if any(isinstance(m, Mode) for link in self.links for m in link.block.memory.values()):
-            self.memory.append(("credit", ""))  # the stepper's own: see its contract, rule 3
+            self.memory.append(("_credit", ""))  # the stepper's own: see its contract, rule 3
             self.start.append((repr(CREDIT), ""))
         for link in self.links:
             self.add(link)
@@ -154,7 +171,12 @@ class _Flattener:
         )
 
     def text(self, wire: str, level: int) -> str:
-        return wire if level == self.top[wire] else wire + _SUFFIX[level]
+        """Text name of a wire or reserved argument at a level."""
+        if wire in RESERVED:
+            return f"_{wire}"
+        if wire in self.starts:
+            return kept("start", wire.removeprefix(START))
+        return wire if level == self.top[wire] else kept(_LEVELS[level], wire)
 
     def start_text(self, start: float | str) -> str:
         """A start value: a number, or a wire of level 0 under its final name."""
@@ -184,16 +206,15 @@ class _Flattener:
         names = {arg: self.text(wire, self.now[wire]) for arg, wire in link.reads.items()}
         for wire, arg in zip(link.writes, link.block.acts_on):
             names[arg] = self.text(wire, max(level, self.now[wire]))
-        names |= {p: link.own(p) for p in link.block.params}
+        names |= {p: link.param(p) for p in link.block.params}
         names |= {m: link.memory(m) for m in link.block.memory}
         names |= {q: str(self.queue_at[link.memory(q)]) for q in link.block.queues}
         for wire in link.writes:
             self.now[wire] = max(level, self.now.get(wire, 0))
         targets = [self.text(wire, self.now[wire]) for wire in link.writes]
-        targets += [f"{link.memory(m)}_next" for m in link.block.memory]
-        prefix = link.owner or link.block.name
-        title = f"# {prefix}" + (f": {link.block.name}" if link.owner else "")
-        lines = [title, *inline(link.block, names, targets, prefix)]
+        targets += [kept("next", link.memory(m)) for m in link.block.memory]
+        title = f"# {link.prefix}" + (f": {link.block.name}" if link.owner else "")
+        lines = [title, *inline(link.block, names, targets, link.prefix)]
         reads = [names[arg] for arg in link.reads]
         section.append(Chunk(link.owner, lines, reads, targets))
         self.remember(link, level)
@@ -206,7 +227,7 @@ class _Flattener:
             if start == "rest":
                 start = self.plant.wire[link.writes[0]].rest
             self.start.append((self.start_text(start), link.owner))
-            commit = [f"{text} = {text}_next"]
+            commit = [f"{text} = {kept('next', text)}"]
             self.commits[level].append(Chunk(link.owner, commit, [], []))
             if isinstance(memory, Clock):
                 self.clocks.append((text, link.owner))
@@ -224,7 +245,7 @@ class _Flattener:
         """
         needed = {self.text(state.rate, self.now[state.rate]) for state in self.plant.states}
         needed |= {self.text(wire, self.now[wire]) for wire in self.plant.outputs}
-        needed |= {f"{name}_next" for name, _ in self.memory} | set(self.carried())
+        needed |= {kept("next", name) for name, _ in self.memory} | set(self.carried())
         read_by: dict[str, set[str]] = {}
         found: list[Chunk] = []
         for chunk in reversed(stage):
@@ -242,8 +263,7 @@ class _Flattener:
         return found[::-1]
 
     def carried(self) -> list[str]:
-        states = {s.name for s in self.plant.states}
-        states |= {f"start_{name}" for name in states}
+        states = {s.name for s in self.plant.states} | self.starts
         reads = self.plant.projection.wires if self.plant.projection else ()
         return [w for w in reads if w not in states and self.now.get(w) == 2]
 
@@ -255,7 +275,7 @@ class _Flattener:
         missing = [w for w in block.wires if w not in levels]
         if missing:
             raise ValueError(unknown("wire", missing[0], levels, f"block '{block.name}'"))
-        names = {w: "dt" if w == "dt" else self.text(w, levels[w]) for w in block.wires}
+        names = {w: "_dt" if w == "dt" else self.text(w, levels[w]) for w in block.wires}
         names |= {p: p for p in block.params}
         lines = inline(block, names, list(block.gives), block.name)
         return [f"# {block.name}", *lines]

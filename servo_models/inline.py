@@ -2,7 +2,8 @@
 
 The subset a block may use is small on purpose, so that one text runs in numba and in
 CPython and can be printed as C: assignments, ``if``, ``while`` without ``return``,
-arithmetic, comparisons, ``abs``, ``int``, ``float`` and ``math``.
+arithmetic, comparisons, ``abs``, ``int``, ``float`` and ``math``, which stand there as
+``_abs`` and so on, since a wire may be called ``abs``.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 
 from servo_models.block import Block
+from servo_models.flat import local
 
 _BUILTINS = {"abs", "int", "float", "math"}
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.While, ast.Return, ast.Pass)
@@ -24,17 +26,15 @@ _EXPRESSIONS = (
 )
 
 
-def inline(
-    block: Block, names: Mapping[str, str], targets: Sequence[str], prefix: str
-) -> list[str]:
+def inline(block: Block, names: Mapping[str, str], targets: Sequence[str], owner: str) -> list[str]:
     """Return the lines of ``block`` with its arguments renamed.
 
     Args:
         block: what to write.
         names: text name of every argument.  A queue ``q`` maps to the index of its first
-            element in the state vector, written ``x[index + i]``.
+            element in the state vector, written ``_x[index + i]``.
         targets: text names that receive the returned values, in order.
-        prefix: put before the names of local variables.
+        owner: whose the local variables are.
 
     Raises:
         ValueError: the block uses something outside the subset; names block and line.
@@ -44,8 +44,8 @@ def inline(
     assert isinstance(function, ast.FunctionDef)
     body = function.body[1:]  # the docstring comes first, block.py insists on it
     _check_subset(block, body)
-    rename = _Rename(block, dict(names), prefix, body)
-    lines = [f"{rename.names[name]} = {names[name]}" for name in rename.copied]
+    rename = _Rename(block, names, owner, body)
+    lines = [f"{rename.names[name]} = {names[name]}" for name in rename.stored if name in names]
     for statement in _tail_form(body, targets, block):
         lines += ast.unparse(ast.fix_missing_locations(rename.visit(statement))).splitlines()
     return lines
@@ -121,19 +121,17 @@ def _assign(statement: ast.Return, targets: Sequence[str], block: Block) -> ast.
 
 class _Rename(ast.NodeTransformer):
     def __init__(
-        self, block: Block, names: dict[str, str], prefix: str, body: Sequence[ast.stmt]
+        self, block: Block, names: Mapping[str, str], owner: str, body: Sequence[ast.stmt]
     ) -> None:
         self.block = block
         self.globals = block.function.__globals__
-        stored = dict.fromkeys(
+        self.stored = dict.fromkeys(
             node.id
             for statement in body
             for node in ast.walk(statement)
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
         )
-        self.copied = [name for name in stored if name in names]
-        self.names = names | {name: f"{prefix}_{name}" for name in stored if name not in names}
-        self.names |= {name: f"{prefix}_{name}_now" for name in self.copied}
+        self.names = {**names, **{name: local(owner, name) for name in self.stored}}
 
     def visit_Assign(self, node: ast.Assign) -> ast.stmt:
         self.generic_visit(node)
@@ -149,7 +147,7 @@ class _Rename(ast.NodeTransformer):
         if node.id in self.names:
             return ast.Name(id=self.names[node.id], ctx=node.ctx)
         if node.id in _BUILTINS:
-            return node
+            return ast.Name(id=f"_{node.id}", ctx=node.ctx)
         constant = self.globals.get(node.id)
         if isinstance(constant, (int, float)) and math.isfinite(constant):
             return ast.Constant(value=constant)
@@ -163,7 +161,7 @@ class _Rename(ast.NodeTransformer):
         index = self.visit(node.slice)
         first = ast.Constant(value=int(queue.id))
         return ast.Subscript(
-            value=ast.Name(id="x", ctx=ast.Load()),
+            value=ast.Name(id="_x", ctx=ast.Load()),
             slice=ast.BinOp(left=first, op=ast.Add(), right=index),
             ctx=node.ctx,
         )

@@ -9,14 +9,14 @@ import itertools
 import re
 from collections.abc import Iterable, Iterator
 
-from servo_models.flat import Chunk, Flat
+from servo_models.flat import Chunk, Flat, kept
 
 STAGES = 5
 CREDIT = 8.0
 """Sub-steps that may be thrown away one after the other; 7 halvings locate a jump."""
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
-_LIMITS = ["tolerance = 1e-6 * internal_step", "finest = internal_step / 128.0"]
+_LIMITS = ["_tolerance = 1e-6 * internal_step", "_finest = internal_step / 128.0"]
 
 
 def indent(lines: Iterable[str]) -> list[str]:
@@ -27,7 +27,7 @@ class Printer:
     """Prints the sections of one text.
 
     With ``guarded`` every effect stands behind an if, with what only it needs, and its memory
-    stays in ``x``, what that will be in ``ahead``: variables of effects that are off would be
+    stays in ``_x``, what that will be in ``_ahead``: variables of effects that are off would be
     carried from point to point all the same.
     """
 
@@ -69,8 +69,8 @@ class Printer:
         """The variable that says whether any of these effects is on."""
         names = tuple(owners)
         if len(names) == 1:
-            return f"on_{names[0]}"
-        return self.groups.setdefault(names, f"any_of_{len(self.groups)}")
+            return kept("on", names[0])
+        return self.groups.setdefault(names, f"_any_of_{len(self.groups)}")
 
     def kept(self, goals: Iterable[str]) -> list[bool]:
         """Which stage chunks the wires and memories ``goals`` depend on."""
@@ -90,7 +90,7 @@ class Printer:
 
     @property
     def memories(self) -> list[str]:
-        return [f"{name}_next" for name, owner in self.flat.memory if owner not in self.dropped]
+        return [kept("next", n) for n, owner in self.flat.memory if owner not in self.dropped]
 
     def wires(self, goals: Iterable[str]) -> list[str]:
         """Lines of the stage chunks that ``goals`` depend on."""
@@ -102,45 +102,44 @@ class Printer:
         Of ``guarded`` text this comes last: the rest says which effects stand together.
         """
         flat = self.flat
-        lines = [f"{name} = p[{i}]" for i, name in enumerate(flat.params)]
+        lines = [f"{name} = _p[{i}]" for i, name in enumerate(flat.params)]
         setup = list(self.lines(flat.setup))
         if self.guarded:
             lines += [
-                f"on_{owner} = " + " or ".join(f"{name} != 0.0" for name in names)
+                f"{kept('on', owner)} = " + " or ".join(f"{name} != 0.0" for name in names)
                 for owner, names in flat.switches.items()
             ]
             for owners, name in self.groups.items():
-                lines.append(f"{name} = " + " or ".join(f"on_{owner}" for owner in owners))
+                lines.append(f"{name} = " + " or ".join(kept("on", owner) for owner in owners))
         return [*lines, *setup, *_LIMITS]
 
     def slots(self) -> Iterator[tuple[int, str]]:
-        """Places in ``x`` of what lives in variables between the points."""
+        """Places in ``_x`` of what lives in variables between the points."""
         for i, (name, owner, *_) in enumerate([*self.flat.states, *self.flat.memory]):
             if owner not in self.dropped and name not in self.in_place:
                 yield i, name
 
     def placed(self, lines: Iterable[str]) -> list[str]:
-        """Lines with the memories of effects written as places of ``x`` and ``ahead``."""
+        """Lines with the memories of effects written as places of ``_x`` and ``_ahead``."""
         places: dict[str, str] = {}
         for i, (name, _) in enumerate(self.flat.memory):
             if name in self.in_place:
-                places[name] = f"x[{len(self.flat.states) + i}]"
-                places[f"{name}_next"] = f"ahead[{i}]"
+                places[name] = f"_x[{len(self.flat.states) + i}]"
+                places[kept("next", name)] = f"_ahead[{i}]"
         return [_NAME.sub(lambda found: places.get(found[0], found[0]), line) for line in lines]
 
     def load(self) -> list[str]:
-        lines = [f"{name} = x[{i}]" for i, name in self.slots()]
+        lines = [f"{name} = _x[{i}]" for i, name in self.slots()]
         if self.guarded:  # numba wants every variable defined on every path
             names = [name for name, _, _ in self.states]
-            lines += [f"d_{n} = sum_{n} = start_{n} = 0.0" for n in names]
-            if self.modes:
-                lines += [f"back_{n} = back_d_{n} = 0.0" for n in names]
+            kinds = ("slope", "sum", "start", *(("back", "back_slope") if self.modes else ()))
+            lines += [f"{kept(kind, n)} = 0.0" for n in names for kind in kinds]
             lines += [f"{name} = 0.0" for name in self.flat.carried]
-            lines += ["half = sixth = elapsed = dt = cut = target = 0.0"]
+            lines += ["_half = _sixth = _elapsed = _dt = _cut = _target = 0.0"]
         return lines
 
     def store(self) -> list[str]:
-        return [f"x[{i}] = {name}" for i, name in self.slots()]
+        return [f"_x[{i}] = {name}" for i, name in self.slots()]
 
     def start_values(self) -> list[str]:
         """A dropped effect's memory waits at 0 and is never looked at."""
@@ -151,76 +150,79 @@ class Printer:
 
     def communication_step(self, unrolled: bool) -> list[str]:
         return [
-            "end = t + size",
-            "steps = math.ceil(size / internal_step - 1e-6)",
-            "if steps < 1:",
-            "    steps = 1",
-            "now = t",
-            "i = 0",
-            "first = 0",
-            *(["reach = size", "until = t"] if self.modes else []),
+            "_end = _t + _size",
+            "_steps = _math.ceil(_size / internal_step - 1e-6)",
+            "if _steps < 1:",
+            "    _steps = 1",
+            "_now = _t",
+            "_i = 0",
+            "_first = 0",
+            *(["_reach = _size", "_until = _t"] if self.modes else []),
             "while True:",
             *indent(self.sub_step(unrolled)),
         ]
 
     def sub_step(self, unrolled: bool) -> list[str]:
-        held = [f"{name} = {name}_in" for name in self.flat.inputs]
+        held = [f"{name} = {kept('in', name)}" for name in self.flat.inputs]
         held += [*self.lines(self.flat.held), *self.lines(self.flat.held_commits)]
-        lines = ["due = now + tolerance", "if first == 0:", *indent(held)]
+        lines = ["_due = _now + _tolerance", "if _first == 0:", *indent(held)]
         if unrolled:
             lines += indent(self.stage(0))
             outputs = self.wires(self.flat.outputs)
-            lines += ["if size <= 0.0:", *indent([*outputs, "break"]), *self.cut()]
+            lines += ["if _size <= 0.0:", *indent([*outputs, "break"]), *self.cut()]
             for k in range(1, STAGES):
                 lines += self.stage(k)
         else:
-            lines += ["last = 1 if size <= 0.0 else 5"]
-            lines += ["for k in range(first, last):", *indent(self.stage(None))]
-            lines += ["if size <= 0.0:", "    break"]
+            lines += ["_last = 1 if _size <= 0.0 else 5"]
+            lines += ["for _k in _range(_first, _last):", *indent(self.stage(None))]
+            lines += ["if _size <= 0.0:", "    break"]
         lines += [*self.retry(), *self.lines(self.flat.stage_commits)]
-        lines += ["now = cut", "if cut == target:", "    i += 1"]
-        lines += ["    if i >= steps:", "        break"]
-        lines += ["first = 0 if crossed > 0.0 else 1" if self.modes else "first = 1"]
+        lines += ["_now = _cut", "if _cut == _target:", "    _i += 1"]
+        lines += ["    if _i >= _steps:", "        break"]
+        lines += ["_first = 0 if _crossed > 0.0 else 1" if self.modes else "_first = 1"]
         for name, owner in self.clocks:
-            test = f"{name} <= now + tolerance"
-            lines += [self.only_if(owner, test), "    first = 0"]
+            test = f"{name} <= _now + _tolerance"
+            lines += [self.only_if(owner, test), "    _first = 0"]
         return lines
 
     def retry(self) -> list[str]:
-        """Bisect a sub-step that ran across a jump: it lies before ``until``, the next
-        sub-step is ``reach`` long."""
+        """Bisect a sub-step that ran across a jump: it lies before ``_until``, the next
+        sub-step is ``_reach`` long."""
         if not self.modes:
             return []
-        lines = ["crossed = 0.0"]
+        lines = ["_crossed = 0.0"]
         for name, owner in self.modes:
-            lines += [self.only_if(owner, f"{name}_next != {name}"), "    crossed = 1.0"]
+            lines += [self.only_if(owner, f"{kept('next', name)} != {name}"), "    _crossed = 1.0"]
         names = [name for name, _, _ in self.states]
-        back = [f"{n} = start_{n} = back_{n}" for n in names]
-        back += [f"d_{n} = back_d_{n}" for n in names]
-        back += ["until = cut", "reach = 0.5 * dt", "first = 1", "credit -= 1.0", "continue"]
-        lines += ["if crossed > 0.0 and credit >= 1.0 and dt > finest:", *indent(back)]
-        lines += ["reach = size", "if crossed <= 0.0 and cut < until:"]
-        lines += indent(["reach = 0.5 * (until - cut)", "if reach < finest:", "    reach = finest"])
-        return [*lines, f"if credit < {CREDIT}:", "    credit += 0.25"]
+        back = [f"{n} = {kept('start', n)} = {kept('back', n)}" for n in names]
+        back += [f"{kept('slope', n)} = {kept('back_slope', n)}" for n in names]
+        back += ["_until = _cut", "_reach = 0.5 * _dt", "_first = 1", "_credit -= 1.0", "continue"]
+        lines += ["if _crossed > 0.0 and _credit >= 1.0 and _dt > _finest:", *indent(back)]
+        lines += ["_reach = _size", "if _crossed <= 0.0 and _cut < _until:"]
+        halved = ["_reach = 0.5 * (_until - _cut)", "if _reach < _finest:", "    _reach = _finest"]
+        lines += indent(halved)
+        return [*lines, f"if _credit < {CREDIT}:", "    _credit += 0.25"]
 
     def only_if(self, owner: str, test: str) -> str:
-        return f"if on_{owner} and {test}:" if owner and self.guarded else f"if {test}:"
+        guard = f"{kept('on', owner)} and " if owner and self.guarded else ""
+        return f"if {guard}{test}:"
 
     def cut(self) -> list[str]:
         """End of this sub-step: the equal grid, or the first clock before it."""
-        lines = ["target = end if i + 1 >= steps else t + size * (i + 1) / steps", "cut = target"]
+        lines = ["_target = _end if _i + 1 >= _steps else _t + _size * (_i + 1) / _steps"]
+        lines += ["_cut = _target"]
         if self.clocks:
-            lines += ["latest = target - tolerance"]
+            lines += ["_latest = _target - _tolerance"]
         if self.modes:
-            lines += ["if now + reach < cut:", "    cut = now + reach"]
+            lines += ["if _now + _reach < _cut:", "    _cut = _now + _reach"]
         for name, owner in self.clocks:
-            test = f"now < {name} < latest and {name} < cut"
-            lines += [self.only_if(owner, test), f"    cut = {name}"]
-        return [*lines, "dt = cut - now"]
+            test = f"_now < {name} < _latest and {name} < _cut"
+            lines += [self.only_if(owner, test), f"    _cut = {name}"]
+        return [*lines, "_dt = _cut - _now"]
 
     def stage(self, k: int | None) -> list[str]:
-        """Lines of evaluation ``k`` of a sub-step, or of all of them with ``k`` a variable."""
-        slope = [f"d_{name} = {rate}" for name, _, rate in self.states]
+        """Lines of evaluation ``k`` of a sub-step, or of all of them with ``_k`` a variable."""
+        slope = [f"{kept('slope', name)} = {rate}" for name, _, rate in self.states]
         commits = list(self.lines(self.flat.stage_commits))
         at_ends = [*self.slopes, *self.memories, *self.flat.outputs]
         if k == 0:
@@ -231,46 +233,45 @@ class Printer:
             return [*self.move(k), *self.wires(goals), *slope]
         text: list[str] = []
         for j in range(STAGES):
-            test = f"if k == {j}:" if j == 0 else f"elif k == {j}:" if j < 4 else "else:"
-            cut = self.cut() if j == 1 else []  # a clock may just have been set, at k = 0
+            test = f"if _k == {j}:" if j == 0 else f"elif _k == {j}:" if j < 4 else "else:"
+            cut = self.cut() if j == 1 else []  # a clock may just have been set, at 0
             text += [test, *indent([*cut, *self.move(j)])]
         chunks = zip(self.flat.stage, self.kept(self.slopes), self.kept(at_ends))
         for needed, group in itertools.groupby(chunks, key=lambda entry: entry[1]):
             lines = list(self.lines(chunk for chunk, _, kept in group if kept))
             text += lines if needed else self.at_ends(lines)
-        at_start = ["if k == 0:", *indent(commits)] if commits else []
+        at_start = ["if _k == 0:", *indent(commits)] if commits else []
         return [*text, *slope, *at_start]
 
     def at_ends(self, lines: list[str]) -> list[str]:
-        return ["if k == 0 or k == 4:", *indent(lines)] if lines else []
+        return ["if _k == 0 or _k == 4:", *indent(lines)] if lines else []
 
     def move(self, k: int) -> list[str]:
         """Bring the states to evaluation point ``k``."""
         names = [name for name, _, _ in self.states]
         if k == 0:
-            return ["elapsed = 0.0", *(f"start_{n} = {n}" for n in names)]
+            return ["_elapsed = 0.0", *(f"{kept('start', n)} = {n}" for n in names)]
+        lines: list[str] = []
         if k == 1:
-            lines = ["half = 0.5 * dt", "elapsed = half"]
+            lines += ["_half = 0.5 * _dt", "_elapsed = _half"]
             if self.modes:
-                lines += [f"back_d_{n} = d_{n}" for n in names]
-            return lines + [
-                line
-                for n in names
-                for line in (f"sum_{n} = d_{n}", f"{n} = start_{n} + half * d_{n}")
-            ]
-        if k in (2, 3):
-            lines = [] if k == 2 else ["elapsed = dt"]
-            by = "half" if k == 2 else "dt"
-            return lines + [
-                line
-                for n in names
-                for line in (f"sum_{n} += 2.0 * d_{n}", f"{n} = start_{n} + {by} * d_{n}")
-            ]
-        lines = ["sixth = dt / 6.0"]
-        if self.modes:
-            lines += [f"back_{n} = start_{n}" for n in names]
-        lines += [f"{n} = start_{n} + sixth * (sum_{n} + d_{n})" for n in names]
-        return [*lines, *self.flat.projection, *(f"start_{n} = {n}" for n in names)]
+                lines += [f"{kept('back_slope', n)} = {kept('slope', n)}" for n in names]
+        elif k == 3:
+            lines += ["_elapsed = _dt"]
+        elif k == 4:
+            lines += ["_sixth = _dt / 6.0"]
+            if self.modes:
+                lines += [f"{kept('back', n)} = {kept('start', n)}" for n in names]
+        for n in names:
+            start, slope, total = kept("start", n), kept("slope", n), kept("sum", n)
+            if k == 4:
+                lines += [f"{n} = {start} + _sixth * ({total} + {slope})"]
+            else:
+                lines += [f"{total} = {slope}" if k == 1 else f"{total} += 2.0 * {slope}"]
+                lines += [f"{n} = {start} + {'_dt' if k == 3 else '_half'} * {slope}"]
+        if k == 4:
+            lines += [*self.flat.projection, *(f"{kept('start', n)} = {n}" for n in names)]
+        return lines
 
     def checks(self, row: str) -> list[str]:
         """Leave with a code when a fault was raised or a state is not finite."""

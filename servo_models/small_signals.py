@@ -19,7 +19,7 @@ from servo_models.compiled import plain_make
 from servo_models.effects.lag import lag
 from servo_models.effects.transport_delay import transport_delay
 from servo_models.errors import UserError
-from servo_models.flat import neutral_effects
+from servo_models.flat import neutral_effects, owned
 from servo_models.linear_model import LinearModel
 from servo_models.simulate import Model
 from servo_models.stepper import step_text
@@ -202,20 +202,20 @@ class Continuous(SmallSignals):
     """Derivatives; a lag is a state more."""
 
     def _more(self) -> list[tuple[str, str, float]]:
-        return [(name, f"{name}_value", self._scale(name)) for name in self._of(lag)]
+        return [(name, owned(name, "value"), self._scale(name)) for name in self._of(lag)]
 
     def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
         slot, lags = self._slot, self._of(lag)
         if 0 <= channel < len(self.channels):
-            x[slot[f"{self.channels[channel][0]}_current"]] += change
-        before = [x[slot[f"{name}_value"]] for name in lags]
+            x[slot[owned(self.channels[channel][0], "current")]] += change
+        before = [x[slot[owned(name, "value")]] for name in lags]
         _, wide = self._step(x, u, self.time, 0.0)
-        into = [x[slot[f"{name}_last"]] for name in lags]
+        into = [x[slot[owned(name, "last")]] for name in lags]
         times = [self.model.values[f"{name}.time_constant"] for name in lags]
         return [
             *(wide[i] for i in self._free),
             *((a - b) / t for a, b, t in zip(into, before, times)),
-            *(x[slot[f"{name}_newest"]] for name, _ in self.channels),
+            *(x[slot[owned(name, "newest")]] for name, _ in self.channels),
             *wide[len(self.model.plant.states) :],
         ]
 
@@ -257,20 +257,20 @@ class Sampled(SmallSignals):
 
     def _more(self) -> list[tuple[str, str, float]]:
         own = [
-            (f"{link.name}.{name}", f"{link.name}_{name}")
+            (f"{link.name}.{name}", owned(link.name, name))
             for link in self.model.plant.chain
             if not isinstance(link, Placement)
             for name, memory in link.memory.items()
             if type(memory) is Memory
         ]
-        lags = [(f"{n}.{p}", f"{n}_{p}") for n in self._of(lag) for p in ("value", "last")]
+        lags = [(f"{n}.{p}", owned(n, p)) for n in self._of(lag) for p in ("value", "last")]
         return [(name, text, 1.0) for name, text in (*own, *lags)]
 
     def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
         before, after, split, slot = 0.0, 0.0, 0.0, 0
         if 0 <= channel < len(self.channels):
             name = self.channels[channel][0]
-            slot = self._slot[f"{name}_current"]
+            slot = self._slot[owned(name, "current")]
             split = max(self.model.values[f"{name}.time"] - self.channels[channel | 1][1], 0.0)
             before, after = (change, 0.0) if channel % 2 == 0 else (0.0, change)
         if split <= 1e-9 * self.period:
@@ -282,7 +282,7 @@ class Sampled(SmallSignals):
             self._step(x, u, self.time, split)
         x[slot] += after - before
         self._step(x, u, self.time + split, self.period - split)
-        fed = [first[self._slot[f"{name}_newest"]] for name, _ in self.channels]
+        fed = [first[self._slot[owned(name, "newest")]] for name, _ in self.channels]
         return [*(x[i] for i in self._entries), *fed, *outputs]
 
 

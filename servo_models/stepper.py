@@ -29,8 +29,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from servo_models.flat import Flat
+from servo_models.flat import Flat, kept
 from servo_models.printer import Printer, indent
+
+HEAD = (
+    "import math as _math",
+    "_abs, _int, _float, _len, _range = abs, int, float, len, range",
+    "",
+    "",
+)
+"""First lines of every text: what it takes from Python, under names that no author can give."""
 
 
 def run_text(flat: Flat) -> str:
@@ -43,24 +51,24 @@ def run_text(flat: Flat) -> str:
     """
     text = Printer(flat, dropped=set(), guarded=True)
     rows = [
-        "before = row - 1 if row > 0 else 0",
-        "t = times[before]",
-        "size = times[row] - t",
-        *(f"{name}_in = inputs[before, {i}]" for i, name in enumerate(flat.inputs)),
+        "_before = _row - 1 if _row > 0 else 0",
+        "_t = _times[_before]",
+        "_size = _times[_row] - _t",
+        *(f"{kept('in', name)} = _inputs[_before, {i}]" for i, name in enumerate(flat.inputs)),
         *text.communication_step(unrolled=False),
-        *(f"out[row, {i}] = {name}" for i, name in enumerate(flat.outputs)),
-        *text.checks("row"),
+        *(f"_out[_row, {i}] = {name}" for i, name in enumerate(flat.outputs)),
+        *text.checks("_row"),
     ]
     body = [
         *text.unpack(),
         *text.load(),
-        f"ahead = np.zeros({len(flat.memory)})",
-        "for row in range(len(times)):",
+        f"_ahead = _np.zeros({len(flat.memory)})",
+        "for _row in _range(_len(_times)):",
         *indent(text.placed(rows)),
         *text.store(),
-        "return 0, len(times)",
+        "return 0, _len(_times)",
     ]
-    head = ["import math", "import numpy as np", "", "", "def run(p, x, times, inputs, out):"]
+    head = ["import numpy as _np", *HEAD, "def run(_p, _x, _times, _inputs, _out):"]
     return "\n".join([*head, *indent(body), ""])
 
 
@@ -74,7 +82,7 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
     text = Printer(flat, dropped=set(dropped), guarded=False)
     step = [
         *text.load(),
-        *(f"{name}_in = u[{i}]" for i, name in enumerate(flat.inputs)),
+        *(f"{kept('in', name)} = _u[{i}]" for i, name in enumerate(flat.inputs)),
         *text.communication_step(unrolled=True),
         *text.store(),
         *text.checks("None"),
@@ -83,17 +91,17 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
     start = f"return [{', '.join(text.start_values())}] + [0.0] * {text.queue_length()}"
     body = [
         *text.unpack(),
-        "def start():",
+        "def _start():",
         *indent([start]),
-        "def step(x, u, t, size):",
+        "def _step(_x, _u, _t, _size):",
         *indent(step),
-        "return start, step",
+        "return _start, _step",
     ]
-    return "\n".join(["import math", "", "", "def make(p):", *indent(body), ""])
+    return "\n".join([*HEAD, "def make(_p):", *indent(body), ""])
 
 
 def start_text(flat: Flat) -> str:
     """Print ``make(p) -> x``: the state at rest without its queues, in plain Python."""
     text = Printer(flat, dropped=set(), guarded=False)
     body = [*text.unpack(), f"return [{', '.join(text.start_values())}]"]
-    return "\n".join(["import math", "", "", "def make(p):", *indent(body), ""])
+    return "\n".join([*HEAD, "def make(_p):", *indent(body), ""])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 from servo_models.block import Block, Clock, Fault, Memory, Mode, Param, Queue, block, effect
 from servo_models.catalogue import actuators, effects
 from servo_models.inline import inline
+from servo_models.stepper import HEAD
 
 OUTSIDE = [1.0, 2.0]
 
@@ -104,7 +104,7 @@ def test_what_does_not_run_everywhere_is_refused(bad: Block, sentence: str) -> N
 
 @functools.cache
 def inlined(name: str) -> Callable[..., list[float]]:
-    """The block as text, with arguments renamed to a0, a1 ... and queues in ``x``."""
+    """The block as text, with arguments renamed to a0, a1 ... and queues in ``_x``."""
     found = EVERY_BLOCK[name]
     arguments = [*found.wires, *found.params, *found.memory]
     names = {name: f"a{i}" for i, name in enumerate(arguments)}
@@ -115,10 +115,10 @@ def inlined(name: str) -> Callable[..., list[float]]:
     wires = found.acts_on or found.gives
     targets = [f"out{i}" for i in range(len(wires) + len(found.memory))]
     body = inline(found, names, targets, "local")
-    text = [f"def run(x, {', '.join(names[n] for n in arguments)}):"]
+    text = [*HEAD, f"def run(_x, {', '.join(names[n] for n in arguments)}):"]
     text += ["    " + line for line in body]
     text += [f"    return [{', '.join(targets)}]"]
-    scope: dict[str, Any] = {"math": math}
+    scope: dict[str, Any] = {}
     exec("\n".join(text), scope)
     return scope["run"]
 

@@ -262,7 +262,7 @@ def test_a_wire_serves_the_effects_that_need_it_however_far_away() -> None:
 def test_what_effects_alone_need_is_there_when_any_is_on(shares: tuple[float, ...]) -> None:
     """The text with all effects behind ifs against the one without those that are off."""
     flat = flatten(SOFT, "soft")
-    values = dict(zip(("first_share", "second_share", "third_share"), shares))
+    values = dict(zip(("first__share", "second__share", "third__share"), shares))
     vector = [values.get(name, 0.05) for name in flat.params]
     namespace: dict[str, Any] = {}
     exec(compile(run_text(flat), "<flat text>", "exec"), namespace)

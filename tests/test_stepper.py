@@ -265,7 +265,7 @@ def test_a_fault_stops_the_run_in_its_own_words(u: float, code: int, words: str)
 def test_a_dropped_effect_leaves_nothing_to_run() -> None:
     for actuator in actuators().values():
         flat = flatten(actuator.plant, actuator.name)
-        step = step_text(flat, set(flat.switches)).split("def start")[1].split("def step")[1]
+        step = step_text(flat, set(flat.switches)).split("def _step")[1]
         own = [name for name, owner in flat.memory if owner]
         assert own
         assert not [name for name in own if name in step]

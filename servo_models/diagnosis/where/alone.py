@@ -50,26 +50,35 @@ def replaced(
 def opened(plant: Plant, names: tuple[str, ...]) -> Plant:
     """Return a plant with a switch on each wire by which what is behind takes it as measured.
 
-    A switch is the parameter ``measured_<wire>.on``, the measured wire one more input.
+    A switch is the parameter ``<measured>.on``, the measured wire one more input ``<measured>``.
     """
-    chain = list(plant.chain)
+    chain, inputs = list(plant.chain), list(plant.inputs)
     for name in names:
+        wire, measured = plant.wire[name], measured_name(plant, name)
         at = 1 + max((i for i, link in enumerate(chain) if name in _writes(link)), default=-1)
-        chain.insert(at, place(f"measured_{name}", replaced, name, measured=_input(name)))
-    wires = [plant.wire[name] for name in names]
-    inputs = [Wire(_input(w.name), w.unit, w.about, w.scale, w.rest) for w in wires]
-    return replace(plant, inputs=(*plant.inputs, *inputs), chain=tuple(chain))
+        chain.insert(at, place(measured, replaced, name, measured=measured))
+        inputs.append(Wire(measured, wire.unit, wire.about, wire.scale, wire.rest))
+    return replace(plant, inputs=tuple(inputs), chain=tuple(chain))
+
+
+def measured_name(plant: Plant, wire: str) -> str:
+    """Return what a wire as it was measured is called: nothing of the plant has that name."""
+    taken = {*plant.wire, *plant.placements, *plant.parameters}
+    taken.update(*map(_writes, plant.chain))
+    name = f"measured_{wire}"
+    while name in taken:
+        name += "_too"
+    return name
 
 
 def led_on(plant: Plant, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return those wires of ``names`` that blocks behind them read."""
     chain = opened(plant, names).chain
     at = {link.name: i for i, link in enumerate(chain) if isinstance(link, Placement)}
+    behind = {name: chain[at[measured_name(plant, name)] + 1 :] for name in names}
     rates = {state.rate for state in plant.states}
     return tuple(
-        name
-        for name in names
-        if name in rates or any(_reads(link, name) for link in chain[at[f"measured_{name}"] + 1 :])
+        name for name in names if name in rates or any(_reads(link, name) for link in behind[name])
     )
 
 
@@ -136,7 +145,10 @@ class _Bench:
         plant = opened(model.plant, self.led)
         variant = replace(model.actuator.variant(model.variant), plant=plant)
         actuator = replace(model.actuator, plant=plant, variants=(variant,))
-        switches = {f"measured_{name}.on": float(name in self.others) for name in self.led}
+        switches = {
+            f"{measured_name(model.plant, name)}.on": float(name in self.others)
+            for name in self.led
+        }
         known = {**run.with_constants(values), **switches}
         chosen = Model(
             actuator,
@@ -154,10 +166,6 @@ class _Bench:
             wires = np.vstack([wires[:1], wires])
         out = chosen.run(run.times, np.column_stack([run.inputs, wires]))
         return np.asarray(out[-len(log.times) :, plant.outputs.index(self.name)])
-
-
-def _input(name: str) -> str:
-    return f"{name}_as_measured"
 
 
 def _writes(link: Block | Placement) -> tuple[str, ...]:
