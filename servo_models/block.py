@@ -10,6 +10,7 @@ decides when a memory is committed.  Reserved arguments:
 ``due``             ``now`` plus the event tolerance: what is due until then happens now
 ``elapsed``         time since the last commit [s]; 0 at a start, the stage's offset after
 ``start_<state>``   value of a continuous state at the start of the sub-step
+``dt``               length of the sub-step [s], for the projection only
 ==================  ==================================================================
 
 An *effect* is a block with one law: with every switch parameter at 0 it is exactly the
