@@ -45,8 +45,6 @@ class Wire:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"wire '{self.name}'")
-        if self.name in (*RESERVED, TIME_AXIS):
-            raise ValueError(f"'{self.name}' is time itself: give the wire another name")
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,7 @@ class Plant:
             ``internal_step``.
 
     Raises:
-        ValueError: a parameter has a name that none can have.
+        ValueError: a wire or a parameter has a name that none can have.
     """
 
     inputs: tuple[Wire, ...]
@@ -150,6 +148,9 @@ class Plant:
     def __post_init__(self) -> None:
         for name in self.constants:
             check_name(name, f"parameter '{name}'")
+        for wire in (*self.inputs, *self.wires, *(state.wire for state in self.states)):
+            if wire.name in (*RESERVED, TIME_AXIS):
+                raise ValueError(f"'{wire.name}' is time itself: give the wire another name")
 
     @cached_property
     def wire(self) -> dict[str, Wire]:

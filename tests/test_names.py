@@ -244,7 +244,7 @@ def test_a_name_that_no_text_can_hold_is_refused_by_name(name: str) -> None:
 @pytest.mark.parametrize("name", TIME)
 def test_time_is_no_wire(name: str) -> None:
     with pytest.raises(ValueError, match=f"'{name}' is time itself"):
-        Wire(name, "1", "a wire")
+        Plant((), (Wire(name, "1", "a wire"),), (), (), ())
 
 
 @pytest.mark.parametrize(
