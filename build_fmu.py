@@ -31,6 +31,11 @@ def options() -> argparse.Namespace:
         "--params", metavar="FILE", help="parameter file in place of an actuator and a variant"
     )
     parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="run the Python file that the parameter file names, wherever it lies",
+    )
+    parser.add_argument(
         "--set",
         metavar="NAME=VALUE",
         action="append",
@@ -52,11 +57,13 @@ def main() -> int:
     build += [chosen.actuator] if chosen.actuator else []
     build += ["--variant", chosen.variant] if chosen.variant else []
     build += ["--params", chosen.params] if chosen.params else []
+    build += ["--trust"] if chosen.trust else []
     for setting in chosen.set:
         build += ["--set", setting]
     if code := command(build):
         return code
-    named = read_parameters(chosen.params).actuator if chosen.params else chosen.actuator
+    params = read_parameters(chosen.params, chosen.trust) if chosen.params else None
+    named = params.actuator if params else chosen.actuator
     chosen_one = actuator(named) if named else None
     names = [chosen_one.name] if chosen_one else list(actuators())
     own = ["--actuator", str(chosen_one.file)] if chosen_one and chosen_one.file else []

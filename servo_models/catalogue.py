@@ -11,7 +11,8 @@ from types import ModuleType
 from servo_models.actuator import Actuator, unknown
 from servo_models.block import Block
 from servo_models.errors import UserError
-from servo_models.own_actuator import load_actuator
+from servo_models.flatten import flatten
+from servo_models.own_actuator import check_trust, load_actuator
 
 
 def _modules(folder: str) -> dict[str, ModuleType]:
@@ -38,18 +39,33 @@ def effects() -> dict[str, tuple[Block, ...]]:
     }
 
 
-def actuator(name: str, folder: Path = Path()) -> Actuator:
+def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Actuator:
     """Return an actuator by name, or the one that a Python file of your own defines.
 
     Args:
-        name: of the actuator, or the path of a file that ends in ``.py``.
-        folder: where such a path begins.
+        name: of the actuator, or the path of a file that ends in ``.py``, which is run.
+        named_in: file that names it, None for a person; a path begins in that file's folder.
+        trust: run the Python file even if it does not lie beside ``named_in``.
 
     Raises:
-        UserError: nobody knows that name; see ``own_actuator.load_actuator``.
+        UserError: nobody knows that name; see ``own_actuator.load_actuator`` and ``check_trust``.
     """
     if name.endswith(".py"):
-        return load_actuator(folder / name)
+        return _own(Path(name), named_in, trust)
     if name not in actuators():
         raise UserError(unknown("actuator", name, actuators()))
     return actuators()[name]
+
+
+def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
+    """Load a person's own actuator and find out whether its declarations fit together."""
+    if named_in:
+        path = named_in.parent / path
+        check_trust(path, named_in, trust)
+    found = load_actuator(path)
+    for variant in found.variants:
+        try:
+            flatten(found.plant_of(variant.name), found.name)
+        except ValueError as error:
+            raise UserError(f"'{path}': {error}") from error
+    return found

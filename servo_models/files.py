@@ -1,20 +1,39 @@
-"""Outputs are written whole or not at all; where the cache is."""
+"""Outputs are written whole or not at all; the cache holds what it was given, or makes it anew.
+
+What is being written has a name of its own, which tells the process: what a killed one has left
+is removed by the next that writes there.
+"""
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import functools
+import hashlib
+import json
 import os
+import platform
+import shutil
+import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from servo_models.errors import UserError
 
+SEAL = "sealed.json"
+"""File of a cache entry with the SHA-256 of every other file in it."""
+_HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+_DAY = 86400.0
+"""Age [s] at which what another host began to write is left over too."""
+
 
 def write_with(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` fill a temporary file beside ``path``, then move it into place.
 
-    A crash leaves the old file as it was.  The temporary file keeps the suffix, since
-    writers choose their format by it.
+    A crash, of the machine too, leaves the old file as it was.  The temporary file keeps the
+    suffix, since writers choose their format by it.
 
     Raises:
         UserError: the folder cannot be made or written.
@@ -25,7 +44,9 @@ def write_with(path: Path, write: Callable[[Path], object]) -> None:
         mask = os.umask(0)
         os.umask(mask)
         part.chmod(0o666 & ~mask)
+        _to_disk(part)
         part.replace(path)
+        _to_disk(path.parent)
     except OSError as error:
         raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
     finally:
@@ -47,7 +68,8 @@ def _beside(path: Path) -> Path:
     """An empty temporary file beside ``path``, whose folder is made."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
+        _sweep(path.parent)
+        handle, name = tempfile.mkstemp(prefix=_prefix(), suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise UserError(
             f"cannot write '{path}': {error.strerror or error}; choose a folder that you may write"
@@ -61,19 +83,138 @@ def write_whole(path: Path, content: bytes) -> None:
     write_with(path, lambda part: part.write_bytes(content))
 
 
-def cache_folder() -> Path:
-    """Return the user's cache folder, or a temporary one where that cannot be written.
+def cached(name: str, make: Callable[[Path], object]) -> Path:
+    """Return a folder of the cache with what ``make`` has put into it, now or in an earlier run.
 
-    ``SERVO_MODELS_CACHE`` keeps it elsewhere.
+    Every file is compared with the digest that it had when it was made.  A folder in which one
+    differs, is missing or is new is made again, with a line on standard error.
+
+    Args:
+        name: of the folder; it has to tell what is in it and what made it, as a digest does.
+        make: is given an empty folder to fill.
+
+    Raises:
+        UserError: the cache cannot be written.
+    """
+    folder = cache_folder() / name
+    if _sealed(folder):
+        return folder
+    if folder.exists():
+        print(f"servo-models: '{folder}' was damaged and is made again", file=sys.stderr)
+    try:
+        part = Path(tempfile.mkdtemp(prefix=_prefix(), dir=folder.parent))
+        try:
+            make(part)
+            digests = _digests(part)
+            (part / SEAL).write_text(json.dumps(digests))
+            for file in (*(part / one for one in digests), part / SEAL, part):
+                _to_disk(file)
+            _put(part, folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise UserError(
+            f"cannot write the cache '{folder.parent}': {error.strerror or error}; set"
+            " SERVO_MODELS_CACHE to a folder that you may write"
+        ) from error
+    return folder
+
+
+def _put(part: Path, folder: Path) -> None:
+    """Move a made folder into place; what another process has put there meanwhile is as good."""
+    if folder.exists() and not _sealed(folder):
+        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # something that is no folder
+            folder.unlink()
+    try:
+        part.rename(folder)
+    except OSError:
+        if not _sealed(folder):
+            raise
+    _to_disk(folder.parent)
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file of a cache entry but the seal, by its path inside."""
+    files = (file for file in sorted(folder.rglob("*")) if not file.is_dir())
+    return {
+        file.relative_to(folder).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in files
+        if file != folder / SEAL
+    }
+
+
+def _sealed(folder: Path) -> bool:
+    """Whether a cache entry is there and as it was made."""
+    try:
+        return bool(json.loads((folder / SEAL).read_bytes()) == _digests(folder))
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Return the user's cache folder, or one temporary folder where that cannot be written.
+
+    ``SERVO_MODELS_CACHE`` keeps it elsewhere.  It is looked up once a process.
     """
     base = os.environ.get("SERVO_MODELS_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "servo-models"
     )
-    folder = Path(base)
+    folder = Path(base).absolute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
+            _sweep(folder)
             return folder
     except OSError:
         pass
-    return Path(tempfile.mkdtemp(prefix="servo-models-"))
+    _sweep(Path(tempfile.gettempdir()))
+    scratch = Path(tempfile.mkdtemp(prefix=_prefix()))
+    atexit.register(_remove_own, scratch, os.getpid())
+    return scratch
+
+
+def _remove_own(folder: Path, process: int) -> None:
+    """Remove the temporary cache when the process that made it ends, not one forked from it."""
+    if os.getpid() == process:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _prefix() -> str:
+    """How names of what this process is writing begin."""
+    return f".part-{_HOST}-{os.getpid()}-"
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what processes that are gone had begun to write in a folder."""
+    for part in folder.glob(".part-*-*-*"):
+        _, _, rest = part.name.partition(".part-")
+        host, process, *_ = rest.split("-")
+        with contextlib.suppress(OSError):
+            ended = host == _HOST and process.isdigit() and not _runs(int(process))
+            if ended or time.time() - part.stat().st_mtime > _DAY:
+                shutil.rmtree(part) if part.is_dir() else part.unlink()
+
+
+def _runs(process: int) -> bool:
+    if os.name == "nt":  # os.kill would end it; what is left there goes after a day
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until a file or folder is on the disk, where the system can."""
+    if os.name == "nt" and path.is_dir():
+        return
+    handle = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

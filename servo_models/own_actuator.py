@@ -1,12 +1,20 @@
-"""A user's own actuator: a Python file that defines ``ACTUATOR``."""
+"""A user's own actuator: a Python file that defines ``ACTUATOR``, and who may have it run.
+
+To use such a file is to run it.  A file that somebody names in a command or in Python is run.
+Where a description or a parameter file names it, it is run if it lies in the same folder, else
+only if it is said to be trusted.  Nothing inside an FMU can name one.
+"""
 
 from __future__ import annotations
 
-import importlib.util
+import functools
+import hashlib
+import linecache
 import os.path
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 from servo_models.actuator import Actuator
 from servo_models.errors import UserError
@@ -15,25 +23,50 @@ from servo_models.errors import UserError
 def load_actuator(path: Path) -> Actuator:
     """Run a Python file and return its ``ACTUATOR``, which then knows the file.
 
+    A file is run once a process, and again only when its content has changed.
+
     Raises:
-        UserError: no such file, a fault in it, or no actuator.
+        UserError: no such file, a fault in it (also one that ends the process), or no actuator.
     """
     if not path.is_file():
         raise UserError(f"cannot read '{path}': no such file; name one that defines ACTUATOR")
-    name = f"own_actuator_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's file may raise
+        return _run(path.resolve(), path.read_bytes())
+    except OSError as error:
+        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
+
+
+@functools.lru_cache(maxsize=16)
+def _run(path: Path, content: bytes) -> Actuator:
+    name = f"own_actuator_{hashlib.sha256(f'{path}'.encode() + content).hexdigest()[:16]}"
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = str(path)
+    try:
+        text = content.decode()
+        # blocks are inlined from this text, whatever becomes of the file meanwhile
+        linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
+        exec(compile(text, str(path), "exec"), vars(module))  # the user's own file: see above
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
+        del sys.modules[name]
         raise UserError(f"'{path}' does not run: {type(error).__name__}: {error}") from error
     found = getattr(module, "ACTUATOR", None)
     if not isinstance(found, Actuator):
         raise UserError(f"'{path}' defines no ACTUATOR: set it to an Actuator")
-    return replace(found, file=path.resolve())
+    return replace(found, file=path)
+
+
+def check_trust(code: Path, named_in: Path, trust: bool) -> None:
+    """Refuse a Python file that another file names, unless it lies beside that or is trusted.
+
+    Raises:
+        UserError: it lies elsewhere.
+    """
+    if not trust and code.resolve().parent != named_in.resolve().parent:
+        raise UserError(
+            f"'{named_in.name}' would run the Python file '{code}', which does not lie beside it:"
+            " read that file, then say --trust, or trust=True where Python reads"
+            f" '{named_in.name}'"
+        )
 
 
 def key_from(actuator: Actuator, folder: Path) -> str:

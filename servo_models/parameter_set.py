@@ -200,8 +200,10 @@ def _in(display: str, number: float, unit: str) -> float:
     return exact
 
 
-def read_parameters(path: str | Path) -> ParameterSet:
+def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
     """Read a parameter file, whoever wrote it; only ``actuator`` has to be there.
+
+    Where that is a Python file, it is run: ``trust`` allows this wherever it lies.
 
     Raises:
         UserError: no such file, no TOML, an unknown key, actuator, variant or parameter, a
@@ -210,7 +212,7 @@ def read_parameters(path: str | Path) -> ParameterSet:
     """
     document = read_toml(Path(path))
     document.check_keys(KEYS)
-    actuator, variant = _whose(document)
+    actuator, variant = _whose(document, trust)
     logs, figures = document.section("logs"), document.section("figures")
     return ParameterSet(
         actuator=actuator.key,
@@ -226,13 +228,13 @@ def read_parameters(path: str | Path) -> ParameterSet:
     )
 
 
-def _whose(document: Section) -> tuple[Actuator, str]:
+def _whose(document: Section, trust: bool) -> tuple[Actuator, str]:
     """Actuator and variant that a file is for."""
     key = "actuator"
     if key not in document:
         document.fail(key, "missing; name the actuator that the values are for")
     try:
-        found = find_actuator(document.text(key), document.file.parent)
+        found = find_actuator(document.text(key), document.file, trust)
         key = "variant"
         return found, found.variant(document.text(key, found.default_variant)).name
     except UserError as error:

@@ -28,6 +28,9 @@ from servo_models.units import parse
 
 Array = NDArray[np.float64]
 
+PLANTS = 64
+"""Plants whose texts are kept, the latest ones: a person's own come and go."""
+
 
 @dataclass(frozen=True)
 class Result:
@@ -51,18 +54,18 @@ class Result:
         raise UserError(unknown("signal", name, {**self.outputs, **self.inputs}))
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PLANTS)
 def flat_of(plant: Plant, name: str) -> Flat:
     """Return the flattened plant; flattening is done once per plant and process."""
     return flatten(plant, name)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PLANTS)
 def _compiled(plant: Plant, name: str) -> Callable[..., Any]:
     return compiled_run(run_text(flat_of(plant, name)))
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PLANTS)
 def _starter(plant: Plant, name: str) -> Callable[..., Any]:
     return plain_make(start_text(flat_of(plant, name)))
 
@@ -147,7 +150,9 @@ class Model:
     def _ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
         out = np.empty((len(times), len(self.plant.outputs)))
         run = _compiled(self.plant, self.actuator.name)
-        code, row = run(vector, state, times, inputs, out)
+        given = (np.ascontiguousarray(it, dtype=float) for it in (vector, times, inputs))
+        parameters, grid, columns = given
+        code, row = run(parameters, state, grid, columns, out)
         if code:
             raise UserError(f"{self.trouble(code)}, at t = {times[row]:g} s")
         return out

@@ -9,10 +9,11 @@ import functools
 import hashlib
 import math
 import re
+import sys
 from typing import TYPE_CHECKING, Any
 
 from servo_models.errors import UserError
-from servo_models.files import cache_folder
+from servo_models.files import cached
 
 if TYPE_CHECKING:
     import pint
@@ -36,8 +37,12 @@ def registry() -> pint.UnitRegistry[Any]:
     """
     import pint
 
-    place = hashlib.sha256(pint.__file__.encode()).hexdigest()[:16]
-    return pint.UnitRegistry(cache_folder=cache_folder() / "units" / place)
+    origin = repr((pint.__file__, pint.__version__, sys.version))
+    folder = cached(
+        f"units-{hashlib.sha256(origin.encode()).hexdigest()[:32]}",
+        lambda part: pint.UnitRegistry(cache_folder=part),
+    )
+    return pint.UnitRegistry(cache_folder=folder)
 
 
 def _pint_name(unit: str) -> str:

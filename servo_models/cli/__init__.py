@@ -80,8 +80,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except (UserError, USAGE_ERROR) as error:
         return _complain(error)
-    except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted")
+    except (KeyboardInterrupt, typer.Abort) as error:
+        if not isinstance(error.__cause__, EOFError):  # which typer takes for Ctrl-C
+            return _complain("interrupted")
+        traceback.print_exc()
+        return EXIT_FAILED
     except Exception:  # a crash must not look like 'not within tolerance'
         traceback.print_exc()
         return EXIT_FAILED

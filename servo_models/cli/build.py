@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Params, Settings, Variant, chosen_model, complete_actuator
+from servo_models.cli.options import (
+    Params,
+    Settings,
+    Trust,
+    Variant,
+    chosen_model,
+    complete_actuator,
+)
 from servo_models.errors import UserError
 
 
@@ -21,6 +28,7 @@ def build(
     variant: Variant = None,
     set_: Settings = None,
     params: Params = None,
+    trust: Trust = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the FMUs.")] = Path("fmus"),
 ) -> None:
     """Build FMUs (FMI 2.0 co-simulation).
@@ -39,7 +47,7 @@ def build(
     from servo_models.simulate import model
 
     if actuator or params:
-        models = [chosen_model(actuator, variant, set_, params)]
+        models = [chosen_model(actuator, variant, set_, params, trust)]
     elif variant or set_:
         raise UserError("--variant and --set belong to one actuator: name it")
     else:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import complete_actuator
+from servo_models.cli.options import Trust, complete_actuator
 from servo_models.errors import UserError
 
 
@@ -26,6 +26,7 @@ def check(
         str | None,
         typer.Option(help="What made the log, see 'list'.", autocompletion=complete_actuator),
     ] = None,
+    trust: Trust = False,
 ) -> int:
     """Check logs: sampling, readings, noise floor, and what they can and cannot determine.
 
@@ -38,7 +39,7 @@ def check(
     servo-models check log.toml
     """
     if init:
-        return _init(file, out, actuator)
+        return _init(file, out, actuator, trust)
     if out or actuator:
         raise UserError("--out and --actuator say how a description is begun: add --init")
     if file.suffix.lower() != ".toml":
@@ -48,14 +49,15 @@ def check(
     from servo_models.check import check as run
     from servo_models.check import check_sheet
     from servo_models.cli.console import progress, show
+    from servo_models.description import read_description
 
     with progress("checking"):
-        found = run(file)
+        found = run(read_description(file, trust))
     show(check_sheet(found))
     return 1 if found.warnings else 0
 
 
-def _init(file: Path, out: Path | None, actuator: str | None) -> int:
+def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:
     from servo_models.description import read_description
     from servo_models.drafting import draft, write_draft
 
@@ -63,7 +65,7 @@ def _init(file: Path, out: Path | None, actuator: str | None) -> int:
     write_draft(draft(file, actuator), path)
     print(f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'")
     try:
-        read_description(path)
+        read_description(path, trust)
     except UserError as error:
         print(f"It has to be completed first: {error}")
         return 1

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servo_models.cli.options import Format, check_outputs
+from servo_models.cli.options import Format, Trust, check_outputs
 from servo_models.errors import UserError
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def diagnose(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
     ] = None,
+    trust: Trust = False,
 ) -> int:
     """Find out where a model and logs of the real thing differ, and why.
 
@@ -73,6 +74,7 @@ def diagnose(
     servo-models build --params PARAMS.toml
     """
     from servo_models.cli.console import progress, show
+    from servo_models.description import read_description
     from servo_models.diagnose import diagnose as run
     from servo_models.diagnosis.confirm import confirm
     from servo_models.diagnosis.experiments.experiment import next_experiments
@@ -92,7 +94,8 @@ def diagnose(
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
     with progress("diagnosing") as bar:
-        found = run(description, allowed, seed, jobs, tell=lambda it: bar(0, None, it))
+        rig = read_description(description, trust)
+        found = run(rig, allowed, seed, jobs, tell=lambda it: bar(0, None, it))
         bar(0, None, "running the FMU with the diagnosed parameters")
         try:
             confirmed = confirm(found)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Params, complete_name
+from servo_models.cli.options import Params, Trust, complete_name
 from servo_models.errors import UserError
 
 
@@ -17,6 +17,7 @@ def explain(
         typer.Argument(help="Name of an actuator or an effect.", autocompletion=complete_name),
     ] = None,
     params: Params = None,
+    trust: Trust = False,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw its response to .svg, .png or .pdf.", metavar="FILE"),
@@ -43,7 +44,7 @@ def explain(
     if params:
         if name or picture:
             raise UserError("--params is explained alone: leave out the name and --picture")
-        show(parameter_sheet(read_parameters(params)))
+        show(parameter_sheet(read_parameters(params, trust)))
         return
     if not name:
         raise UserError("nothing to explain: name an actuator or an effect, see 'list'")

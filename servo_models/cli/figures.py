@@ -11,6 +11,7 @@ from servo_models.cli.options import (
     Actuator,
     Params,
     Settings,
+    Trust,
     Variant,
     assignments,
     chosen_model,
@@ -23,6 +24,7 @@ def figures(
     variant: Variant = None,
     set_: Settings = None,
     params: Params = None,
+    trust: Trust = False,
     at: Annotated[
         list[str] | None,
         typer.Option(
@@ -66,7 +68,7 @@ def figures(
 
     if out:
         check_suffix(out)
-    chosen = chosen_model(actuator, variant, set_, params)
+    chosen = chosen_model(actuator, variant, set_, params, trust)
     with progress(f"measuring {chosen.actuator.name}"):
         found = measure(chosen, assignments("--at", at or ()), amplitude, frequency or ())
     show(figures_sheet(found))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import check_outputs
+from servo_models.cli.options import Trust, check_outputs
 from servo_models.errors import UserError
 
 NOT_CONVERGED = 1
@@ -40,6 +40,7 @@ def identify(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a report (.html).")
     ] = None,
+    trust: Trust = False,
 ) -> int:
     """Estimate parameters from measured files.
 
@@ -57,13 +58,15 @@ def identify(
     or where a search did not converge.
     """
     from servo_models.cli.console import progress, show
+    from servo_models.description import read_description
     from servo_models.identify import identify as run
     from servo_models.parameter_set import write_parameters
 
     check_outputs((out, ".toml"), (report, ".html"), description=description)
     names = [name.strip() for name in free.split(",") if name.strip()]
     with progress("identifying") as bar:
-        found = run(description, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
+        told = read_description(description, trust)
+        found = run(told, names, search, starts, seed, jobs, lambda it: bar(0, None, it))
     written = []
     try:  # files come first: whoever reads the text may have seen enough and go
         if out and found.parameters:

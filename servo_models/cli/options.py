@@ -48,6 +48,7 @@ def chosen_model(
     variant: str | None,
     settings: list[str] | None,
     params: Path | None,
+    trust: bool,
 ) -> Model:
     """Return the model of ``ACTUATOR --variant`` or ``--params``, with ``--set`` on top.
 
@@ -61,7 +62,7 @@ def chosen_model(
     if params:
         if actuator or variant:
             raise UserError("--params names actuator and variant itself: leave them out")
-        return read_parameters(params).model(overrides)
+        return read_parameters(params, trust).model(overrides)
     if not actuator:
         raise UserError("no actuator: name one, see 'servo-models list', or give --params FILE")
     return model(actuator, variant, overrides)
@@ -131,6 +132,14 @@ Actuator = Annotated[
 Params = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Parameter file, .toml, in place of a name and variant."),
+]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Run the Python file of the actuator even if it does not lie beside the file that"
+        " names it.",
+    ),
 ]
 Variant = Annotated[
     str | None,

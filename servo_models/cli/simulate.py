@@ -11,6 +11,7 @@ from servo_models.cli.options import (
     Actuator,
     Params,
     Settings,
+    Trust,
     Variant,
     assignments,
     chosen_model,
@@ -24,6 +25,7 @@ def simulate(
     variant: Variant = None,
     set_: Settings = None,
     params: Params = None,
+    trust: Trust = False,
     step: Annotated[
         list[str] | None,
         typer.Option(
@@ -71,7 +73,7 @@ def simulate(
         from servo_models import pictures
 
         pictures.check_suffix(plot)
-    chosen = chosen_model(actuator, variant, set_, params)
+    chosen = chosen_model(actuator, variant, set_, params, trust)
     with progress(f"simulating {chosen.actuator.name}"):
         if inputs:
             result = run(chosen, *tables.read_inputs(inputs, chosen.plant))

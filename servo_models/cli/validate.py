@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from servo_models.cli.options import Format
+from servo_models.cli.options import Format, Trust
 from servo_models.errors import UserError
 
 
@@ -21,6 +21,7 @@ def validate(
         Path | None,
         typer.Option(metavar="FILE", help="Parameter file, .toml: validate its FMU as well."),
     ] = None,
+    trust: Trust = False,
     actuator: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Python file of your own actuator, for its FMU files."),
@@ -62,7 +63,7 @@ def validate(
         raise UserError("--actuator tells of what FMU files are: name them as well")
     subjects: list[Any] = [*(fmus or ())]
     if params:
-        subjects.append(read_parameters(params).model())
+        subjects.append(read_parameters(params, trust).model())
     own = load_actuator(actuator) if actuator else None
     with progress("validating") as on_progress:
         try:

@@ -71,8 +71,10 @@ class Description:
         return self.model.variant
 
 
-def read_description(path: str | Path) -> Description:
+def read_description(path: str | Path, trust: bool = False) -> Description:
     """Read a description and its logs.
+
+    Where its actuator is a Python file, that is run: ``trust`` allows this wherever it lies.
 
     Raises:
         UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
@@ -81,7 +83,7 @@ def read_description(path: str | Path) -> Description:
     """
     document = read_toml(Path(path))
     document.check_keys((*KEYS, *RECORDS))
-    chosen, parameters = _model(document)
+    chosen, parameters = _model(document, trust)
     uncertainty = _uncertainty(document.section("uncertainty"), chosen)
     return Description(
         path=document.file,
@@ -96,10 +98,10 @@ def read_description(path: str | Path) -> Description:
     )
 
 
-def _model(document: Section) -> tuple[Model, dict[str, float]]:
+def _model(document: Section, trust: bool) -> tuple[Model, dict[str, float]]:
     """The nominal model, and the overrides that made it of its variant."""
-    known = _known_before(document)
-    actuator = _actuator(document, known)
+    known = _known_before(document, trust)
+    actuator = _actuator(document, known, trust)
     own = known.variant if known else actuator.default_variant
     given = document.text("variant", own)
     if known and (actuator.key, given) != (known.actuator, own):
@@ -120,18 +122,19 @@ def _model(document: Section) -> tuple[Model, dict[str, float]]:
     return model(actuator, variant, overrides), overrides
 
 
-def _known_before(document: Section) -> ParameterSet | None:
+def _known_before(document: Section, trust: bool) -> ParameterSet | None:
     if "params" not in document:
         return None
-    return read_parameters(document.file.parent / document.text("params"))
+    return read_parameters(document.file.parent / document.text("params"), trust)
 
 
-def _actuator(document: Section, known: ParameterSet | None) -> Actuator:
-    if "actuator" not in document and not known:
+def _actuator(document: Section, known: ParameterSet | None, trust: bool) -> Actuator:
+    if known and "actuator" not in document:
+        return find_actuator(known.actuator)
+    if "actuator" not in document:
         document.fail("actuator", "missing; name the actuator that made the logs")
-    name = document.text("actuator", known.actuator if known else "")
     try:
-        return find_actuator(name, document.file.parent)
+        return find_actuator(document.text("actuator"), document.file, trust)
     except UserError as error:
         document.fail("actuator", error)
 

@@ -1,0 +1,192 @@
+"""A damaged cache heals, leftovers of killed processes go, writes are whole."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from servo_models import files
+from servo_models.files import SEAL, cache_folder, cached, write_whole
+
+CONTENT = {"text.py": b"a text", "below/code.bin": bytes(range(256))}
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty cache of its own."""
+    monkeypatch.setenv("SERVO_MODELS_CACHE", str(tmp_path / "cache"))
+    cache_folder.cache_clear()
+    yield tmp_path / "cache"
+    cache_folder.cache_clear()
+
+
+def fill(folder: Path) -> None:
+    for name, content in CONTENT.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+
+
+def found(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in CONTENT}
+
+
+def test_an_entry_is_made_once(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made: list[Path] = []
+
+    def make(folder: Path) -> None:
+        made.append(folder)
+        fill(folder)
+
+    assert cached("entry", make) == cached("entry", make) == cache / "entry"
+    assert len(made) == 1
+    assert found(cache / "entry") == CONTENT
+    assert capsys.readouterr().err == ""
+
+
+damages = st.one_of(
+    st.tuples(st.just("flip"), st.sampled_from([*CONTENT, SEAL]), st.integers(0, 255)),
+    st.tuples(st.just("cut"), st.sampled_from([*CONTENT, SEAL]), st.integers(0, 255)),
+    st.tuples(st.just("remove"), st.sampled_from([*CONTENT, SEAL]), st.just(0)),
+    st.tuples(st.just("add"), st.sampled_from(["new", "below/new"]), st.just(0)),
+    st.tuples(st.just("nest"), st.just(SEAL), st.just(0)),
+    st.tuples(st.just("a file"), st.just(SEAL), st.just(0)),
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(damages)
+def test_a_damaged_entry_is_made_again(
+    cache: Path, capsys: pytest.CaptureFixture[str], damage: tuple[str, str, int]
+) -> None:
+    kind, name, where = damage
+    folder = cached("entry", fill)
+    capsys.readouterr()
+    file = folder / name
+    if kind == "flip":
+        content = bytearray(file.read_bytes())
+        content[where % len(content)] ^= 1
+        file.write_bytes(content)
+    elif kind == "cut":
+        file.write_bytes(file.read_bytes()[: where % len(file.read_bytes())])
+    elif kind == "remove":
+        file.unlink()
+    elif kind == "add":
+        file.write_bytes(b"foreign")
+    elif kind == "nest":
+        file.write_text("[" * 100_000)
+    else:
+        files.shutil.rmtree(folder)
+        folder.write_text("no folder")
+    assert found(cached("entry", fill)) == CONTENT
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert [path.name for path in cache.iterdir()] == ["entry"]
+
+
+def test_a_cache_that_cannot_be_written_is_one_temporary_folder_that_goes(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    text = (
+        "from servo_models.files import cache_folder, cached\n"
+        "a = cached('one', lambda folder: (folder / 'x').write_text('x'))\n"
+        "b = cached('two', lambda folder: (folder / 'x').write_text('x'))\n"
+        "print(cache_folder(), a.parent == b.parent == cache_folder())\n"
+    )
+    environment = {**os.environ, "SERVO_MODELS_CACHE": str(tmp_path / "file" / "cache")}
+    environment["TMPDIR"] = str(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", text], env=environment, capture_output=True, text=True, check=True
+    )
+    folder, one = done.stdout.split()
+    assert one == "True"
+    assert Path(folder).parent == tmp_path
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from servo_models import files
+calls = 0
+def killing(function):
+    def called(*args, **kwargs):
+        global calls
+        calls += 1
+        if calls == int(sys.argv[2]):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return function(*args, **kwargs)
+    return called
+files._to_disk = killing(files._to_disk)
+Path.replace, Path.rename = killing(Path.replace), killing(Path.rename)
+def make(folder):
+    (folder / "a").write_text("new"); (folder / "b").write_text("new")
+if sys.argv[3] == "file":
+    files.write_whole(Path(sys.argv[1]) / "out.txt", b"new")
+else:
+    files.cached("entry", make)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
+@pytest.mark.parametrize("what", ["file", "entry"])
+def test_a_killed_write_leaves_nothing_half(cache: Path, what: str) -> None:
+    """Killed at every moment of a write in turn; the next one finds old or new, and cleans up."""
+    cache.mkdir(parents=True)
+    for moment in range(1, 20):
+        if what == "file":
+            (cache / "out.txt").write_text("old")
+        words = [sys.executable, "-c", KILLED, str(cache), str(moment), what]
+        done = subprocess.run(words, check=False, env=os.environ)
+        if done.returncode == 0:
+            break
+        assert done.returncode == -signal.SIGKILL
+        if what == "file":
+            assert (cache / "out.txt").read_text() in ("old", "new")
+            write_whole(cache / "out.txt", b"newer")
+            assert [path.name for path in cache.iterdir()] == ["out.txt"]
+        else:
+            cache_folder.cache_clear()
+            entry = cached("entry", fill)
+            assert (entry / SEAL).exists()
+            assert [path.name for path in cache.iterdir()] == ["entry"]
+            files.shutil.rmtree(entry)
+    assert moment > 3
+
+
+def test_what_others_are_writing_stays(cache: Path) -> None:
+    cache.mkdir(parents=True)
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    try:
+        mine = files._prefix().replace(str(os.getpid()), str(other.pid))
+        (cache / f"{mine}abc").write_text("being written")
+        (cache / ".part-otherhost-1-abc").write_text("being written elsewhere")
+        (cache / ".part-mine").write_text("somebody's own")
+        write_whole(cache / "out.txt", b"new")
+        assert len(list(cache.iterdir())) == 4
+    finally:
+        other.kill()
+        other.wait()
+    write_whole(cache / "out.txt", b"new")
+    assert not (cache / f"{mine}abc").exists()
+
+
+def test_the_end_of_a_file_is_not_ctrl_c(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from servo_models import explain
+    from servo_models.cli import main
+
+    def broken(name: str) -> None:
+        raise EOFError("Ran out of input")
+
+    monkeypatch.setattr(explain, "explain", broken)
+    assert main(["explain", "sg90"]) == 2
+    err = capsys.readouterr().err
+    assert "interrupted" not in err
+    assert "EOFError: Ran out of input" in err

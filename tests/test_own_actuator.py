@@ -1,0 +1,179 @@
+"""Whose Python files are run, when, and how often."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from servo_models.description import read_description
+from servo_models.errors import UserError
+from servo_models.parameter_set import read_parameters
+from servo_models.simulate import model, simulate
+
+SOURCE = '''
+import pathlib
+from typing import Annotated
+from servo_models.actuator import Actuator, Plant, State, Variant, Wire
+from servo_models.block import Param, block
+
+with open(pathlib.Path(__file__).with_suffix(".ran"), "a") as ran:
+    ran.write("x")
+
+@block("speed")
+def follow(
+    goal: float,
+    angle: float,
+    time_constant: Annotated[float, Param("s", "lag", default=TIME, low=0.01, high=10.0)],
+) -> float:
+    """The speed is the error over the time constant."""
+    return (goal - angle) / time_constant
+
+ACTUATOR = Actuator(
+    name="joint",
+    title="A joint",
+    about="",
+    source="",
+    plant=Plant(
+        inputs=(Wire("goal", "rad", "goal"),),
+        wires=(Wire("speed", "rad/s", "speed"),),
+        constants={"internal_step": Param("s", "step", default=1e-3, low=1e-6, high=1e-2)},
+        chain=(follow,),
+        states=(State(Wire("angle", "rad", "angle"), "speed"),),
+        outputs=("angle",),
+    ),
+    variants=(Variant("plain", "", {}, ""),),
+    stop_time=1.0,
+    step_size=0.01,
+    step=("goal", 1.0),
+)
+'''
+
+
+def write(folder: Path, time_constant: float = 0.2, name: str = "joint.py") -> Path:
+    """Write the actuator's file; it notes beside itself how often it ran."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / name
+    path.write_text(SOURCE.replace("TIME", repr(time_constant)))
+    return path
+
+
+def runs(path: Path) -> int:
+    marks = path.with_suffix(".ran")
+    return len(marks.read_text()) if marks.exists() else 0
+
+
+def reached(path: Path) -> float:
+    """Angle after 0.1 s of a step of 1 rad."""
+    return float(simulate(model(str(path)), [0.0, 0.1], {"goal": 1.0})["angle"][-1])
+
+
+def test_a_file_is_run_once_and_again_when_it_has_changed(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    assert reached(path) == reached(path) == pytest.approx(1.0 - np.exp(-0.1 / 0.2), abs=1e-9)
+    assert runs(path) == 1
+    write(tmp_path, 0.4)
+    assert reached(path) == pytest.approx(1.0 - np.exp(-0.1 / 0.4), abs=1e-9)
+    assert runs(path) == 2
+
+
+def test_files_of_one_name_do_not_meet(tmp_path: Path) -> None:
+    slow, quick = write(tmp_path / "a", 0.4), write(tmp_path / "b", 0.1)
+    for path, time_constant in ((slow, 0.4), (quick, 0.1), (slow, 0.4)):
+        assert reached(path) == pytest.approx(1.0 - np.exp(-0.1 / time_constant), abs=1e-9)
+
+
+def test_blocks_are_those_that_ran_whatever_becomes_of_the_file(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    chosen = model(str(path))
+    path.write_text(path.read_text().replace("(goal - angle)", "(goal + angle)"))
+    angle = simulate(chosen, [0.0, 0.1], {"goal": 1.0})["angle"][-1]
+    assert angle == pytest.approx(1.0 - np.exp(-0.1 / 0.2), abs=1e-9)
+
+
+@pytest.mark.parametrize("end", ["import sys; sys.exit(0)", "raise SystemExit('done')", "exit()"])
+def test_a_file_that_ends_the_process_is_an_error(tmp_path: Path, end: str, run: Run) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(end + "\n")
+    code, out, err = run("simulate", path)
+    assert (code, out) == (2, "")
+    assert "mine.py' does not run: SystemExit" in err
+
+
+def test_declarations_that_do_not_fit_together_are_an_error(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('"angle", "rad", "angle"', '"goal", "rad", "angle"'))
+    for command in ("simulate", "build"):
+        code, _, err = run(command, path)
+        assert code == 2
+        assert f"{path}'" in err
+        assert len(err.splitlines()) == 1
+
+
+PARAMETERS = "actuator = '{name}'\n"
+DESCRIPTION = """actuator = '{name}'
+free = ["time_constant"]
+[[logs]]
+file = "log.csv"
+time = "t"
+inputs.goal = "goal"
+outputs.angle = "angle"
+"""
+
+
+def describe(folder: Path, name: str) -> tuple[Path, Path]:
+    """Write a parameter file and a description that name this file, with a log."""
+    folder.mkdir(exist_ok=True)
+    times = np.linspace(0.0, 1.0, 101)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(101)
+    table = np.column_stack([times, np.ones(101), 1.0 - np.exp(-times / 0.3) + noise])
+    np.savetxt(folder / "log.csv", table, delimiter=",", header="t,goal,angle", comments="")
+    parameters, description = folder / "params.toml", folder / "rig.toml"
+    parameters.write_text(PARAMETERS.format(name=name))
+    description.write_text(DESCRIPTION.format(name=name))
+    return parameters, description
+
+
+def test_a_file_beside_the_one_that_names_it_is_run(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    for parameters, description in (describe(tmp_path, "joint.py"), describe(tmp_path, str(path))):
+        assert read_parameters(parameters).actuator == str(path)
+        assert read_description(description).actuator.file == path
+    assert runs(path) == 1
+
+
+@pytest.mark.parametrize("way", ["elsewhere", "below", "through a link"])
+def test_a_file_elsewhere_is_run_only_if_trusted(tmp_path: Path, way: str, run: Run) -> None:
+    folder = tmp_path / "rig"
+    path = write(folder / "below" if way == "below" else tmp_path / "other")
+    name = "below/joint.py" if way == "below" else "../other/joint.py"
+    parameters, description = describe(folder, name)
+    if way == "through a link":
+        (folder / "joint.py").symlink_to(path)
+        parameters, description = describe(folder, "joint.py")
+    commands = [
+        ["explain", "--params", parameters],
+        ["simulate", "--params", parameters],
+        ["figures", "--params", parameters],
+        ["build", "--params", parameters, "--out", tmp_path],
+        ["validate", "--params", parameters],
+        ["check", description],
+        ["identify", description],
+        ["diagnose", description],
+    ]
+    for words in commands:
+        code, out, err = run(*words)
+        assert (code, out) == (2, "")
+        assert "would run the Python file" in err
+        assert "--trust" in err
+    for read, file in ((read_parameters, parameters), (read_description, description)):
+        with pytest.raises(UserError, match="trust=True"):
+            read(file)
+    assert runs(path) == 0
+    for words in (commands[0], commands[1], commands[6]):
+        code, _, err = run(*words, "--trust")
+        assert (code, err) == (0, ""), words
+    assert read_description(description, trust=True).actuator.name == "joint"
+    assert runs(path) == 1
