@@ -58,8 +58,9 @@ def compiled_run(text: str) -> Callable[..., Any]:
 def _executed(path: Path, source: str, name: str) -> ModuleType:
     """Execute the text of a file that is there: numba keeps machine code beside it, which
     names the module that it is for."""
-    from numba import config
+    import numba
 
+    config: Any = numba.config
     module = sys.modules[name] = ModuleType(name)
     module.__file__ = str(path)
     elsewhere, config.CACHE_DIR = config.CACHE_DIR, ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import subprocess
@@ -179,8 +180,9 @@ def test_what_others_are_writing_stays(cache: Path) -> None:
 def test_the_end_of_a_file_is_not_ctrl_c(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from servo_models import explain
     from servo_models.cli import main
+
+    explain = importlib.import_module("servo_models.explain")
 
     def broken(name: str) -> None:
         raise EOFError("Ran out of input")

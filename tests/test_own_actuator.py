@@ -128,7 +128,8 @@ def describe(folder: Path, name: str) -> tuple[Path, Path]:
     folder.mkdir(exist_ok=True)
     times = np.linspace(0.0, 1.0, 101)
     noise = 1e-3 * np.random.default_rng(1).standard_normal(101)
-    table = np.column_stack([times, np.ones(101), 1.0 - np.exp(-times / 0.3) + noise])
+    since = np.maximum(times - 0.1, 0.0)
+    table = np.column_stack([times, times >= 0.1, 1.0 - np.exp(-since / 0.3) + noise])
     np.savetxt(folder / "log.csv", table, delimiter=",", header="t,goal,angle", comments="")
     parameters, description = folder / "params.toml", folder / "rig.toml"
     parameters.write_text(PARAMETERS.format(name=name))
