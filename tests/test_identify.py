@@ -170,14 +170,14 @@ def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.M
         tmp_path / "logs" / "joint.csv", table, delimiter=",", header="t,goal,angle", comments=""
     )
     out = tmp_path / "found" / "deep" / "PARAMS.toml"
-    assert run("identify", tmp_path / "logs" / "joint.toml", "--out", out)[0] == 0
+    assert run("identify", tmp_path / "logs" / "joint.toml", "--trust", "--out", out)[0] == 0
     assert 'actuator = "../../mine.py"' in out.read_text()
     monkeypatch.chdir(out.parent)
-    assert settings_of(read_parameters("PARAMS.toml"))["time_constant"] == pytest.approx(
-        lag, rel=1e-6
+    assert settings_of(read_parameters("PARAMS.toml", trust=True)) == pytest.approx(
+        {"time_constant": lag}, rel=1e-6
     )
-    assert run("explain", "--params", "PARAMS.toml")[0] == 0
-    assert run("build", "--params", "PARAMS.toml")[0] == 0
+    assert run("explain", "--params", "PARAMS.toml", "--trust")[0] == 0
+    assert run("build", "--params", "PARAMS.toml", "--trust")[0] == 0
     result = fmpy.simulate_fmu(
         str(Path("fmus") / "joint.fmu"),
         stop_time=1.0,
@@ -186,7 +186,9 @@ def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.M
         output=["angle"],
     )
     np.testing.assert_allclose(result["angle"], 1.0 - np.exp(-result["time"] / lag), atol=1e-6)
-    code, _, err = run("diagnose", tmp_path / "logs" / "joint.toml", "--json", "gap.json")
+    code, _, err = run(
+        "diagnose", tmp_path / "logs" / "joint.toml", "--trust", "--json", "gap.json"
+    )
     assert (code, err) == (1, "")
     assert json.loads(Path("gap.json").read_text())["confirmation"]["difference"] == 0.0
 
