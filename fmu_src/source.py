@@ -15,6 +15,13 @@ from servo_models.simulate import Model
 
 _FUTURE = "from __future__ import annotations\n"
 _OWN = "from servo_models."
+_OLDEST = """import sys
+
+if sys.version_info < (3, 10):
+    _TOLD = "this FMU needs Python 3.10 or newer, and its host brings " + sys.version.split()[0]
+    sys.stderr.write(_TOLD + "\\n")
+    raise ImportError(_TOLD)
+"""
 
 
 def slave_source(model: Model) -> tuple[str, str]:
@@ -27,6 +34,7 @@ def slave_source(model: Model) -> tuple[str, str]:
         [
             f'"""{model.actuator.title}, variant {model.variant}: generated, do not edit."""',
             _FUTURE,
+            _OLDEST,
             _pasted(flat),
             _pasted(printer),
             _pasted(stepper),
@@ -66,6 +74,7 @@ def _fields(model: Model) -> str:
         "low": low,
         "low_later": [math.inf if v.fixed else bound for v, bound in zip(every, low)],
         "high": [bound[1] for bound in bounds],
+        "flags": frozenset(vr for vr, v in enumerate(every) if v.flag),
     }
     return "".join(f"    {name}={value!r},\n" for name, value in fields.items())
 
