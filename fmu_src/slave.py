@@ -301,7 +301,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
                 " a parameter or the internal step is too large"
             )
         if code:
-            self.fail(f"{trouble(self.content.flat, code)}, at t = {time + size:g} s")
+            self.fail(f"{trouble(self.content.flat, code, x)}, at t = {time + size:g} s")
         self.values[self.inputs : self.first_parameter] = outputs
 
     def refuse_step(self, time: float, size: float) -> NoReturn:

@@ -70,6 +70,8 @@ class Flat:
     outputs: list[str]
     states: list[tuple[str, str, str]]
     """State, owner, wire of its derivative."""
+    scales: list[float]
+    """Full scale of each state."""
     memory: list[tuple[str, str]]
     """Memory, owner."""
     start: list[tuple[str, str]]
@@ -91,6 +93,11 @@ class Flat:
     carried: list[str]
     """Stage wires that the projection reads from the stage before it."""
 
+    @property
+    def too_fast(self) -> int:
+        """Code of a run that would need shorter sub-steps than it may have."""
+        return 1 + len(self.states) + len(self.outputs)
+
 
 def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
     """Return the names of the effects whose switches are all 0 in ``values``."""
@@ -98,10 +105,17 @@ def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
     return {owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)}
 
 
-def trouble(flat: Flat, code: int) -> str:
-    """Return in words what a code of ``run`` or ``step`` means."""
-    if code > 0:
-        name = flat.states[code - 1][0]
-        return f"state '{name}' is not finite; a parameter or the internal step is too large"
-    _, owner, message = flat.faults[-1 - code]
-    return f"{owner}: {message}"
+def trouble(flat: Flat, code: int, x: Sequence[float]) -> str:
+    """Return in words what a code of ``run`` or ``step`` means, with the ``x`` that it left."""
+    if code < 0:
+        _, owner, message = flat.faults[-1 - code]
+        return f"{owner}: {message}"
+    if code == flat.too_fast:
+        cure = f"give internal_step = {x[0]:.1g} s or less, or" if x[0] > 0.0 else "give"
+        return (
+            f"the parameters make '{flat.name}' too fast for its internal step: {cure} parameters"
+            " that make it slower"
+        )
+    names = [f"state '{name}'" for name, _, _ in flat.states]
+    names += [f"output '{name}'" for name in flat.outputs]
+    return f"{names[code - 1]} is not finite; a parameter or the internal step is too large"

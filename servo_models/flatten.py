@@ -154,6 +154,7 @@ class _Flattener:
             inputs=[self.text(wire.name, 1) for wire in plant.inputs],
             outputs=[self.text(wire, self.now[wire]) for wire in plant.outputs],
             states=[(s.name, s.owner, self.text(s.rate, self.now[s.rate])) for s in plant.states],
+            scales=[s.wire.scale for s in plant.states],
             memory=self.memory,
             start=self.start,
             size=self.size,

@@ -15,6 +15,16 @@ STAGES = 5
 CREDIT = 8.0
 """Sub-steps that may be thrown away one after the other; 7 halvings locate a jump."""
 
+ACCURATE = 1e-5
+"""Error that one sub-step may make, of full scale or, where the states are larger, of them."""
+GROSS = 0.1
+"""Change by its last stages, of full scale, at which even the shortest sub-step is useless: an
+instability grows this far, a jump of the right-hand side does not."""
+RUNAWAY = 1e3
+"""States in full scales: what is larger runs away, and no shorter sub-step would hold it."""
+DOUBLED = 4096.0
+"""Growth of ``_error`` when a sub-step doubles, 2^10, and a factor of 2 in the error to spare."""
+
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _LIMITS = ["_tolerance = 1e-6 * internal_step", "_finest = internal_step / 128.0"]
 
@@ -36,6 +46,7 @@ class Printer:
         self.dropped = dropped
         self.guarded = guarded
         self.states = [s for s in flat.states if s[1] not in dropped]
+        self.weights = {s[0]: scale**-2 for s, scale in zip(flat.states, flat.scales)}
         self.clocks = [c for c in flat.clocks if c[1] not in dropped]
         self.modes = [m for m in flat.modes if m[1] not in dropped]
         # memories that stay in ``x``, where a variable would be carried through every point
@@ -132,10 +143,11 @@ class Printer:
         lines = [f"{name} = _x[{i}]" for i, name in self.slots()]
         if self.guarded:  # numba wants every variable defined on every path
             names = [name for name, _, _ in self.states]
-            kinds = ("slope", "sum", "start", *(("back", "back_slope") if self.modes else ()))
+            kinds = ("slope", "sum", "start", "back", "back_slope", "middle")
             lines += [f"{kept(kind, n)} = 0.0" for n in names for kind in kinds]
             lines += [f"{name} = 0.0" for name in self.flat.carried]
             lines += ["_half = _sixth = _elapsed = _dt = _cut = _target = 0.0"]
+            lines += ["_turned = _bent = 0.0"]
         return lines
 
     def store(self) -> list[str]:
@@ -148,7 +160,7 @@ class Printer:
     def queue_length(self) -> int:
         return self.flat.size - len(self.flat.start)
 
-    def communication_step(self, unrolled: bool) -> list[str]:
+    def communication_step(self, unrolled: bool, row: str) -> list[str]:
         return [
             "_end = _t + _size",
             "_steps = _math.ceil(_size / internal_step - 1e-6)",
@@ -157,12 +169,13 @@ class Printer:
             "_now = _t",
             "_i = 0",
             "_first = 0",
+            *(["_fine = _size"] if self.states else []),
             *(["_reach = _size", "_until = _t"] if self.modes else []),
             "while True:",
-            *indent(self.sub_step(unrolled)),
+            *indent(self.sub_step(unrolled, row)),
         ]
 
-    def sub_step(self, unrolled: bool) -> list[str]:
+    def sub_step(self, unrolled: bool, row: str) -> list[str]:
         held = [f"{name} = {kept('in', name)}" for name in self.flat.inputs]
         held += [*self.lines(self.flat.held), *self.lines(self.flat.held_commits)]
         lines = ["_due = _now + _tolerance", "if _first == 0:", *indent(held)]
@@ -176,7 +189,7 @@ class Printer:
             lines += ["_last = 1 if _size <= 0.0 else 5"]
             lines += ["for _k in _range(_first, _last):", *indent(self.stage(None))]
             lines += ["if _size <= 0.0:", "    break"]
-        lines += [*self.retry(), *self.lines(self.flat.stage_commits)]
+        lines += [*self.shorten(row), *self.retry(), *self.lines(self.flat.stage_commits)]
         lines += ["_now = _cut", "if _cut == _target:", "    _i += 1"]
         lines += ["    if _i >= _steps:", "        break"]
         lines += ["_first = 0 if _crossed > 0.0 else 1" if self.modes else "_first = 1"]
@@ -193,15 +206,43 @@ class Printer:
         lines = ["_crossed = 0.0"]
         for name, owner in self.modes:
             lines += [self.only_if(owner, f"{kept('next', name)} != {name}"), "    _crossed = 1.0"]
-        names = [name for name, _, _ in self.states]
-        back = [f"{n} = {kept('start', n)} = {kept('back', n)}" for n in names]
-        back += [f"{kept('slope', n)} = {kept('back_slope', n)}" for n in names]
-        back += ["_until = _cut", "_reach = 0.5 * _dt", "_first = 1", "_credit -= 1.0", "continue"]
+        back = ["_until = _cut", "_reach = 0.5 * _dt", "_credit -= 1.0", *self.again()]
         lines += ["if _crossed > 0.0 and _credit >= 1.0 and _dt > _finest:", *indent(back)]
         lines += ["_reach = _size", "if _crossed <= 0.0 and _cut < _until:"]
         halved = ["_reach = 0.5 * (_until - _cut)", "if _reach < _finest:", "    _reach = _finest"]
         lines += indent(halved)
         return [*lines, f"if _credit < {CREDIT}:", "    _credit += 0.25"]
+
+    def again(self) -> list[str]:
+        """Throw the sub-step away."""
+        names = [name for name, _, _ in self.states]
+        lines = [f"{n} = {kept('start', n)} = {kept('back', n)}" for n in names]
+        lines += [f"{kept('slope', n)} = {kept('back_slope', n)}" for n in names]
+        return [*lines, "_first = 1", "continue"]
+
+    def shorten(self, row: str) -> list[str]:
+        """Halve a sub-step that is too long for the fastest motion in it: rule 4 of the contract.
+
+        ``_turned`` and ``_bent`` are squares, so squares of errors are compared.
+        """
+        if not self.states:
+            return []
+        share = "_math.sqrt(_math.sqrt(_math.sqrt(_allowed / _error)))"
+        leave = [f"_x[0] = internal_step * {share} if _error > 0.0 else 0.0"]
+        leave += [f"return {self.flat.too_fast}, {row}"]
+        useless = f"not _dt * _dt * _bent <= {GROSS**2!r} * _large and _large < {RUNAWAY**2!r}"
+        large = self.sum_of_squares("_large", "{back}", beginning="1.0")
+        judge = [*large, "_allowed = _allowed * _large", "if not _error <= _allowed:"]
+        judge += indent(["if _dt > _finest:", *indent(["_fine = 0.5 * _dt", *self.again()])])
+        judge += indent([f"if {useless}:", *indent(leave)])
+        judge += [f"elif _fine < 2.0 * _dt and {DOUBLED!r} * _error <= _allowed:"]
+        judge += ["    _fine = 2.0 * _dt"]
+        return [
+            "_error = _dt * _dt * _bent * _bent * _bent",
+            f"_allowed = {(7.5 * ACCURATE) ** 2!r} * _turned * _turned",
+            "if _fine < _size or not _error <= _allowed:",
+            *indent(judge),
+        ]
 
     def only_if(self, owner: str, test: str) -> str:
         guard = f"{kept('on', owner)} and " if owner and self.guarded else ""
@@ -215,6 +256,8 @@ class Printer:
             lines += ["_latest = _target - _tolerance"]
         if self.modes:
             lines += ["if _now + _reach < _cut:", "    _cut = _now + _reach"]
+        if self.states:
+            lines += ["if _now + _fine < _cut - _tolerance:", "    _cut = _now + _fine"]
         for name, owner in self.clocks:
             test = f"_now < {name} < _latest and {name} < _cut"
             lines += [self.only_if(owner, test), f"    _cut = {name}"]
@@ -254,14 +297,15 @@ class Printer:
         lines: list[str] = []
         if k == 1:
             lines += ["_half = 0.5 * _dt", "_elapsed = _half"]
-            if self.modes:
-                lines += [f"{kept('back_slope', n)} = {kept('slope', n)}" for n in names]
+            lines += [f"{kept('back_slope', n)} = {kept('slope', n)}" for n in names]
+        elif k == 2:
+            lines += self.sum_of_squares("_turned", "({slope} - {back_slope})")
+            lines += [f"{kept('middle', n)} = {kept('slope', n)}" for n in names]
         elif k == 3:
-            lines += ["_elapsed = _dt"]
+            lines += [*self.sum_of_squares("_bent", "({slope} - {middle})"), "_elapsed = _dt"]
         elif k == 4:
             lines += ["_sixth = _dt / 6.0"]
-            if self.modes:
-                lines += [f"{kept('back', n)} = {kept('start', n)}" for n in names]
+            lines += [f"{kept('back', n)} = {kept('start', n)}" for n in names]
         for n in names:
             start, slope, total = kept("start", n), kept("slope", n), kept("sum", n)
             if k == 4:
@@ -273,8 +317,17 @@ class Printer:
             lines += [*self.flat.projection, *(f"{kept('start', n)} = {n}" for n in names)]
         return lines
 
+    def sum_of_squares(self, total: str, of: str, beginning: str = "0.0") -> list[str]:
+        """Lines that add ``of`` what is kept about each state, in full scales and squared."""
+        lines = [f"{total} = {beginning}"] if self.states else []
+        kinds = ("slope", "back_slope", "middle", "back")
+        for name, _, _ in self.states:
+            term = of.format(**{kind: kept(kind, name) for kind in kinds})
+            lines += [f"{total} = {total} + {term} * {term} * {self.weights[name]!r}"]
+        return lines
+
     def checks(self, row: str) -> list[str]:
-        """Leave with a code when a fault was raised or a state is not finite."""
+        """Leave with a code when a fault was raised or a state or an output is not finite."""
         lines: list[str] = []
         for k, (name, owner, _) in enumerate(self.flat.faults):
             if owner not in self.dropped:
@@ -282,4 +335,6 @@ class Printer:
         for i, (name, owner, _) in enumerate(self.flat.states):
             if owner not in self.dropped:
                 lines += [f"if not {name} - {name} == 0.0:", f"    return {1 + i}, {row}"]
+        for i, name in enumerate(self.flat.outputs, 1 + len(self.flat.states)):
+            lines += [f"if not {name} - {name} == 0.0:", f"    return {i}, {row}"]
         return lines

@@ -6,9 +6,10 @@ both agree to the last bit.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -30,6 +31,10 @@ Array = NDArray[np.float64]
 
 PLANTS = 64
 """Plants whose texts are kept, the latest ones: a person's own come and go."""
+CHANGED = 1e-3
+"""Change of an output with half the internal step, in full scales, that is worth a word."""
+FAR = 100.0
+"""Full scales beyond which an output is hardly meant."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +45,13 @@ class Result:
         times: communication points [s], shape (n,).
         inputs, outputs: SI values by name, each of shape (n,); an input is held from its
             row on, an output is the value at its row.
+        warnings: in words, what of it is not to be relied on: see ``doubts``.
     """
 
     times: Array
     inputs: dict[str, Array]
     outputs: dict[str, Array]
+    warnings: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Array:
         if name in self.outputs:
@@ -138,7 +145,11 @@ class Model:
         """
         check_grid(times, inputs, self.plant.inputs)
         x = self.start() if state is None else state
-        return self._ran(self.vector, x, times, inputs)
+        begin = x.copy()
+        try:
+            return self._ran(self.vector, x, times, inputs)
+        except UserError as error:
+            raise UserError(f"{error}{self._responsible(begin, times, inputs)}") from None
 
     def from_rest(self, vector: Array, times: Array, inputs: Array) -> Array:
         """Return ``run`` from rest with another parameter vector [SI], in the order of ``values``.
@@ -154,12 +165,22 @@ class Model:
         parameters, grid, columns = given
         code, row = run(parameters, state, grid, columns, out)
         if code:
-            raise UserError(f"{self.trouble(code)}, at t = {times[row]:g} s")
+            raise UserError(f"{trouble(self.flat, code, state)}, at t = {times[row]:g} s")
         return out
 
-    def trouble(self, code: int) -> str:
-        """Return in words what a code of the stepper means."""
-        return trouble(self.flat, code)
+    def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:
+        """Clause about the parameters without each of which a run that fails would succeed."""
+        own = self.actuator.values(self.variant)
+        blamed = []
+        for name, value in self.values.items():
+            if value != own[name]:
+                vector = np.array(list({**self.values, name: own[name]}.values()))
+                with contextlib.suppress(UserError):
+                    self._ran(vector, begin.copy(), times, inputs)
+                    unit = self.plant.parameters[name].param.unit
+                    instead = f"{own[name]:g} {unit}".removesuffix(" 1")
+                    blamed.append(f"with '{name}' = {instead} instead of {value:g} it runs")
+        return f" ({'; '.join(blamed)})" if blamed else ""
 
 
 def model(
@@ -221,9 +242,42 @@ def simulate(
         if values.shape not in ((), grid.shape):
             raise UserError(f"input '{name}' has shape {values.shape}, the times {grid.shape}")
         columns[name] = np.broadcast_to(values, grid.shape)
-    out = chosen.run(grid, np.column_stack(list(columns.values())))
-    names = chosen.plant.outputs
-    return Result(grid, columns, {name: out[:, i] for i, name in enumerate(names)})
+    matrix = np.column_stack(list(columns.values()))
+    out = chosen.run(grid, matrix)
+    named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
+    return Result(grid, columns, named, tuple(doubts(chosen, grid, matrix, out)))
+
+
+def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[str]:
+    """Yield, in words, why ``out`` of a run from rest is not to be relied on.
+
+    The run is made again with half the internal step: where an output other than a flag
+    changes by more than a thousandth of its full scale, what it does at a time is chance, as
+    behind a jump of the right-hand side that is not a mode or where a loop is chaotic.  An
+    output beyond a hundred full scales is told as well.
+    """
+    step = min(chosen.values["internal_step"], float(np.diff(times).max(initial=0.0)))
+    finer = {**chosen.values, "internal_step": 0.5 * step or chosen.values["internal_step"]}
+    try:
+        again = chosen.from_rest(np.array(list(finer.values())), times, inputs)
+    except UserError as error:
+        yield f"with half the internal step the run fails: {error}"
+        return
+    for name, column, other in zip(chosen.plant.outputs, out.T, again.T):
+        wire = chosen.plant.wire[name]
+        change, size = np.abs(column - other) / wire.scale, np.abs(column) / wire.scale
+        row, largest = int(change.argmax()), int(size.argmax())
+        if change[row] > CHANGED and not wire.flag:
+            yield (
+                f"output '{name}' depends on the internal step: with half of it, it changes by"
+                f" {100.0 * change[row]:.2g} % of full scale at t = {times[row]:g} s; rely on what"
+                " both runs share, or choose a shorter internal_step"
+            )
+        if size[largest] > FAR and not wire.flag:
+            yield (
+                f"output '{name}' reaches {size[largest]:.2g} times its full scale at"
+                f" t = {times[largest]:g} s: check parameters and inputs"
+            )
 
 
 def check_grid(times: Array, inputs: Array, wires: Sequence[Wire]) -> None:
