@@ -62,10 +62,11 @@ def summary(result: Result, chosen: Model, stepped: bool) -> Sheet:
     main = chosen.plant.wire[chosen.plant.outputs[0]]
     metrics = step_metrics(result.times, result[main.name])
     title = f"Step response of {main.name}"
-    texts = {"Warning": chosen.warning, "Parameters changed by": chosen.provenance}
+    texts = [("Warning", chosen.warning), ("Parameters changed by", chosen.provenance)]
+    texts += [("Warning", text) for text in result.warnings]
     return Sheet(
         f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
-        tuple(f"{key}: {text}." for key, text in texts.items() if text),
+        tuple(f"{key}: {text}." for key, text in texts if text),
         (signals, measures(main, metrics, title)) if stepped else (signals,),
     )
 

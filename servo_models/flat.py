@@ -105,16 +105,16 @@ def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
     return {owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)}
 
 
-def trouble(flat: Flat, code: int, x: Sequence[float]) -> str:
+def trouble(flat: Flat, code: int, x: Sequence[float] = (0.0,)) -> str:
     """Return in words what a code of ``run`` or ``step`` means, with the ``x`` that it left."""
     if code < 0:
         _, owner, message = flat.faults[-1 - code]
         return f"{owner}: {message}"
     if code == flat.too_fast:
-        cure = f"give internal_step = {x[0]:.1g} s or less, or" if x[0] > 0.0 else "give"
+        needed = f"it needs internal_step = {x[0]:.1g} s or less" if x[0] > 0.0 else "none will do"
         return (
-            f"the parameters make '{flat.name}' too fast for its internal step: {cure} parameters"
-            " that make it slower"
+            f"the parameters make '{flat.name}' too fast for its internal step: {needed}; give that"
+            " if its bounds allow, or slower parameters"
         )
     names = [f"state '{name}'" for name, _, _ in flat.states]
     names += [f"output '{name}'" for name in flat.outputs]

@@ -22,11 +22,19 @@ GROSS = 0.1
 instability grows this far, a jump of the right-hand side does not."""
 RUNAWAY = 1e3
 """States in full scales: what is larger runs away, and no shorter sub-step would hold it."""
+SHORTEST_S = 5e-7
+"""Sub-step [s] below which only an internal step that is given goes: 60 communication steps of
+20 ms would take more than seconds."""
 DOUBLED = 4096.0
 """Growth of ``_error`` when a sub-step doubles, 2^10, and a factor of 2 in the error to spare."""
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
-_LIMITS = ["_tolerance = 1e-6 * internal_step", "_finest = internal_step / 128.0"]
+_LIMITS = [
+    "_tolerance = 1e-6 * internal_step",
+    "_finest = internal_step / 128.0",
+    f"_shortest = _finest if _finest > {SHORTEST_S} else {SHORTEST_S}",
+    f"_endless = internal_step < _given and internal_step < {SHORTEST_S}",
+]
 
 
 def indent(lines: Iterable[str]) -> list[str]:
@@ -114,6 +122,7 @@ class Printer:
         """
         flat = self.flat
         lines = [f"{name} = _p[{i}]" for i, name in enumerate(flat.params)]
+        lines += ["_given = internal_step"]
         setup = list(self.lines(flat.setup))
         if self.guarded:
             lines += [
@@ -162,6 +171,8 @@ class Printer:
 
     def communication_step(self, unrolled: bool, row: str) -> list[str]:
         return [
+            "if _endless:",
+            *indent(["_x[0] = internal_step", f"return {self.flat.too_fast}, {row}"]),
             "_end = _t + _size",
             "_steps = _math.ceil(_size / internal_step - 1e-6)",
             "if _steps < 1:",
@@ -228,12 +239,13 @@ class Printer:
         if not self.states:
             return []
         share = "_math.sqrt(_math.sqrt(_math.sqrt(_allowed / _error)))"
-        leave = [f"_x[0] = internal_step * {share} if _error > 0.0 else 0.0"]
+        leave = [f"_share = {share} if _error > 0.0 else 0.0", "_x[0] = internal_step * _share"]
+        leave += [f"if _dt * _share < {SHORTEST_S}:", "    _x[0] = _dt * _share"]
         leave += [f"return {self.flat.too_fast}, {row}"]
         useless = f"not _dt * _dt * _bent <= {GROSS**2!r} * _large and _large < {RUNAWAY**2!r}"
         large = self.sum_of_squares("_large", "{back}", beginning="1.0")
         judge = [*large, "_allowed = _allowed * _large", "if not _error <= _allowed:"]
-        judge += indent(["if _dt > _finest:", *indent(["_fine = 0.5 * _dt", *self.again()])])
+        judge += indent(["if _dt > _shortest:", *indent(["_fine = 0.5 * _dt", *self.again()])])
         judge += indent([f"if {useless}:", *indent(leave)])
         judge += [f"elif _fine < 2.0 * _dt and {DOUBLED!r} * _error <= _allowed:"]
         judge += ["    _fine = 2.0 * _dt"]

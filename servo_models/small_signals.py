@@ -7,8 +7,9 @@ evaluated at zero step size for these, and over one period for the map of a samp
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,13 @@ from servo_models.compiled import plain_make
 from servo_models.effects.lag import lag
 from servo_models.effects.transport_delay import transport_delay
 from servo_models.errors import UserError
-from servo_models.flat import neutral_effects, owned
+from servo_models.flat import trouble, neutral_effects, owned
 from servo_models.linear_model import LinearModel
 from servo_models.simulate import Model
 from servo_models.stepper import step_text
 
 Array = NDArray[np.float64]
+Step = Callable[[list[float], list[float], float, float], Any]
 
 SMALL = 1e-5
 """Difference for a derivative, in full scales of the wire."""
@@ -53,7 +55,7 @@ class SmallSignals:
         """Find the point of rest.
 
         Raises:
-            UserError: there is none.
+            UserError: there is none, or the model cannot be simulated.
         """
         self.model = model
         flat, plant = model.flat, model.plant
@@ -65,13 +67,15 @@ class SmallSignals:
         self._active = {n: links[0] for n, links in plant.placements.items() if n not in neutral}
         wide = replace(flat, outputs=[*(rate for _, _, rate in flat.states), *flat.outputs])
         make = plain_make(step_text(wide, neutral))
-        start, self._step = make(list(model.values.values()))
+        start, step = make(list(model.values.values()))
+        self._step = self._checked(step)
         self.state: list[float] = start()
         self.time = 0.0
         self._settle()
         # from here on nothing leaves a delay by itself: what leaves it is an argument
         endless = {f"{name}.time": math.inf for name in self._of(transport_delay)}
-        _, self._step = make(list({**model.values, **endless}.values()))
+        _, step = make(list({**model.values, **endless}.values()))
+        self._step = self._checked(step)
         self.period = self._period()
         self.channels = self._channels()
         wires = [plant.states[i].wire for i in self._free]
@@ -81,6 +85,17 @@ class SmallSignals:
         scales = [wire.scale for wire in wires] + [scale for _, _, scale in more]
         scales += [self._scale(name) for name, _ in self.channels]
         self.scales = np.array([*scales, *(wire.scale for wire in plant.inputs)])
+
+    def _checked(self, step: Step) -> Step:
+        """A step that raises where the model cannot be simulated."""
+
+        def checked(x: list[float], u: list[float], time: float, size: float) -> Any:
+            code, wide = step(x, u, time, size)
+            if code:
+                raise UserError(f"{trouble(self.model.flat, code, x)}, at t = {time + size:g} s")
+            return code, wide
+
+        return checked
 
     def _of(self, effect: Block) -> list[str]:
         """Names under which ``effect`` is active."""

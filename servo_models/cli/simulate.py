@@ -50,8 +50,10 @@ def simulate(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw all signals to .svg, .png or .pdf.")
     ] = None,
-) -> None:
+) -> int:
     """Simulate a step, or a file of inputs.
+
+    Exit code 0: done, 1: done with the warnings printed, 2: could not run.
 
     Examples:
 
@@ -86,3 +88,4 @@ def simulate(
         title = f"{chosen.actuator.name}, variant {chosen.variant}"
         pictures.save(pictures.response(result, chosen.plant, title), plot)
     show(experiment.summary(result, chosen, stepped=not inputs))
+    return 1 if result.warnings else 0
