@@ -16,7 +16,8 @@ CREDIT = 8.0
 """Sub-steps that may be thrown away one after the other; 7 halvings locate a jump."""
 
 ACCURATE = 1e-5
-"""Error that one sub-step may make, of full scale or, where the states are larger, of them."""
+"""Error that may be made in an internal step, in full scales or, where they are larger, in states;
+a sub-step may make its share by time."""
 GROSS = 0.1
 """Change by its last stages, of full scale, at which even the shortest sub-step is useless: an
 instability grows this far, a jump of the right-hand side does not."""
@@ -25,13 +26,14 @@ RUNAWAY = 1e3
 SHORTEST_S = 5e-7
 """Sub-step [s] below which only an internal step that is given goes: 60 communication steps of
 20 ms would take more than seconds."""
-DOUBLED = 4096.0
-"""Growth of ``_error`` when a sub-step doubles, 2^10, and a factor of 2 in the error to spare."""
+DOUBLED = 1024.0
+"""Growth of ``_error`` when a sub-step doubles, 2^8, and a factor of 2 in the error to spare."""
 
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _LIMITS = [
     "_tolerance = 1e-6 * internal_step",
     "_finest = internal_step / 128.0",
+    f"_bar = {(7.5 * ACCURATE) ** 2!r} / (internal_step * internal_step)",
     f"_shortest = _finest if _finest > {SHORTEST_S} else {SHORTEST_S}",
     f"_endless = internal_step < _given and internal_step < {SHORTEST_S}",
 ]
@@ -250,8 +252,8 @@ class Printer:
         judge += [f"elif _fine < 2.0 * _dt and {DOUBLED!r} * _error <= _allowed:"]
         judge += ["    _fine = 2.0 * _dt"]
         return [
-            "_error = _dt * _dt * _bent * _bent * _bent",
-            f"_allowed = {(7.5 * ACCURATE) ** 2!r} * _turned * _turned",
+            "_error = _bent * _bent * _bent",
+            "_allowed = _bar * _turned * _turned",
             "if _fine < _size or not _error <= _allowed:",
             *indent(judge),
         ]

@@ -165,7 +165,7 @@ class Model:
         parameters, grid, columns = given
         code, row = run(parameters, state, grid, columns, out)
         if code:
-            raise UserError(f"{trouble(self.flat, code, state)}, at t = {times[row]:g} s")
+            raise UserError(f"{trouble(self.flat, code, state.tolist())}, at t = {times[row]:g} s")
         return out
 
     def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:

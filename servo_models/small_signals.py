@@ -20,7 +20,7 @@ from servo_models.compiled import plain_make
 from servo_models.effects.lag import lag
 from servo_models.effects.transport_delay import transport_delay
 from servo_models.errors import UserError
-from servo_models.flat import trouble, neutral_effects, owned
+from servo_models.flat import neutral_effects, owned, trouble
 from servo_models.linear_model import LinearModel
 from servo_models.simulate import Model
 from servo_models.stepper import step_text

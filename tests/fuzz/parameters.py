@@ -5,8 +5,9 @@
 A vector changes a few, half or all of the parameters of a variant, effects included: to a
 bound, or log-uniformly between the bounds.  Each is simulated over 60 communication steps with
 a random command.  A run is *refused*, *told* (it has warnings) or *quiet*.  Quiet runs are
-judged by a run with 1/2 of the internal step, every tenth by one with 1/16 as well.  Exit code 1: a quiet run was wrong by
-the half step, not finite or beyond 100 full scales, or a run took longer than 10 s.
+judged by a run with 1/2 of the internal step, every tenth by one with 1/16 as well.  Exit
+code 1: a quiet run was wrong by the half step, not finite or beyond 100 full scales, or a run
+took longer than 10 s.
 """
 
 from __future__ import annotations
@@ -148,7 +149,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", default=(), help="actuators or variants")
     arguments = parser.parse_args()
-    head = f"{'variant':30} {'quiet':>6} {'told':>6} {'refused':>8} {'wrong':>6} {'1/16':>6} {'s':>6}"
+    head = (
+        f"{'variant':30} {'quiet':>6} {'told':>6} {'refused':>8} {'wrong':>6} {'1/16':>6} {'s':>6}"
+    )
     print(head)
     wrong: list[str] = []
     for chosen in every_variant(arguments.only):
