@@ -12,6 +12,7 @@ import pytest
 from conftest import Run
 from fmpy.fmi1 import FMICallException
 from fmu_host import Host
+from fuzz.parameters import Found, every_variant, judged
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.bench import step_constant
@@ -193,6 +194,20 @@ def test_plain_python_follows_as_the_compiled_run_does(
     assert np.array_equal(compiled, np.array(plain))
 
 
+@pytest.mark.parametrize(
+    "variant", ["identified", "measured", "printed", "oscillatory_motor", "xl330"]
+)
+def test_random_parameters(variant: str) -> None:
+    """A share of what ``fuzz/parameters.py`` does; every plant has one of these variants."""
+    for chosen in every_variant({variant}):
+        found, rng = Found(), np.random.default_rng(11)
+        simulate(chosen, [0.0])  # compiles
+        for _ in range(12):
+            judged(chosen, rng, found)
+        assert found.wrong == []
+        assert found.counts["quiet"] >= 3
+
+
 @block("spike", "side")
 def spiking(u: float, level: float) -> tuple[float, float]:
     """An output that leaves the finite numbers while the state stays where it is."""
@@ -239,11 +254,10 @@ def test_an_output_far_beyond_its_full_scale_is_told() -> None:
     assert "output 'level' reaches 1e+02 times its full scale at t = 20 s" in told
 
 
-def test_the_command_line_tells_and_exits_with_1(run: Run, tmp_path: Path) -> None:
-    table = tmp_path / "inputs.csv"
-    table.write_text("time,disturbance\n0,100\n60,100\n")
+def test_the_command_line_tells_and_exits_with_1(run: Run) -> None:
+    """A carriage that nothing holds, under full drive for a second."""
     free = ("--set", "position_gain=0", "--set", "speed_gain=0", "--set", "viscous_coefficient=0")
-    code, out, _ = run("simulate", "linear_drive", *free, "--inputs", table)
+    code, out, _ = run("simulate", "linear_drive", *free, "--step", "disturbance=100")
     assert code == 1
     assert "times its full scale" in out
     assert run("simulate", "linear_drive")[0] == 0
