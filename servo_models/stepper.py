@@ -22,9 +22,9 @@ digits.  In a sub-step
    of the motion; norms are over the states in full scales.  A sub-step with an error above
    1e-5 dt / internal_step is thrown away and halved, down to 1/128 of the internal step as
    well but not below 0.5 us, and doubled again when its error has fallen so far that this is
-   safe.  So the sub-steps follow the fastest motion, in its transient as at rest, and where the internal
-   step is short enough nothing changes.  If the shortest sub-step is useless, the run ends
-   with a code, and so it does where an effect shortens the internal step below 0.5 us;
+   safe.  So the sub-steps follow the fastest motion, in its transient as at rest, and where
+   the internal step is short enough nothing changes.  If the shortest sub-step is useless, the
+   run ends with a code, and so it does where an effect shortens the internal step below 0.5 us;
 5. memories are committed at points 0 and 4 only.
 
 Events within ``1e-6 internal_step`` of a communication point belong to the step that
