@@ -185,5 +185,6 @@ if __name__ == "__main__":
 # smart_servo sts3215              1813     81      106      0      4   7.85
 # torque_motor identified          1763    160       77      0      4   0.79
 # torque_motor measured            1759    164       77      0      7   0.64
+# torque_motor estimated           1756    167       77      0      4   0.71
 # sg90 measured                     332     49       19      0      1   0.21
 # sg90 printed                      335     45       20      0      1   3.40
