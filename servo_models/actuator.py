@@ -185,6 +185,44 @@ class Plant:
                     found.setdefault(key, Parameter(key, param, owner=""))
         return dict(sorted(found.items(), key=lambda item: item[1].owner != ""))
 
+    def rated(
+        self, rests: Mapping[str, float] | None = None, scales: Mapping[str, float] | None = None
+    ) -> Plant:
+        """Return the same equations with other rests and full scales [SI] of single wires.
+
+        A variant has them where its supply or its size is not that of the others.
+
+        Example:
+            ``PLANT.rated(rests={"supply": 7.4}, scales={"supply": 7.4})``
+        """
+        rest, scale = rests or {}, scales or {}
+        for name in (*rest, *scale):
+            if name not in self.wire:
+                raise ValueError(unknown("wire", name, self.wire))
+
+        def of(wire: Wire) -> Wire:
+            return replace(
+                wire,
+                rest=rest.get(wire.name, wire.rest),
+                scale=scale.get(wire.name, wire.scale),
+            )
+
+        return replace(
+            self,
+            inputs=tuple(of(wire) for wire in self.inputs),
+            wires=tuple(of(wire) for wire in self.wires),
+            states=tuple(replace(state, wire=of(state.wire)) for state in self.states),
+        )
+
+    def has_equations_of(self, other: Plant) -> bool:
+        """Return whether both differ at most in rests and full scales of their wires."""
+
+        def equations(plant: Plant) -> tuple[object, ...]:
+            states = [(state.name, state.rate, state.start) for state in plant.states]
+            return plant.chain, states, plant.projection, plant.outputs
+
+        return equations(self) == equations(other)
+
     def _on_wire(self, param: Param, wire_name: str) -> Param:
         if SIGNAL not in param.unit:
             return param

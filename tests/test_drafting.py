@@ -16,6 +16,7 @@ from servo_models.catalogue import actuators
 from servo_models.description import read_description
 from servo_models.drafting import draft
 from servo_models.drafting.columns import heading
+from servo_models.simulate import model, simulate
 
 
 @pytest.fixture
@@ -201,3 +202,48 @@ def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> 
         assert (code, err) == (0, "")
         (log,) = read_description(path).logs
         assert signals <= {*log.inputs, *log.outputs}
+
+
+@pytest.mark.parametrize("actuator_name", list(actuators()))
+def test_a_draft_writes_what_it_assumes_of_inputs_that_are_not_logged(
+    run: Run, tmp_path: Path, actuator_name: str
+) -> None:
+    """The supply that a simulation would take by default stands in the description as a value."""
+    found = actuators()[actuator_name]
+    main, size = found.step
+    times = np.linspace(0.0, 1.0, 200)
+    chosen = model(found)
+    response = simulate(chosen, times, {main: size})
+    output = found.plant.outputs[0]
+    wires = {name: found.plant.wire[name] for name in (main, output)}
+    table = pl.DataFrame({"t [s]": times, "u": response[main], "y": response[output]})
+    path = tmp_path / "log.csv"
+    table.rename({"u": f"{main} [{wires[main].unit}]"}).rename(
+        {"y": f"{output} [{wires[output].unit}]"}
+    ).write_csv(path)
+    rests = {w.name: w.rest for w in found.plant.inputs if w.rest and w.name != main}
+    assert run("check", path, "--init", "--actuator", actuator_name)[0] == 0
+    (log,) = read_description(path.with_suffix(".toml")).logs
+    assert {name: log.constants.get(name) for name in rests} == rests
+
+
+@pytest.mark.parametrize("cell", ["nan", "", "-", "inf"])
+def test_a_column_with_one_bad_cell_is_told(run: Run, csv: Path, cell: str) -> None:
+    rows = [line.split(",") for line in csv.read_text().splitlines()]
+    rows = [[*row, f"0.{i}"] for i, row in enumerate(rows)]
+    rows[0][-1] = "coil_current"
+    rows[17][-1] = cell
+    csv.write_text("\n".join(",".join(row) for row in rows))
+    code, out, _ = run("check", csv, "--init")
+    assert code == 1
+    assert "row 18, column 'coil_current'" in out
+    assert "column 'coil_current'" in csv.with_suffix(".toml").read_text()
+
+
+def test_a_column_of_words_is_no_warning(run: Run, csv: Path) -> None:
+    rows = csv.read_text().splitlines()
+    csv.write_text("\n".join([f"{rows[0]},state", *(f"{row},running" for row in rows[1:])]))
+    code, out, _ = run("check", csv, "--init")
+    assert code == 0
+    assert "Warning" not in out
+    assert '"state"' in csv.with_suffix(".toml").read_text()

@@ -253,10 +253,11 @@ def test_how_far_apart_the_servos_are_is_said_with_the_figures_of_the_table() ->
 
 def test_friction_of_the_smart_servo_holds_what_the_duty_cannot_move() -> None:
     run = smart_servo._run(smart_servo.FRICTION)
-    values = model("smart_servo", "xl330").values
+    chosen = model("smart_servo", "xl330")
+    values, supply = chosen.values, float(chosen.plant.wire["supply"].rest)
     assert run["rate"][-1] == 0.0
     assert abs(run["angle"][-1] - smart_servo.GOAL) > math.radians(1.0)
-    stalled = values["torque_constant"] * 7.4 * abs(run["duty"][-1]) / values["resistance"]
+    stalled = values["torque_constant"] * supply * abs(run["duty"][-1]) / values["resistance"]
     assert 0.0 < stalled < smart_servo.FRICTION
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from servo_models.catalogue import actuators
 from servo_models.errors import UserError
 from servo_models.simulate import Array, model, simulate
 
@@ -180,3 +181,25 @@ def test_a_run_that_explodes_says_where_and_what_to_do() -> None:
 def test_unknown_signal_of_a_result() -> None:
     with pytest.raises(UserError, match="did you mean 'angle'"):
         simulate(LINEAR, [0.0])["angel"]
+
+
+FIVE_TIMES, TWENTIETH = 5.0, 0.05
+"""A nominal value is an order of magnitude: how far a response may exceed it or stay below it."""
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [(a.name, v.name) for a in actuators().values() for v in a.variants]
+)
+def test_nominal_rates_are_those_of_a_step(name: str, variant: str) -> None:
+    """The full scale of a rate is the nominal value that a master's tolerance is taken from."""
+    chosen = model(name, variant)
+    times = np.linspace(0.0, chosen.stop_time, 2001)
+    command, size = chosen.actuator.step
+    response = simulate(chosen, times, {command: size})
+    rates = [w for w in map(chosen.plant.wire.get, chosen.plant.outputs) if w and "/s" in w.unit]
+    assert rates
+    for wire in rates:
+        if wire.name == "rate_reading":  # the range of a gyro
+            continue
+        peak = float(np.abs(response[wire.name]).max())
+        assert TWENTIETH * wire.scale < peak < FIVE_TIMES * wire.scale, wire.name

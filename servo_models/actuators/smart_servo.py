@@ -1,8 +1,9 @@
 """Smart servos with a position loop in their firmware: Dynamixel XL330, Feetech STS3215.
 
 The sets are nominal: two points of a data sheet (stall torque, no-load speed) make a DC
-motor with k = V / speed and R = k V / torque.  Friction, which no data sheet gives, decides
-how such a servo moves; identify it from logs.
+motor with k = V / speed and R = k V / torque.  Each variant rests at the supply of these
+points.  The inertia is that of the bare servo, its rotor behind the gears: add that of an arm.
+Friction, which no data sheet gives, decides how such a servo moves; identify it from logs.
 """
 
 from __future__ import annotations
@@ -48,11 +49,13 @@ from servo_models.plants.shaft_defaults import (
 )
 
 COUNT = 2.0 * math.pi / 4096.0
+XL330_VOLTS = 5.0  # recommended by its data sheet; stall torque and speed are given there
+STS3215_VOLTS = 7.4  # of the version whose stall torque and speed are used
 
 INPUTS = (
     Wire("goal", "rad", "goal angle", low=-50.0, high=50.0, display="deg"),
     Wire("enabled", "1", "1 motor on, 0 off", rest=1.0, low=0.0, high=1.0, flag=True),
-    Wire("supply", "V", "supply", scale=7.4, rest=7.4, low=0.0, high=30.0),
+    Wire("supply", "V", "supply", scale=XL330_VOLTS, rest=XL330_VOLTS, low=0.0, high=30.0),
     Wire("load_torque", "N.m", "load against positive motion", scale=0.5, low=-20.0, high=20.0),
 )
 WIRES = (
@@ -61,8 +64,14 @@ WIRES = (
     Wire("angle_reading", "rad", "angle as read by the encoder", display="deg"),
     Wire("error", "rad", "error of the position loop", display="deg"),
     Wire("duty", "1", "part of the supply on the motor"),
-    Wire("bridge_supply", "V", "supply of the bridge under load", scale=7.4, rest=7.4),
-    Wire("motor_voltage", "V", "mean voltage on the motor", scale=7.4),
+    Wire(
+        "bridge_supply",
+        "V",
+        "supply of the bridge under load",
+        scale=XL330_VOLTS,
+        rest=XL330_VOLTS,
+    ),
+    Wire("motor_voltage", "V", "mean voltage on the motor", scale=XL330_VOLTS),
     Wire("current", "A", "current of the motor", scale=1.5),
     Wire("friction", "N.m", "dry friction level", scale=0.5),
     Wire("load", "N.m", "load torque with all its parts", scale=0.5),
@@ -145,6 +154,10 @@ PLANT = Plant(
     projection=shaft_contact,
     outputs=("angle", "rate", "angle_reading", "duty", "current"),
 )
+STS3215_PLANT = PLANT.rated(
+    rests=dict.fromkeys(("supply", "bridge_supply"), STS3215_VOLTS),
+    scales=dict.fromkeys(("supply", "bridge_supply", "motor_voltage"), STS3215_VOLTS),
+)
 
 
 def dc_motor(voltage: float, stall_torque: float, no_load_speed: float) -> dict[str, float]:
@@ -168,36 +181,37 @@ UNCERTAIN = {
 ACTUATOR = Actuator(
     name="smart_servo",
     title="Smart servo with a position loop in firmware (XL330, STS3215)",
-    about="Goal in, angle out: P gain on encoder counts, duty, DC motor behind gears, an arm.",
+    about="Goal in, angle out: P gain on encoder counts, duty, DC motor behind gears.",
     source="Data sheets of ROBOTIS and Feetech; Duclusaud et al., Extended friction models, 2025",
     plant=PLANT,
     variants=(
         Variant(
             "xl330",
-            "Dynamixel XL330-M288 with an arm, without friction: a first guess",
+            "Dynamixel XL330-M288 at 5 V, bare and without friction: a first guess",
             {
                 **FIRMWARE,
-                **dc_motor(5.0, 0.52, 103.0 * RPM),
-                "inertia": 7.5e-3,
+                **dc_motor(XL330_VOLTS, 0.52, 103.0 * RPM),
+                "inertia": 2.6e-3,
                 "gain": 400.0,
                 "loop_factor": 4096.0 / (2.0 * math.pi) / (256.0 * 885.0),
             },
-            "ROBOTIS e-manual XL330-M288 at 5 V; loop and rotor inertia after Duclusaud et al.;"
-            " arm of 0.49 kg at 0.1 m",
+            "ROBOTIS e-manual XL330-M288 at 5 V: 0.52 N m, 103 rev/min; loop and geared rotor"
+            " (0.0020 to 0.0026 kg m2) after Duclusaud et al.",
             uncertainty=UNCERTAIN,
         ),
         Variant(
             "sts3215",
-            "Feetech STS3215 (7.4 V) with an arm, without friction: a first guess",
+            "Feetech STS3215 at 7.4 V, bare and without friction: a first guess",
             {
                 **FIRMWARE,
-                **dc_motor(7.4, 19.5 * 0.0980665, 52.0 * RPM),
-                "inertia": 0.03,
+                **dc_motor(STS3215_VOLTS, 19.5 * 0.0980665, 52.0 * RPM),
+                "inertia": 0.028,
                 "gain": 16.0,
                 "loop_factor": 0.166,
             },
-            "data sheet at 7.4 V: 19.5 kg cm, 52 rev/min; loop and rotor inertia after"
-            " Duclusaud et al.",
+            "data sheet at 7.4 V: 19.5 kg cm, 52 rev/min; loop and geared rotor (0.022 to"
+            " 0.028 kg m2) after Duclusaud et al.",
+            plant=STS3215_PLANT,
             uncertainty=UNCERTAIN,
         ),
     ),

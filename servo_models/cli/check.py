@@ -31,6 +31,8 @@ def check(
     """Check logs: sampling, readings, noise floor, and what they can and cannot determine.
 
     Exit code 0: usable, 1: usable with the warnings printed, 2: could not run.
+    With --init also 1 where the description has to be completed, or a column
+    of measurements cannot be used.
 
     Examples:
 
@@ -62,11 +64,14 @@ def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> in
     from servo_models.drafting import draft, write_draft
 
     path = out or file.with_suffix(".toml")
-    write_draft(draft(file, actuator), path)
+    made = draft(file, actuator)
+    write_draft(made, path)
     print(f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'")
+    for text in made.warnings:
+        print(f"Warning: {text}")
     try:
         read_description(path, trust)
     except UserError as error:
         print(f"It has to be completed first: {error}")
         return 1
-    return 0
+    return 1 if made.warnings else 0

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from servo_models.actuator import Actuator
+from servo_models.actuator import Actuator, Wire
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.catalogue import actuators
-from servo_models.drafting.columns import Column, columns_of
+from servo_models.drafting.columns import Column, LeftOut, columns_of
 from servo_models.drafting.guess import Match, matches, tells, time_of
 from servo_models.errors import UserError
 from servo_models.files import write_whole
@@ -36,6 +36,7 @@ class Draft:
         time: its column and unit, None if no column rises.
         matches: columns and their signals, all in the table of the time or an input's.
         unused: columns left over.
+        left_out: columns that are not numbers throughout.
     """
 
     path: Path
@@ -44,6 +45,12 @@ class Draft:
     time: tuple[Column, str] | None
     matches: tuple[Match, ...]
     unused: tuple[Column, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Columns that seem to be measured but cannot be used, one sentence each."""
+        return tuple(f"not used: {column.why}" for column in self.left_out if column.damaged)
 
     def text(self, folder: Path) -> str:
         """Return the description as TOML, to stand in ``folder``."""
@@ -61,14 +68,14 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
             columns that fit several equally well.
     """
-    columns = columns_of(path)
+    columns, left_out = columns_of(path)
     asked = [find_actuator(actuator)] if actuator else list(actuators().values())
     drafts = [_draft(path, columns, candidate, bool(actuator)) for candidate in asked]
     best = max(drafts, key=_score)
     if [_score(made) for made in drafts].count(_score(best)) > 1:
         names = ", ".join(candidate.name for candidate in asked)
         raise UserError(f"'{path}' does not tell what made it: give --actuator, one of {names}")
-    return best
+    return replace(best, left_out=tuple(left_out))
 
 
 def _score(made: Draft) -> float:
@@ -187,15 +194,33 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
 def _open_ends(made: Draft) -> Iterator[str]:
     plant = made.actuator.plant
     matched = [match.wire.name for match in made.matches]
-    missing = [wire.name for wire in plant.inputs if wire.name not in matched]
+    missing = [wire for wire in plant.inputs if wire.name not in matched]
+    main = made.actuator.step[0]
+    assumed = [wire for wire in missing if wire.rest and wire.name != main]
+    others = [wire.name for wire in missing if wire not in assumed]
     if not any(name in plant.outputs for name in matched):
         yield '# no column fits an output: write outputs.NAME = { column = "...", unit = "..." }'
     yield f"# outputs there are: {', '.join(plant.outputs)}"
-    if missing:
-        yield f"# at rest, or give them in constants = {{ ... }}: {', '.join(missing)}"
+    if assumed:
+        values = ", ".join(f"{wire.name} = {_resting(wire)}" for wire in assumed)
+        variant = made.actuator.default_variant
+        yield f"constants = {{ {values} }}  {CHECK}: those of variant '{variant}'"
+    if others:
+        yield f"# at rest, or give them in constants = {{ ... }}: {', '.join(others)}"
     if made.unused:
         left = [f"{c.key}{'' if c.moves else ' (constant)'}" for c in made.unused]
         yield f"# columns not used: {', '.join(left)}"
+    for column in made.left_out:
+        why = "".join(letter if letter.isprintable() else "?" for letter in column.why)
+        yield f"# column {_quoted(column.key)} is not numbers throughout and not used: {why}"
+
+
+def _resting(wire: Wire) -> str:
+    """The value at which an input rests, as TOML."""
+    if wire.flag:
+        return "true" if wire.rest else "false"
+    unit = wire.display or wire.unit
+    return _quoted(f"{float(wire.rest) * factor(wire.unit, unit):.6g} {unit}")
 
 
 def _quoted(value: str | int) -> str:

@@ -75,21 +75,41 @@ class Column:
         return bool(np.ptp(self.values))
 
 
-def columns_of(path: Path) -> list[Column]:
-    """Return the columns of a file that are numbers throughout, table by table.
+@dataclass(frozen=True)
+class LeftOut:
+    """A column that is not numbers throughout.
+
+    Attributes:
+        key, table: as of a ``Column``.
+        why: file, row and cell in words, with the cure.
+        damaged: most of its cells are numbers, so it was meant to be one of them.
+    """
+
+    key: str | int
+    table: str | None
+    why: str
+    damaged: bool
+
+
+def columns_of(path: Path) -> tuple[list[Column], list[LeftOut]]:
+    """Return the columns of a file that are numbers throughout, and the others, table by table.
 
     Raises:
-        UserError: see ``logs.read_columns``; or there is no such column.
+        UserError: see ``logs.read_columns``; or there is no column of numbers.
     """
-    found = [
-        column
+    every = [
+        _column(columns, place, table)
         for table, columns in _tables(path)
         for place in range(len(columns.names))
-        for column in _column(columns, place, table)
     ]
+    found = [column for column in every if isinstance(column, Column)]
+    left_out = [column for column in every if isinstance(column, LeftOut)]
     if not found:
-        raise UserError(f"'{path}' has no column of numbers throughout: repair one, then --init")
-    return found
+        why = next((f": {column.why}" for column in left_out if column.damaged), "")
+        raise UserError(
+            f"'{path}' has no column of numbers throughout: repair one, then --init{why}"
+        )
+    return found, left_out
 
 
 def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
@@ -111,15 +131,26 @@ def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
         yield None, every
 
 
-def _column(columns: Columns, place: int, table: str | None) -> Iterator[Column]:
+def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut:
     name = columns.names[place]
     key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
     try:
         values = columns.numbers(key)
-    except UserError:
-        return
+    except UserError as error:
+        return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))
     words, unit = heading(name)
-    yield Column(key, table, () if isinstance(key, int) and name.isdigit() else words, unit, values)
+    own = () if isinstance(key, int) and name.isdigit() else words
+    return Column(key, table, own, unit, values)
+
+
+def _is_mostly_numbers(columns: Columns, place: int) -> bool:
+    import polars as pl
+
+    cells = columns.cells[place]
+    if not (cells.dtype.is_numeric() or cells.dtype == pl.String):
+        return False
+    values = cells.cast(pl.Float64, strict=False)
+    return 2 * int(values.is_finite().sum()) > len(values)
 
 
 def heading(name: str) -> tuple[tuple[str, ...], str | None]:

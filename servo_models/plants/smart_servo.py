@@ -1,6 +1,6 @@
 """A smart servo: P loop in firmware on the counts of an encoder, DC motor, gears, arm.
 
-goal -> comparator -> duty -> bridge on the supply -> motor -> arm -> encoder -> back.
+goal -> comparator -> duty -> bridge on the supply -> motor -> shaft -> encoder -> back.
 The clock of the firmware is the effect sample_hold on the duty.
 """
 
@@ -16,7 +16,8 @@ BAM = "Duclusaud et al., Extended friction models, 2025"
 @block("shaft_inertia", "full_speed", "angle_unit")
 def arm(
     inertia: Annotated[
-        float, Param("kg.m2", "inertia of arm and geared rotor", low=1e-5, high=1.0)
+        float,
+        Param("kg.m2", "inertia of the geared rotor and of what it carries", low=1e-5, high=1.0),
     ],
 ) -> tuple[float, float, float]:
     """Inertia [kg m^2]; speed [rad/s] that friction parameters call full; angle in radians."""

@@ -48,6 +48,8 @@ from servo_models.plants.shaft_defaults import (
 )
 
 HALF_RANGE = math.radians(90.0)
+RATE = 10.0  # rad/s, of a real SG90: 60 degrees in 0.1 s
+PAPER_RATE = 0.5  # rad/s, of the servo that its paper prints
 
 INPUTS = (
     Wire(
@@ -65,19 +67,19 @@ INPUTS = (
 )
 WIRES = (
     Wire("angle", "rad", "angle of the output, 0 at 1.5 ms", scale=HALF_RANGE, display="deg"),
-    Wire("rate", "rad/s", "rate of the output", scale=0.5, display="deg/s"),
+    Wire("rate", "rad/s", "rate of the output", scale=RATE, display="deg/s"),
     Wire("command_voltage", "V", "voltage of the command", scale=0.6, rest=0.375),
     Wire("feedback_voltage", "V", "voltage of the potentiometer", scale=6.0, rest=3.75),
     Wire("motor_voltage", "V", "voltage on the motor", scale=5.0),
     Wire("loaded_voltage", "V", "motor voltage left after the load", scale=5.0),
     Wire("motor_speed", "rad/s", "speed of the motor", scale=670.0),
     Wire("angle_reading", "rad", "angle as tracked from outside", scale=HALF_RANGE, display="deg"),
-    Wire("rate_reading", "rad/s", "rate as read by a gyro", scale=10.0, display="deg/s"),
+    Wire("rate_reading", "rad/s", "rate as read by a gyro", scale=RATE, display="deg/s"),
     Wire("saturated", "1", "amplifier at its supply or motor at its top speed", flag=True),
     Wire("supply", "V", "supply under load", scale=5.0, rest=5.0),
     Wire("friction", "N.m", "dry friction level", scale=0.18),
     Wire("load", "N.m", "load torque with all its parts", scale=0.18),
-    Wire("load_rate", "rad/s", "rate behind the compliance", scale=0.5),
+    Wire("load_rate", "rad/s", "rate behind the compliance", scale=RATE),
     Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", scale=1e3),
     Wire("shaft_inertia", "kg.m2", "accelerated inertia", scale=5e-3),
     Wire("travel", "rad", "half range of the output", scale=HALF_RANGE, display="deg"),
@@ -201,6 +203,8 @@ PLANT = Plant(
     outputs=OUTPUTS,
 )
 
+PAPER_PLANT = PLANT.rated(scales=dict.fromkeys(("rate", "load_rate"), PAPER_RATE))
+
 _SHAFT_ONLY = ("load_inertia", "end_stops", "load_friction")
 OSCILLATORY_PLANT = Plant(
     inputs=INPUTS,
@@ -223,4 +227,4 @@ OSCILLATORY_PLANT = Plant(
         *SECOND_MASS,
     ),
     outputs=OUTPUTS,
-)
+).rated(scales=dict.fromkeys(("rate", "load_rate"), PAPER_RATE))

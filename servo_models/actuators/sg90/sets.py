@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from servo_models.actuator import Variant
-from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT
+from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT
 
 TIME_CONSTANT = 1.0 / 1.307
 DYNAMIC_GAIN = 633.3 / 1.307
@@ -68,6 +68,7 @@ def published() -> tuple[Variant, ...]:
                         f"{about}; K_f = {k_f:g}, {amplifier} amplifier gain {gain:g}",
                         {**values, "amplifier_gain": gain, "feedback_coefficient": k_f},
                         "SG90 paper secs. 4 to 6, eq. 7",
+                        plant=PAPER_PLANT,
                         warning=SLOW,
                     )
                 )

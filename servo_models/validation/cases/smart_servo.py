@@ -8,9 +8,9 @@ from servo_models.reference.smart_servo import SmartServo
 from servo_models.validation.cases import Case, grid, schedule
 
 CLOSED = "closed form from tick to tick, with located reversals"
-XL330 = SmartServo(400.0 * 4096.0 / math.tau / (256.0 * 885.0), 5.0, 0.52, 103.0, 7.5e-3)
-STS3215 = SmartServo(16.0 * 0.166, 7.4, 19.5 * 0.0980665, 52.0, 0.03)
-DRY = SmartServo(XL330.stiffness, 5.0, 0.52, 103.0, 7.5e-3, coulomb=0.05)
+XL330 = SmartServo(400.0 * 4096.0 / math.tau / (256.0 * 885.0), 5.0, 0.52, 103.0, 2.6e-3)
+STS3215 = SmartServo(16.0 * 0.166, 7.4, 19.5 * 0.0980665, 52.0, 0.028)
+DRY = SmartServo(XL330.stiffness, 5.0, 0.52, 103.0, 2.6e-3, coulomb=0.05)
 
 
 def cases() -> list[Case]:
@@ -19,7 +19,7 @@ def cases() -> list[Case]:
     work = {
         "goal": schedule(odd, (0.0, 0.0), (0.1, 0.8), (0.7, -0.3)),
         "enabled": schedule(odd, (0.0, 1.0), (0.75, 0.0), (0.95, 1.0)),
-        "supply": schedule(odd, (0.0, 7.4), (0.3, 6.1)),
+        "supply": schedule(odd, (0.0, 5.0), (0.3, 4.1)),
         "load_torque": schedule(odd, (0.0, 0.0), (0.5, 0.12), (1.2, -0.1)),
     }
     step = {"goal": 0.3}
