@@ -13,6 +13,7 @@ from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, Group, Reach, excitation
 from servo_models.explain import display_unit, in_display_unit
 from servo_models.identification.problem import free_names
+from servo_models.plausibility import implausible
 from servo_models.sheets import Sheet, Table
 from servo_models.units import factor
 
@@ -32,7 +33,8 @@ NOTHING = 1e-6
 class Check:
     """Audits of the logs of a description, noise floors [SI] and what the logs can determine.
 
-    ``asked`` are the parameters that the description frees or gives an uncertainty.
+    ``asked`` are the parameters that the description frees or gives an uncertainty;
+    ``implausible`` says what makes no sense beside the actuator, one sentence each.
     """
 
     description: Description
@@ -40,6 +42,7 @@ class Check:
     floors: dict[str, float]
     excitation: Excitation
     asked: tuple[str, ...]
+    implausible: tuple[str, ...] = ()
 
     @property
     def plant(self) -> Plant:
@@ -48,7 +51,8 @@ class Check:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is serious, one sentence each."""
-        said = [f"log '{a.log.name}': {text}" for a in self.audits for text in a.warnings]
+        said = list(self.implausible)
+        said += [f"log '{a.log.name}': {text}" for a in self.audits for text in a.warnings]
         free = free_names(self.plant, self.description.free)
         every = (*self.excitation.parameters, *self.excitation.effects)
         if all(reach.moves < NOTHING for reach in every):
@@ -78,11 +82,15 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     audits = tuple(audit(log, plant) for log in description.logs)
     floors = noise_floors(audits)
     free = free_names(plant, description.free)
-    found = excitation(
-        description.model, description.logs, floors, free, description.uncertainty, jobs
-    )
+    odd = implausible(description)
+    try:
+        found = excitation(
+            description.model, description.logs, floors, free, description.uncertainty, jobs
+        )
+    except UserError as error:
+        raise UserError("; ".join([str(error), *odd])) from error
     asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
-    return Check(description, audits, floors, found, asked)
+    return Check(description, audits, floors, found, asked, odd)
 
 
 def check_sheet(found: Check) -> Sheet:

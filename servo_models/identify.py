@@ -42,6 +42,7 @@ class Outcome:
         parameters: for a parameter file; None where nothing became a parameter.
         page: makes the report of a date.
         converged: False for a search that was stopped, or has not found a best value.
+        believable: False where it says itself that values are not to be believed.
     """
 
     result: Any
@@ -49,6 +50,7 @@ class Outcome:
     parameters: ParameterSet | None
     page: Callable[[str], str] = field(repr=False)
     converged: bool = True
+    believable: bool = True
 
     def write_report(self, path: Path) -> None:
         """Write the report as one HTML file.
@@ -153,6 +155,7 @@ def _by_simulation(told: Description, found: Identification) -> Outcome:
         parameters=_of_simulation(found),
         page=page,
         converged=found.converged,
+        believable=found.believable,
     )
 
 
@@ -193,7 +196,15 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
     parameters = constants and _of_tables(told, constants, method, files, found.warnings)
-    return Outcome(found, table, parameters or None, page, converged=not found.interrupted)
+    physical = found.constants.constants.values() if found.constants else ()
+    return Outcome(
+        found,
+        table,
+        parameters or None,
+        page,
+        converged=not found.interrupted,
+        believable=all(constant.determined for constant in physical),
+    )
 
 
 def _by_elements(told: Description) -> Outcome:

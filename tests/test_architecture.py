@@ -26,7 +26,7 @@ LAYERS = (
     "linearise",
     "sine_test",
     "validation parameter_sheet description figures",
-    "transfer elements diagnosis",
+    "transfer elements diagnosis plausibility",
     "report formats figures_sheet",
     "validate pictures transfer_pictures synthesis_pictures check",
     "demonstration identify diagnose",

@@ -13,6 +13,7 @@ import numpy as np
 
 from servo_models.actuator import Plant
 from servo_models.audit.doubts import doubts
+from servo_models.audit.outliers import about_outliers
 from servo_models.audit.sampling import Gap, Sampling, sampling
 from servo_models.audit.signals import Command, Floor, Reading, read_input, read_output
 from servo_models.recording import Log
@@ -27,18 +28,23 @@ NO_NOISE = "millionth of the range, no noise"
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """What a log is worth; ``at_rest`` is the share of samples in which nothing moves."""
+    """What a log is worth.
+
+    ``at_rest`` is the share of samples in which nothing moves; ``outliers`` names single readings
+    far from their neighbours, one sentence an output.
+    """
 
     log: Log
     sampling: Sampling
     commands: tuple[Command, ...]
     readings: tuple[Reading, ...]
     at_rest: float
+    outliers: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the log doubtful, one sentence each with its cure."""
-        return doubts(self.sampling, self.commands, self.readings)
+        return (*self.outliers, *doubts(self.sampling, self.commands, self.readings))
 
 
 def audit(log: Log, plant: Plant) -> Audit:
@@ -49,7 +55,8 @@ def audit(log: Log, plant: Plant) -> Audit:
     clock = sampling(log)
     readings = tuple(read_output(log, plant.wire[name]) for name in log.outputs)
     commands = tuple(read_input(log, plant.wire[name], clock.step, readings) for name in log.inputs)
-    return Audit(log, clock, commands, readings, _at_rest(log, readings))
+    odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
+    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:

@@ -10,7 +10,7 @@ import typer
 from servo_models.cli.options import Trust, check_outputs
 from servo_models.errors import UserError
 
-NOT_CONVERGED = 1
+NOT_BELIEVABLE = 1
 
 
 def identify(
@@ -54,8 +54,9 @@ def identify(
 
     servo-models identify mine.toml --free torque_constant,coulomb_friction --search global
 
-    Ctrl-C ends the search and keeps the best values so far; exit code 1 then,
-    or where a search did not converge.
+    Ctrl-C ends the search and keeps the best values so far. Exit code 1 then,
+    where a search did not converge, or where a warning says that values are not
+    to be believed; 2 where it could not run.
     """
     from servo_models.cli.console import progress, show
     from servo_models.description import read_description
@@ -83,4 +84,4 @@ def identify(
         raise UserError(
             f"'{out}' is not written: no parameter of this actuator was found this way, see above"
         )
-    return 0 if found.converged else NOT_CONVERGED
+    return 0 if found.converged and found.believable else NOT_BELIEVABLE

@@ -13,6 +13,7 @@ from servo_models.bounds import is_outside, outside
 from servo_models.description.clock import Clock, column_key, cut_window, read_clock, time_table
 from servo_models.description.held_out import held_out, skipped
 from servo_models.description.values import named, quantity, setting
+from servo_models.drafting.guess import other_units
 from servo_models.errors import UserError
 from servo_models.logs import Columns
 from servo_models.recording import Array, Channel, Log, regular
@@ -204,9 +205,20 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
         place = own.columns.where(mapped.column, int(own.rows[bad[0]]))
         raise UserError(
             f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
-            " column's unit and scale"
+            f" column's unit and scale{_unit_inside(mapped, values[held], wire)}"
         )
     return values[held]
+
+
+def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
+    """A unit in which all values [SI] of a column would be inside the bounds, as a clause."""
+    told = mapped.channel.unit.split(" ", 1)[-1]
+    units = [
+        unit
+        for unit, ratio in other_units(wire.unit, told)
+        if not is_outside(ratio * values, wire).any()
+    ]
+    return f": in {units[0]} it would fit" if units else ""
 
 
 def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from servo_models.actuator import Actuator, Wire
 from servo_models.audit.sensor import difference_noise
 from servo_models.drafting.columns import Column
+from servo_models.errors import UserError
 from servo_models.units import exponents, factor
 
 TIME = {"t", "time", "times", "timestamp", "stamp", "zeit", "temps", "clock"}
@@ -37,6 +38,8 @@ CHOICES = {
     "V": ("V", "mV"),
     "A": ("A", "mA"),
     "N.m": ("N.m", "mN.m"),
+    "N": ("N", "mN"),
+    "1": ("1", "%"),
 }
 """Units in which a quantity may have been written where its column does not tell."""
 SIDE = 4.0
@@ -172,6 +175,18 @@ def _near_rest(wire: Wire, column: Column, unit: str) -> bool:
         return True
     away = column.values * factor(unit, wire.unit) - wire.rest
     return bool(np.abs(away).max() <= NEIGHBOURHOOD * wire.scale)
+
+
+def other_units(unit: str, told: str) -> list[tuple[str, float]]:
+    """Return other units than ``told`` in which signals of the SI unit ``unit`` are written.
+
+    Each comes with the factor by which it changes what was read in ``told``.
+    """
+    try:
+        factors = [(other, factor(other, told)) for other in CHOICES.get(unit, ())]
+    except UserError:
+        return []
+    return [(other, ratio) for other, ratio in factors if not math.isclose(ratio, 1.0)]
 
 
 def _calm(column: Column) -> tuple[float, float]:

@@ -119,6 +119,17 @@ def doubt(free: Free, value: float, error: float) -> str:
     return NOT_DETERMINED if error > UNDETERMINED * abs(value) else ""
 
 
+def is_believable(free: Sequence[Free], values: Array, found: Spread) -> bool:
+    """Return whether no estimate [SI] is one that ``warnings`` says not to believe.
+
+    One that is known from its prior only still is what was believed before.
+    """
+    doubts = [doubt(*row) for row in zip(free, values.tolist(), found.standard_errors.tolist())]
+    determined = all(text in ("", FROM_PRIOR) for text in doubts)
+    apart = not _alike([one.name for one in free], found.correlations)
+    return determined and apart and found.condition <= ILL_CONDITIONED
+
+
 def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
     """Return in words what makes an estimate doubtful, each with its cure."""
     said: list[str] = []

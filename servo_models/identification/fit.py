@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import unknown
+from servo_models.audit.outliers import about_outliers
 from servo_models.audit.signals import FLAG
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.beginning import false_starts
-from servo_models.identification.estimate import spread, warnings
+from servo_models.identification.estimate import is_believable, spread, warnings
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, search
@@ -80,10 +81,13 @@ def fit(
         if progress:
             progress("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector, found.widths)
-    said = false_starts(problem.runs, values) + warnings(problem, found.vector, uncertainty)
-    said += _ending(found, kind, starts)
+    odd = _outliers(model, logs)
+    said = [*odd, *false_starts(problem.runs, values)]
+    said += warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
+    numbers = np.array(list(values.values()))
+    believable = not odd and is_believable(problem.free, numbers, uncertainty)
     fitted = replace(model, values={**model.values, **values})
-    return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
+    return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said, believable)
 
 
 def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -> None:
@@ -110,6 +114,16 @@ def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
     """Return those of some parameters that every log that is fitted states as a constant."""
     fitted = [log for log in logs if log.fitted.any()]
     return tuple(name for name in names if fitted and all(name in log.constants for log in fitted))
+
+
+def _outliers(model: Model, logs: Sequence[Log]) -> list[str]:
+    """Sentences on single readings that pull a fit."""
+    return [
+        f"log '{log.name}': {text}"
+        for log in logs
+        for name in log.outputs
+        for text in about_outliers(log, model.plant.wire[name])
+    ]
 
 
 def _check_inputs(model: Model, logs: Sequence[Log]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.errors import UserError
 from servo_models.identification.estimate import Spread
 from servo_models.identification.problem import Free, Problem
 from servo_models.identification.search import Found
@@ -59,6 +60,8 @@ class Identification:
         before, after: simulated outputs by log, SI by name.
         method: in words.
         warnings: in words, each with its cure.
+        believable: False where a warning says that an estimate is not to be believed, or names
+            outliers.
         converged, interrupted: how the search ended.
         costs: where every start ended, best first.
         evaluations: simulations of all logs.
@@ -78,6 +81,7 @@ class Identification:
     after: Sequence[dict[str, Array]]
     method: str
     warnings: Sequence[str]
+    believable: bool
     converged: bool
     interrupted: bool
     costs: Sequence[float]
@@ -141,9 +145,22 @@ def conclude(
     before: Sequence[dict[str, Array]],
     method: str,
     warnings: Sequence[str],
+    believable: bool,
 ) -> Identification:
-    """Put together what a search and its uncertainty have found."""
+    """Put together what a search and its uncertainty have found.
+
+    Raises:
+        UserError: the fitted model leaves the finite numbers, or its RMS error does.
+    """
     after = problem.responses(found.vector)
+    rows = accuracy(problem.logs, before, after)
+    for row in rows:
+        if not np.isfinite(row.after):
+            raise UserError(
+                f"log '{row.log}', {row.part}: the RMS error of '{row.output}' is {row.after} after"
+                " the fit, so the fitted model runs away there: free fewer parameters, give"
+                " them bounds or priors, or correct the column"
+            )
     return Identification(
         nominal=problem.model,
         fitted=fitted,
@@ -154,11 +171,12 @@ def conclude(
         correlations=spread.correlations,
         condition=spread.condition,
         sigma=dict(problem.sigma),
-        accuracy=accuracy(problem.logs, before, after),
+        accuracy=rows,
         before=before,
         after=after,
         method=method,
         warnings=warnings,
+        believable=believable,
         converged=found.converged,
         interrupted=found.interrupted,
         costs=found.costs,

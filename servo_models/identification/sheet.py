@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from servo_models.explain import display_scale, display_unit, in_display_unit
 from servo_models.identification.estimate import doubt
 from servo_models.identification.result import Accuracy, Identification
@@ -10,6 +12,7 @@ from servo_models.units import factor
 
 PARAMETERS = ("parameter", "before", "estimate", "+-", "unit", "")
 ACCURACY = ("log", "output", "part", "RMS before", "RMS after", "unit", "fit %")
+RUNS_AWAY = "runs away"
 IN_FILE = "after, in numbers of the file"
 
 
@@ -68,7 +71,7 @@ def _accuracy(found: Identification, row: Accuracy) -> tuple[str, ...]:
         row.log,
         row.output,
         row.part,
-        f"{row.before * scale:.4g}",
+        f"{row.before * scale:.4g}" if isfinite(row.before) else RUNS_AWAY,
         f"{row.after * scale:.4g}",
         unit,
         f"{row.fit:.2f}",
