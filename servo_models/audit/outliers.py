@@ -8,7 +8,7 @@ import numpy as np
 
 from servo_models.actuator import Wire
 from servo_models.audit.sensor import reading_step
-from servo_models.recording import Array, Log
+from servo_models.recording import Array, Log, Mask
 from servo_models.units import factor
 
 WINDOW = 5
@@ -18,6 +18,10 @@ APART = 5.0
 LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
 MOST = 0.005
 """Share of the readings that may be outliers: more of them belong to the signal."""
+JUMP = 0.1  # of its range: a command that moves so far between two samples excuses a peak
+SMOOTH = 0.02  # of its range: an input that moves so far between most samples is noise
+BEFORE, AFTER = 2, 5
+"""Samples before and after such a jump at which a peak is an answer; stamps may be late."""
 NAMED = 3
 """Outliers of an output that a sentence names."""
 
@@ -29,7 +33,7 @@ class Outlier(NamedTuple):
     size: float
 
 
-def outliers(values: Array) -> Array:
+def outliers(values: Array, excused: Mask | None = None) -> Array:
     """Return by how much outliers lie off the running median, 0 for all other readings.
 
     Edges and ramps pass a median of five unharmed (Tukey, Exploratory Data Analysis, 1977,
@@ -37,6 +41,7 @@ def outliers(values: Array) -> Array:
 
     Args:
         values: readings in the order of time, shape (n,).
+        excused: where a peak is none, shape (n,).
 
     Returns:
         Distances with their sign, shape (n,).
@@ -46,6 +51,8 @@ def outliers(values: Array) -> Array:
         return off
     ends = np.pad(values, WINDOW // 2, mode="edge")
     off = values - np.median(np.lib.stride_tricks.sliding_window_view(ends, WINDOW), axis=1)
+    if excused is not None:
+        off[excused] = 0.0
     sizes = np.sort(np.abs(off))[::-1]
     most = min(max(NAMED, int(MOST * len(values))), len(values) - 1)
     low, high = np.percentile(values, [1.0, 99.0])
@@ -56,13 +63,29 @@ def outliers(values: Array) -> Array:
 
 
 def outliers_of(log: Log, wire: Wire) -> tuple[Outlier, ...]:
-    """Return the outliers of an output that a fit would see, the largest first."""
+    """Return the outliers of an output that a fit would see, the largest first.
+
+    A peak beside a jump of a command is its answer.
+    """
     if wire.flag:
         return ()
-    off = outliers(log.outputs[wire.name])
-    found = [int(i) for i in np.flatnonzero(off) if log.fitted[i]]
+    off = outliers(log.outputs[wire.name], _answering(log))
+    found = [int(i) for i in np.flatnonzero((off != 0.0) & log.fitted)]
     found.sort(key=lambda i: -abs(off[i]))
     return tuple(Outlier(int(log.rows[i]), float(off[i])) for i in found)
+
+
+def _answering(log: Log) -> Mask:
+    """Mark samples beside a jump of a command."""
+    marked = np.zeros(len(log.times), dtype=bool)
+    for values in log.inputs.values():
+        moves = np.abs(np.diff(values))
+        if np.median(moves) > SMOOTH * np.ptp(values):
+            continue
+        jumps = np.flatnonzero(moves > JUMP * np.ptp(values)) + 1
+        for shift in range(-BEFORE, AFTER + 1):
+            marked[np.clip(jumps + shift, 0, len(marked) - 1)] = True
+    return marked
 
 
 def about_outliers(log: Log, wire: Wire) -> list[str]:

@@ -122,9 +122,11 @@ def doubt(free: Free, value: float, error: float) -> str:
 def is_believable(free: Sequence[Free], values: Array, found: Spread) -> bool:
     """Return whether no estimate [SI] is one that ``warnings`` says not to believe.
 
-    One that is known from its prior only still is what was believed before.
+    One that is known from its prior only still is what was believed before, and an effect that
+    ends at 0 is found not to be needed.
     """
-    doubts = [doubt(*row) for row in zip(free, values.tolist(), found.standard_errors.tolist())]
+    rows = zip(free, values.tolist(), found.standard_errors.tolist())
+    doubts = [doubt(*row) for row in rows if row[1] != 0.0 or not np.isnan(row[2])]
     determined = all(text in ("", FROM_PRIOR) for text in doubts)
     apart = not _alike([one.name for one in free], found.correlations)
     return determined and apart and found.condition <= ILL_CONDITIONED

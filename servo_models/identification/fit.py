@@ -160,7 +160,8 @@ def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Fo
             if name in log.outputs and log.fitted.any()
         ]
         if errors:
-            rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+            with np.errstate(over="ignore"):  # an infinite one is refused in the end
+                rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
             flag = problem.model.plant.wire[name].flag
             least = FLAG if flag else 1e-12 * problem.sigma[name]  # a flag may be met exactly
             problem.sigma[name] = max(rms, least)

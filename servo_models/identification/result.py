@@ -134,7 +134,8 @@ def _row(
 
 
 def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2)))
+    with np.errstate(over="ignore"):  # an infinite one is refused with its log and output
+        return float(np.sqrt(np.mean(error**2)))
 
 
 def conclude(
