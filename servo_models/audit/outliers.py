@@ -18,8 +18,8 @@ APART = 5.0
 LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
 MOST = 0.005
 """Share of the readings that may be outliers: more of them belong to the signal."""
-JUMP = 0.1  # of its range: a command that moves so far between two samples excuses a peak
-SMOOTH = 0.02  # of its range: an input that moves so far between most samples is noise
+JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
+SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
 BEFORE, AFTER = 2, 5
 """Samples before and after such a jump at which a peak is an answer; stamps may be late."""
 NAMED = 3
