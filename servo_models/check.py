@@ -13,7 +13,7 @@ from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, Group, Reach, excitation
 from servo_models.explain import display_unit, in_display_unit
 from servo_models.identification.problem import free_names
-from servo_models.plausibility import implausible
+from servo_models.plausibility import implausible, implausible_clocks
 from servo_models.sheets import Sheet, Table
 from servo_models.units import factor
 
@@ -34,7 +34,8 @@ class Check:
     """Audits of the logs of a description, noise floors [SI] and what the logs can determine.
 
     ``asked`` are the parameters that the description frees or gives an uncertainty;
-    ``implausible`` says what makes no sense beside the actuator, one sentence each.
+    ``implausible`` says what makes no sense beside the actuator, one sentence each; where that is
+    the time, nothing was simulated and ``excitation`` is empty.
     """
 
     description: Description
@@ -55,7 +56,7 @@ class Check:
         said += [f"log '{a.log.name}': {text}" for a in self.audits for text in a.warnings]
         free = free_names(self.plant, self.description.free)
         every = (*self.excitation.parameters, *self.excitation.effects)
-        if all(reach.moves < NOTHING for reach in every):
+        if every and all(reach.moves < NOTHING for reach in every):
             said.append(
                 "the model does not move on these logs: check scale and offset of the inputs, and"
                 " its parameters"
@@ -82,6 +83,10 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     audits = tuple(audit(log, plant) for log in description.logs)
     floors = noise_floors(audits)
     free = free_names(plant, description.free)
+    asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
+    clocks = implausible_clocks(description)
+    if clocks:  # a simulation would be as long as the times are wrong
+        return Check(description, audits, floors, Excitation((), (), (), ()), asked, clocks)
     odd = implausible(description)
     try:
         found = excitation(
@@ -89,19 +94,18 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         )
     except UserError as error:
         raise UserError("; ".join([str(error), *odd])) from error
-    asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
     return Check(description, audits, floors, found, asked, odd)
 
 
 def check_sheet(found: Check) -> Sheet:
     """Return a check as a sheet, in the units that a person reads."""
-    effects = tuple(_effects(found))
+    effects = [Table(EFFECTS, ("", ""), tuple(_effects(found)))] if found.excitation.effects else []
     logs = [table for each in found.audits for table in _log_tables(each, found.plant)]
     told = found.description
     return Sheet(
         f"{told.path}: {told.actuator.name}, variant {told.variant}",
         tuple(f"Warning: {text}." for text in found.warnings),
-        (*logs, *_parameter_tables(found), Table(EFFECTS, ("", ""), effects)),
+        (*logs, *_parameter_tables(found), *effects),
     )
 
 

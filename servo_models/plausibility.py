@@ -55,6 +55,9 @@ MOST_LOAD = 5.0
 """Full scales of a constant load: several times what stalls the actuator."""
 MOST_PRIOR = 3.0
 """Standard deviation over a positive value: more says less than no prior."""
+MOST_INTERVAL = 2.0
+"""Sampling interval over the time of an answer, from which a log shows only where it ends."""
+LEAST_DURATION = 0.1  # of the time of an answer
 ANSWERED = 0.05
 """Distance from its end, relative to the whole, at which a step response has been answered."""
 GRID = 1001  # points of a step response; its time is needed to a percent
@@ -87,11 +90,44 @@ def implausible(described: Description) -> tuple[str, ...]:
     """
     model = described.model
     said = list(_about_priors(described))
-    answer = _answer_time(model)
+    answer = answer_time(model)
     for log in described.logs:
         texts = [*_about_held_inputs(model, log), *_about_units(model, log, answer)]
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
+
+
+def implausible_clocks(described: Description) -> tuple[str, ...]:
+    """Return which logs are no match for the time in which the actuator answers a step.
+
+    Nothing of the log is simulated, so that it is told before days of simulation begin.
+    """
+    answer = answer_time(described.model)
+    return tuple(
+        f"log '{log.name}': {text}"
+        for log in described.logs
+        for text in _about_clock(described.model, log, answer)
+    )
+
+
+def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
+    interval = float(np.median(np.diff(log.times)))
+    slow, short = interval > MOST_INTERVAL * answer, log.duration < LEAST_DURATION * answer
+    if not (slow or short):
+        return
+    units = [
+        unit
+        for unit, ratio in other_units("s", _unit_of(_channel(log, TIME)))
+        if ratio * interval <= answer and ratio * log.duration >= answer
+    ]
+    lasts = f"is sampled every {interval:.3g} s" if slow else f"lasts {log.duration:.3g} s"
+    cure = "no sample shows how it moves: log faster" if slow else "log longer"
+    if units:
+        cure = f'{units[0]} would make sense: give it time.unit = "{units[0]}"'
+    yield (
+        f"{_column(log, TIME)} is read in {_unit_of(_channel(log, TIME))}, so the log {lasts},"
+        f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}"
+    )
 
 
 # Priors
@@ -184,9 +220,9 @@ def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
             found.append((_mean(then), _strangeness(model.plant, changed), correction))
     if not found:
         return
+    found = [row for row in found if row[2].unit] or found  # a unit is a better cure than a figure
     least = min(misfit for misfit, *_ in found)
     alike = [row for row in found if row[0] <= least + CLOSE]
-    alike = [row for row in alike if row[2].unit] or alike  # a unit is a better cure than a figure
     alike.sort(key=lambda row: row[1])
     yield _sentence(log, [correction for *_, correction in alike])
 
@@ -396,7 +432,7 @@ def _mean(misfits: Mapping[str, float]) -> float:
     return float(np.mean(list(misfits.values())))
 
 
-def _answer_time(model: Model) -> float:
+def answer_time(model: Model) -> float:
     """Time [s] in which the first output answers the standard step; that of its run at most."""
     name, size = model.actuator.step
     times = np.linspace(0.0, model.stop_time, GRID)

@@ -13,7 +13,7 @@ from plausible_logs import described, misread, mistakes, sane, with_outputs
 from servo_models.audit.outliers import outliers, outliers_of
 from servo_models.bounds import is_outside
 from servo_models.description import read_description
-from servo_models.plausibility import implausible
+from servo_models.plausibility import implausible, implausible_clocks
 from servo_models.recording import Log
 from servo_models.simulate import Model, model, simulate
 
@@ -23,8 +23,6 @@ SUBJECTS = [
     ("linear_drive", "simple"),
     ("smart_servo", "xl330"),
 ]
-MOST_STEPS = 3e6
-"""Internal steps of a log; more are refused elsewhere."""
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
@@ -33,11 +31,16 @@ def names(said: str, signal: str, unit: str) -> bool:
     return f"'c_{signal}'" in said and (f'"{unit}"' in said or f"read in {unit} it" in said)
 
 
+def doubts(chosen: Model, log: Log) -> tuple[str, ...]:
+    """What ``check`` says of a log's units; it simulates nothing where the time makes no sense."""
+    told = described(chosen, log)
+    return implausible_clocks(told) or implausible(told)
+
+
 def is_refused(chosen: Model, log: Log) -> bool:
     """Whether a description of it is refused, which names the row and the bounds."""
     wires = chosen.plant.wire
-    beyond = any(is_outside(values, wires[name]).any() for name, values in log.inputs.items())
-    return beyond or log.duration > MOST_STEPS * chosen.values["internal_step"]
+    return any(is_outside(values, wires[name]).any() for name, values in log.inputs.items())
 
 
 @pytest.mark.parametrize(("name", "variant"), SUBJECTS)
@@ -45,12 +48,12 @@ def test_every_column_in_another_unit_is_named_with_its_unit(name: str, variant:
     """Rigs that differ from the nominal model by up to 20 %; seeds that nothing was tuned on."""
     chosen, every = sane(name, variant, 101)
     log = with_outputs(every, list(every.outputs)[:2])
-    assert implausible(described(chosen, log)) == ()
+    assert doubts(chosen, log) == ()
     found = []
     for wrong in mistakes(chosen, log):
         changed = misread(log, wrong)
         if not is_refused(chosen, changed):
-            said = " ".join(implausible(described(chosen, changed)))
+            said = " ".join(doubts(chosen, changed))
             found.append((names(said, wrong.signal, wrong.written), wrong, said))
     assert len(found) > 4
     assert [row for row in found if not row[0]] == []
@@ -83,7 +86,8 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
 
 @pytest.mark.parametrize("name", ["two_csv_files", "torque_motor"])
 def test_examples_make_sense(name: str) -> None:
-    assert implausible(read_description(EXAMPLES / name / "description.toml")) == ()
+    told = read_description(EXAMPLES / name / "description.toml")
+    assert (*implausible_clocks(told), *implausible(told)) == ()
 
 
 @pytest.mark.parametrize(
@@ -97,7 +101,8 @@ def test_real_logs_make_sense(path: Path, logs_folder: Path, tmp_path: Path) -> 
     for folder in ('"../logs/', '"logs/'):
         text = text.replace(folder, f'"{logs_folder.as_posix()}/')
     (tmp_path / path.name).write_text(text, encoding="utf-8")
-    assert implausible(read_description(tmp_path / path.name)) == ()
+    told = read_description(tmp_path / path.name)
+    assert (*implausible_clocks(told), *implausible(told)) == ()
 
 
 # On the command line
@@ -162,6 +167,21 @@ def test_check_says_what_would_make_sense_and_exits_1(
     code, out, err = run("check", record(tmp_path, **wrong))
     assert (code, err) == (1, "")
     assert cure in " ".join(out.split())
+
+
+@pytest.mark.parametrize(("told", "written"), [("s", "ms"), ("us", "ms"), ("us", "s")])
+def test_a_wrong_unit_of_time_is_told_before_anything_is_simulated(
+    run: Run, tmp_path: Path, told: str, written: str
+) -> None:
+    path = record(tmp_path)
+    table = np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1)
+    table[:, 0] *= {"s": 1.0, "ms": 1e3}[written]
+    np.savetxt(tmp_path / "log.csv", table, "%.9g", delimiter=",", header="t,u,y", comments="")
+    path.write_text(path.read_text().replace('"t", unit = "s"', f'"t", unit = "{told}"'))
+    code, out, err = run("check", path)
+    assert (code, err) == (1, "")
+    assert f'time.unit = "{written}"' in " ".join(out.split())
+    assert "standard error" not in out
 
 
 def test_a_command_beyond_its_bounds_is_refused_with_a_unit_that_fits(

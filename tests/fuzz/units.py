@@ -15,10 +15,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from plausible_logs import described, misread, mistakes, sane, with_outputs
-from test_plausibility import is_refused, names
-
-from servo_models.plausibility import implausible
+from plausible_logs import misread, mistakes, sane, with_outputs
+from test_plausibility import doubts, is_refused, names
 
 SUBJECTS = (
     ("sg90", "measured"),
@@ -48,7 +46,7 @@ def main() -> None:
             some = random.choice(outputs, random.integers(1, len(outputs) + 1), replace=False)
             log = with_outputs(every, sorted(map(str, some)))
             count["sane logs"] += 1
-            doubted = implausible(described(chosen, log))
+            doubted = doubts(chosen, log)
             count["sane logs doubted"] += bool(doubted)
             for wrong in mistakes(chosen, log):
                 changed = misread(log, wrong)
@@ -56,7 +54,7 @@ def main() -> None:
                     count["refused with the row"] += 1
                     continue
                 count["misread"] += 1
-                said = " ".join(implausible(described(chosen, changed)))
+                said = " ".join(doubts(chosen, changed))
                 if names(said, wrong.signal, wrong.written):
                     count["named with the unit"] += 1
                 else:
