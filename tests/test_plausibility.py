@@ -79,7 +79,7 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
     chosen, log = sane("smart_servo", "sts3215", 103)
     counts = 2048.0 + np.round(log.outputs["angle_reading"] * 4096.0 / (2.0 * np.pi))
     (said,) = implausible(described(chosen, replace(log, outputs={"angle_reading": counts})))
-    assert "'c_angle_reading' ('angle_reading') is not scaled" in said
+    assert "column 'c_angle_reading' ('angle_reading')" in said
     told = float(said.split("scale = ")[1].split()[0])
     assert told == pytest.approx(2.0 * np.pi / 4096.0, rel=0.1)
 
