@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import uuid
 from xml.etree import ElementTree as ET
 
@@ -61,10 +62,19 @@ def model_description(model: Model, slave_name: str, tool: str) -> bytes:
     )
     _add_variables(root, every)
     _add_structure(root, model)
-    root.set("guid", "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, ET.tostring(root, "unicode"))) + "}")
+    root.set("guid", guid_of(root, slave_name))
     ET.indent(root)
     text: bytes = ET.tostring(root, "UTF-8", xml_declaration=True)
     return text + b"\n"
+
+
+def guid_of(description: ET.Element, slave_name: str) -> str:
+    """Return the GUID of a description, indented or not: a hash of everything else in it."""
+    root = copy.deepcopy(description)
+    root.set("guid", slave_name)
+    for element in root.iter():
+        element.text = element.tail = None  # FMI 2.0 descriptions have attributes only
+    return "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, ET.tostring(root, "unicode"))) + "}"
 
 
 def direct_inputs(flat: Flat) -> list[list[int]]:

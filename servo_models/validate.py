@@ -15,6 +15,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from servo_models.errors import UserError
+from servo_models.validation.limits import LIMITS, Limits
 from servo_models.validation.rows import (
     CLAIMS,
     IMPLEMENTATION,
@@ -24,6 +26,7 @@ from servo_models.validation.rows import (
     CostPoint,
     Row,
     Validation,
+    failure,
 )
 
 if TYPE_CHECKING:
@@ -43,6 +46,7 @@ def validate(
     subjects: Iterable[Model | str | Path] | None = None,
     on_progress: Progress | None = None,
     own: Actuator | None = None,
+    limits: Limits = LIMITS,
 ) -> Validation:
     """Validate FMUs against the simulation, references and the papers.
 
@@ -51,21 +55,26 @@ def validate(
     its own internal step, against the references.  Figures of the papers and the cost of
     accuracy belong to the actuator and are measured in this process.
 
+    The code of an FMU runs in a process of its own, which finds the standard library and the
+    files of the FMU only.  Whatever it does there is a row that failed.
+
     Args:
         subjects: FMU files, or models that are built first; None for every actuator and
             every plant of it.
         own: an actuator of your own, which its FMU files need; there are no references for it.
         on_progress: is told of the jobs; the last call is (n, n, "").
+        limits: of time, memory and size for each FMU.
 
     Raises:
-        UserError: an FMU that cannot be read, or that stops before its time.
+        UserError: an FMU that cannot be read, or one of an unknown actuator.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="servo-models-")))
         chosen = every_model() if subjects is None else subjects
-        opened = [_open(subject, folder / str(k), own) for k, subject in enumerate(chosen)]
-        for subject in opened:
-            stack.callback(subject.close)
+        opened: list[Subject] = []
+        for k, subject in enumerate(chosen):
+            opened.append(_open(subject, folder / str(k), own, limits))
+            stack.callback(opened[-1].close)
         rows: list[Row] = []
         curves: list[CostCurve] = []
         jobs = [*(job for subject in opened for job in _fmu_jobs(subject)), *_actuator_jobs(opened)]
@@ -102,7 +111,9 @@ def conditions() -> dict[str, str]:
     return found | {name: version(name) for name in PACKAGES}
 
 
-def _open(subject: Model | str | Path, folder: Path, own: Actuator | None) -> Subject:
+def _open(
+    subject: Model | str | Path, folder: Path, own: Actuator | None, limits: Limits
+) -> Subject:
     from servo_models.build import build
     from servo_models.simulate import Model
     from servo_models.validation.subject import Subject
@@ -110,7 +121,7 @@ def _open(subject: Model | str | Path, folder: Path, own: Actuator | None) -> Su
     if isinstance(subject, Model):
         own = subject.actuator
         subject = build(subject, folder / f"{own.name}.fmu")
-    return Subject(subject, own)
+    return Subject(subject, own, limits)
 
 
 def _fmu_jobs(subject: Subject) -> list[Job]:
@@ -135,8 +146,18 @@ def _case_job(case: Case, subject: Subject) -> Callable[[], list[Row]]:
     from servo_models.validation.responses import response_rows
 
     step = {"internal_step": subject.model.values["internal_step"]}
-    chosen = model(case.actuator, case.variant, {**case.parameters, **step})
-    return lambda: response_rows(case, chosen, subject.run, subject.name)
+    where = (case.actuator, case.variant, case.name)
+
+    def rows() -> list[Row]:
+        if subject.over:
+            return []  # its first row says why
+        try:
+            chosen = model(case.actuator, case.variant, {**case.parameters, **step})
+            return response_rows(case, chosen, subject.run, subject.name)
+        except UserError as error:
+            return [failure(MODEL, where, str(error), subject.name)]
+
+    return rows
 
 
 def _actuator_jobs(opened: list[Subject]) -> list[Job]:
@@ -167,6 +188,7 @@ __all__ = [
     "PAPER",
     "CostCurve",
     "CostPoint",
+    "Limits",
     "Row",
     "Validation",
     "conditions",

@@ -10,6 +10,7 @@ import typer
 
 from servo_models.cli.options import Format, Trust
 from servo_models.errors import UserError
+from servo_models.validation.limits import LIMITS, Limits
 
 
 def validate(
@@ -26,6 +27,16 @@ def validate(
         Path | None,
         typer.Option(metavar="FILE", help="Python file of your own actuator, for its FMU files."),
     ] = None,
+    timeout: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", min=0.1, help="Longest run of an FMU for one case."),
+    ] = LIMITS.seconds,
+    memory: Annotated[
+        float, typer.Option(metavar="MB", min=64.0, help="Most memory of an FMU's process.")
+    ] = LIMITS.megabytes,
+    unpacked: Annotated[
+        float, typer.Option(metavar="MB", min=1.0, help="Most that an FMU may unpack to.")
+    ] = LIMITS.unpacked_megabytes,
     junit: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the result as JUnit XML.")
     ] = None,
@@ -40,6 +51,9 @@ def validate(
     ] = False,
 ) -> int:
     """Validate FMUs against the simulation, the models against references.
+
+    The code of an FMU runs in a process of its own, with these limits; that guards against
+    its faults, not against malice.
 
     Exit code 0: within all limits, 1: not, 2: could not run.
 
@@ -65,9 +79,10 @@ def validate(
     if params:
         subjects.append(read_parameters(params, trust).model())
     own = load_actuator(actuator) if actuator else None
+    limits = Limits(timeout, memory, unpacked)
     with progress("validating") as on_progress:
         try:
-            result = run(subjects or None, on_progress=on_progress, own=own)
+            result = run(subjects or None, on_progress=on_progress, own=own, limits=limits)
         except UserError as error:
             if own or "unknown actuator" not in str(error):
                 raise

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_src.description import guid_of, model_description
+from servo_models.errors import UserError
 from servo_models.simulate import Model
-from servo_models.validation.rows import IMPLEMENTATION, Row, judged
+from servo_models.validation.rows import IMPLEMENTATION, Row, failure, judged
 from servo_models.validation.subject import Subject, drive
+from servo_models.validation.unpack import DESCRIPTION
 
 Array = NDArray[np.float64]
 
@@ -34,8 +39,14 @@ def implementation_rows(subject: Subject) -> list[Row]:
         ("two instances at once", lambda: _two_at_once(subject)),
     ]
     for case, compare in comparisons:
-        value = compare()
         where = (subject.model.actuator.name, subject.model.variant, case)
+        try:
+            value = compare()
+        except UserError as error:
+            rows.append(failure(IMPLEMENTATION, where, str(error), subject.name))
+            if subject.over:
+                break
+            continue
         note = "equal bit for bit" if value == 0.0 else "not bit for bit"
         quantity = "largest difference of any output"
         rows.append(judged(IMPLEMENTATION, where, quantity, value, LIMIT, "1", note, subject.name))
@@ -43,14 +54,46 @@ def implementation_rows(subject: Subject) -> list[Row]:
 
 
 def _description_row(subject: Subject) -> Row:
+    """What fmpy finds in the description, and what is not as we write it."""
     from fmpy.validation import validate_fmu
 
-    problems = validate_fmu(str(subject.path))
+    problems = [str(problem) for problem in validate_fmu(str(subject.folder))]
+    problems += _unlike_ours(subject)
     where = (subject.model.actuator.name, subject.model.variant, "model description")
-    note = str(problems[0]).splitlines()[0] if problems else "no problem"
-    quantity = "problems that fmpy validate finds"
+    note = subject.clean(problems[0]) if problems else "no problem"
+    quantity = "problems, fmpy's validation included"
     count = float(len(problems))
     return judged(IMPLEMENTATION, where, quantity, count, 0.0, "1", note, subject.name)
+
+
+def _unlike_ours(subject: Subject) -> list[str]:
+    """Differences of a description from the one that this version writes of the same model.
+
+    Descriptions in words do not count, nor what tells who built it.
+    """
+    found = ElementTree.parse(subject.folder / DESCRIPTION).getroot()
+    named = subject.folder / "resources" / "slavemodule.txt"
+    slave = named.read_text(encoding="utf-8", errors="replace")[:200] if named.is_file() else ""
+    wanted = ElementTree.fromstring(model_description(subject.model, slave, ""))
+    problems = []
+    if found.get("guid") != guid_of(found, slave):
+        problems.append("the GUID is not that of this description and this slave")
+    for part in ("CoSimulation", "UnitDefinitions", "ModelVariables", "ModelStructure"):
+        ours, theirs = (_elements(root, part) for root in (wanted, found))
+        if ours != theirs:
+            pairs = itertools.zip_longest(ours, theirs)
+            one, other = next((a, b) for a, b in pairs if a != b)
+            problems.append(f"{part} is not that of the actuator: {other}, not {one}")
+    return problems
+
+
+def _elements(root: ElementTree.Element, part: str) -> list[tuple[str, dict[str, str]]]:
+    """Every element of a part of a description, without descriptions in words."""
+    return [
+        (element.tag, {name: v for name, v in element.attrib.items() if name != "description"})
+        for parent in root.iter(part)
+        for element in parent.iter()
+    ]
 
 
 def irregular(rows: int) -> Array:

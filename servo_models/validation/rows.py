@@ -78,6 +78,11 @@ def judged(
     return Row(claim, *where, quantity, value, limit, unit, passed, note, subject=subject)
 
 
+def failure(claim: str, where: tuple[str, str, str], reason: str, subject: str = "") -> Row:
+    """Make the row of something that could not be measured, with the reason."""
+    return judged(claim, where, "failures of the run", 1.0, 0.0, "1", reason, subject)
+
+
 def tightest(rows: Iterable[Row]) -> Row:
     """Return the row that is worst: one that failed, else the one nearest to its limit."""
     return max(rows, key=_tightness)

@@ -1,13 +1,10 @@
-"""An FMU under validation, run with fmpy's low-level interface."""
+"""An FMU under validation: unpacked within limits, run in a process of its own."""
 
 from __future__ import annotations
 
-import ast
-import re
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import base64
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +15,18 @@ from servo_models.actuator import Actuator
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.errors import UserError
 from servo_models.simulate import Model, model
+from servo_models.validation.host_process import DeadHostError, HostProcess, RefusedError
+from servo_models.validation.limits import LIMITS, Limits
+from servo_models.validation.unpack import remove, unpack
 
 Array = NDArray[np.float64]
 
-FMI_ERROR = 3
-"""fmi2Error; what is below it is no failure."""
+LONGEST_REASON = 300
+"""Characters that are told of what an FMU says."""
+
+
+class FmuError(UserError):
+    """An FMU stopped, or its process did; the text names the FMU and the reason."""
 
 
 class Subject:
@@ -32,45 +36,65 @@ class Subject:
     variant is the one that differs from these in the fewest parameters.
 
     Attributes:
+        path: of the FMU.
         name: file name.
+        folder: with its files.
         model: with the start values as parameters.
+        over: why it cannot be run, or cannot any more; "" while it can.
     """
 
-    def __init__(self, path: str | Path, own: Actuator | None = None) -> None:
+    def __init__(
+        self, path: str | Path, own: Actuator | None = None, limits: Limits = LIMITS
+    ) -> None:
         """Unpack and read an FMU, of the actuator ``own`` if that is not in the catalogue.
 
         Raises:
-            UserError: no such file, no FMU, or one of an unknown actuator.
+            UserError: no such file, no FMU, one too large, or one of an unknown actuator.
         """
-        from fmpy import extract, read_model_description
+        from fmpy import read_model_description
 
         self.path = Path(path)
         self.name = self.path.name
+        self.limits = limits
+        self._host: HostProcess | None = None
+        self._started = 0
+        self.over = ""
         if not self.path.is_file():
             raise UserError(f"no FMU '{path}': build it with servo-models build")
-        self._folder = tempfile.mkdtemp(prefix="servo-models-")
         try:
-            extract(str(self.path), unzipdir=self._folder)
-            self._description: Any = read_model_description(self._folder)
-        except Exception as error:  # zip, XML and validation errors of many kinds
+            self.folder = unpack(self.path, limits.unpacked_megabytes)
+        except Exception as error:  # zip and XML errors of many kinds
+            raise self._unreadable(error) from error
+        try:
+            self._description: Any = read_model_description(str(self.folder))
+            self._reference = {v.name: v.valueReference for v in self._description.modelVariables}
+            self._starts = {
+                v.name: float(v.start)
+                for v in self._description.modelVariables
+                if v.causality == "parameter"
+            }
+        except Exception as error:  # fmpy raises many kinds
             self.close()
-            cause = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise UserError(
-                f"cannot read FMU '{path}' ({cause}): build it again with servo-models build"
-            ) from error
+            raise self._unreadable(error) from error
         try:
             self.model = self._named_model(own)
         except UserError as error:
             self.close()
             raise UserError(f"FMU '{path}': {error}") from error
-        self._reference = {v.name: v.valueReference for v in self._description.modelVariables}
+        self.over = self._obstacle()
 
     def close(self) -> None:
-        """Remove the unpacked files."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        """End the process and remove the unpacked files."""
+        if self._host:
+            self._host.close()
+        remove(self.folder)
 
     def run(self, chosen: Model, times: Array, inputs: Array) -> Array:
-        """Return what ``chosen.run`` returns, with the FMU at the parameters of ``chosen``."""
+        """Return what ``chosen.run`` returns, with the FMU at the parameters of ``chosen``.
+
+        Raises:
+            FmuError: it stops, or its process does.
+        """
         with self.instance(chosen.values, float(times[0]), inputs[0]) as one:
             return drive(one, times, inputs)
 
@@ -79,141 +103,155 @@ class Subject:
         self, values: Mapping[str, float], start: float, inputs: Array
     ) -> Iterator[Instance]:
         """Yield a new instance that has left initialisation; free it afterwards."""
-        one = Instance(self, values, start, inputs)
+        self._started += 1
+        one = Instance(self, self._started, values, start, inputs)
         try:
             yield one
-        finally:
-            one.free()
+        except BaseException:
+            with suppress(FmuError):  # the first failure is the one to tell
+                one.free()
+            raise
+        one.free()
+
+    def call(self, *request: Any) -> Any:
+        """Return the answer of the FMU's process to a request; see ``bare_host.Session``.
+
+        Raises:
+            FmuError: with the reason.
+        """
+        if self.over:
+            raise FmuError(f"FMU '{self.name}' {self.over}")
+        try:
+            return self._running().call(*request)
+        except DeadHostError as error:
+            self.over = str(error)
+            raise FmuError(f"FMU '{self.name}' {self.over}") from error
+        except RefusedError as error:
+            raise FmuError(f"FMU '{self.name}' {self.clean(str(error))}") from error
+
+    def _running(self) -> HostProcess:
+        if self._host is None:
+            self._host = HostProcess(self.folder, self.limits)
+            try:
+                self._host.call("open", self._about(), self.limits.seconds, self.limits.megabytes)
+            except RefusedError as error:
+                self.over = self.clean(str(error))
+                raise
+        return self._host
+
+    def clean(self, said: str) -> str:
+        """Return the words of an FMU as one short line."""
+        text = " ".join(said.replace(str(self.folder), "").split())
+        text = "".join(letter if letter.isprintable() else "?" for letter in text)
+        return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
+
+    def _obstacle(self) -> str:
+        """Why it cannot be run, by its description."""
+        plant = self.model.plant
+        wanted = {wire.name for wire in plant.inputs} | {*plant.outputs, *plant.parameters}
+        if unlike := sorted(wanted ^ self._reference.keys()):
+            names = ", ".join(repr(name[:60]) for name in unlike[:3])
+            more = f" and {len(unlike) - 3} more" if len(unlike) > 3 else ""
+            return (
+                f"has not the variables of actuator '{self.model.actuator.name}'"
+                f" ({names}{more}): build it again with this version"
+            )
+        interface = self._description.coSimulation
+        if interface is None or not interface.modelIdentifier.isidentifier():
+            return "names no library for co-simulation"
+        return ""
+
+    def references(self, values: Mapping[str, float]) -> list[tuple[int, float]]:
+        """Return values by value reference."""
+        return [(self._reference[name], float(value)) for name, value in values.items()]
+
+    def _about(self) -> dict[str, Any]:
+        """What ``bare_host.Fmu`` has to know."""
+        plant = self.model.plant
+        return {
+            "folder": str(self.folder),
+            "guid": self._description.guid,
+            "identifier": self._description.coSimulation.modelIdentifier,
+            "inputs": [self._reference[wire.name] for wire in plant.inputs],
+            "outputs": [self._reference[name] for name in plant.outputs],
+            "flags": [plant.wire[name].flag for name in plant.outputs],
+        }
+
+    def _unreadable(self, error: Exception) -> UserError:
+        cause = str(error).splitlines()[0] if str(error) else type(error).__name__
+        return UserError(
+            f"cannot read FMU '{self.path}' ({cause}): build it again with servo-models build"
+        )
 
     def _named_model(self, own: Actuator | None) -> Model:
         """Find the variant and the parameters by the start values."""
         name = self._description.modelName
         found = own if own and own.name == name else find_actuator(name)
-        starts = {
-            v.name: float(v.start)
-            for v in self._description.modelVariables
-            if v.causality == "parameter"
-        }
         differing = {
             variant.name: sum(
-                value != starts[name] for name, value in found.values(variant.name).items()
+                value != self._starts.get(name)
+                for name, value in found.values(variant.name).items()
             )
+            + len(self._starts.keys() - found.plant_of(variant.name).parameters.keys())
             for variant in found.variants
-            if found.plant_of(variant.name).parameters.keys() == starts.keys()
         }
-        if not differing:
-            raise UserError(
-                f"its parameters are not those of actuator '{found.name}':"
-                " build it again with this version"
-            )
-        return model(found, min(differing, key=lambda name: differing[name]), starts)
+        variant = min(differing, key=lambda name: differing[name])
+        known = found.plant_of(variant).parameters
+        return model(found, variant, {n: v for n, v in self._starts.items() if n in known})
 
 
 class Instance:
     """One instance of an FMU, stepped like ``Model.run`` does.
 
-    ``step`` and ``outputs`` take and give SI floats in the order of the plant.
+    ``step`` and ``outputs`` take and give SI floats in the order of the plant.  Every method
+    raises ``FmuError`` where the FMU fails.
     """
 
     def __init__(
-        self, subject: Subject, values: Mapping[str, float], start: float, inputs: Array
+        self,
+        subject: Subject,
+        number: int,
+        values: Mapping[str, float],
+        start: float,
+        inputs: Array,
     ) -> None:
-        from fmpy.fmi2 import FMU2Slave
-
-        reference = subject._reference
-        plant = subject.model.plant
-        self._said: list[str] = []
-        self._name = subject.name
-        self._inputs = [reference[wire.name] for wire in plant.inputs]
-        self._outputs = [reference[name] for name in plant.outputs]
-        self._flags = [plant.wire[name].flag for name in plant.outputs]
-        try:
-            description = subject._description
-            self._fmu: Any = FMU2Slave(
-                guid=description.guid,
-                unzipDirectory=subject._folder,
-                modelIdentifier=description.coSimulation.modelIdentifier,
-            )
-            self._fmu.instantiate(callbacks=_callbacks(self._hear), loggingOn=True)
-            self._fmu.setupExperiment(startTime=start)
-            self._fmu.enterInitializationMode()
-            self._fmu.setReal([reference[name] for name in values], list(values.values()))
-            self._fmu.setReal(self._inputs, list(inputs))
-            self._fmu.exitInitializationMode()
-        except Exception as error:  # fmpy raises bare Exceptions
-            raise self._complaint("cannot be initialised", error) from error
+        self._subject = subject
+        self._number = number
+        subject.call("start", number, subject.references(values), start, _plain(inputs))
 
     def step(self, time: float, size: float, inputs: Array) -> None:
         """Hold the inputs and advance by ``size`` [s]."""
-        try:
-            self._fmu.setReal(self._inputs, list(inputs))
-            self._fmu.doStep(time, size)
-        except Exception as error:  # fmpy raises bare Exceptions
-            raise self._complaint(f"stops at t = {time:g} s", error) from error
+        self._call("step", time, size, _plain(inputs))
 
     def outputs(self) -> list[float]:
         """Return the outputs."""
-        reals = [r for r, flag in zip(self._outputs, self._flags) if not flag]
-        flags = [r for r, flag in zip(self._outputs, self._flags) if flag]
-        real = iter(self._fmu.getReal(reals))
-        boolean = iter(self._fmu.getBoolean(flags) if flags else [])
-        return [float(next(boolean)) if flag else next(real) for flag in self._flags]
+        return [float(value) for value in self._call("outputs")]
+
+    def drive(self, times: Array, inputs: Array, first: int) -> Array:
+        """Step from row ``first``, where it is, to the end; return the rows from there on."""
+        rows = self._call("drive", _plain(times), _plain(inputs), first)
+        return np.array(rows, dtype=float)
 
     def saved(self) -> bytes:
         """Return the complete state as bytes."""
-        state = self._fmu.getFMUstate()
-        try:
-            return bytes(self._fmu.serializeFMUstate(state))
-        finally:
-            self._fmu.freeFMUstate(state)
+        return base64.b64decode(self._call("saved"))
 
     def restore(self, saved: bytes) -> None:
         """Go back to a state from ``saved``, also that of another instance."""
-        state = self._fmu.deSerializeFMUstate(saved)
-        try:
-            self._fmu.setFMUstate(state)
-        finally:
-            self._fmu.freeFMUstate(state)
+        self._call("restore", base64.b64encode(saved).decode())
 
     def free(self) -> None:
         """End the instance."""
-        self._fmu.terminate()
-        self._fmu.freeInstance()
+        self._subject.call("free", self._number)
 
-    def _hear(
-        self, environment: Any, instance: bytes, status: int, category: bytes, text: bytes
-    ) -> None:
-        if status >= FMI_ERROR:
-            self._said.append(text.decode(errors="replace").replace("%%", "%"))
-
-    def _complaint(self, what: str, error: Exception) -> UserError:
-        said = self._said[0] if self._said else str(error)
-        quoted = re.search(r"RuntimeError\((.*)\)", said)  # pythonfmu's frame around our words
-        if quoted:
-            said = str(ast.literal_eval(quoted[1]))
-        return UserError(f"FMU '{self._name}' {what}: {said}")
+    def _call(self, name: str, *args: Any) -> Any:
+        return self._subject.call("instance", self._number, name, *args)
 
 
-def _callbacks(hear: Callable[..., None]) -> Any:
-    """Return FMI's callbacks with a logger of their own: ``hear`` gets printf formats.
-
-    ``fmpy.instantiate_fmu(logger=...)`` would expand these natively, by way of one pointer for
-    the process: the latest logger hears all instances, those of other hosts too, and once it
-    is freed their next message ends in lost memory.
-    """
-    from fmpy import calloc, fmi2, free
-
-    callbacks = fmi2.fmi2CallbackFunctions()
-    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(hear)
-    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
-    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-    return callbacks
+def _plain(values: Array) -> Any:
+    return np.asarray(values, dtype=float).tolist()
 
 
 def drive(one: Instance, times: Array, inputs: Array, first: int = 0) -> Array:
     """Step an instance that is at row ``first`` to the end; return the rows from there on."""
-    out = [one.outputs()]
-    for k in range(first, len(times) - 1):
-        one.step(float(times[k]), float(times[k + 1] - times[k]), inputs[k])
-        out.append(one.outputs())
-    return np.array(out)
+    return one.drive(times, inputs, first)

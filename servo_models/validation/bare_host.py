@@ -1,0 +1,284 @@
+"""A bare FMI 2.0 host: ctypes and the standard library, a script for a process of its own.
+
+``host_process.py`` starts it with ``python -I -S``: the slave finds the standard library and
+what lies in its FMU, as in a host without pythonfmu, and nothing that is installed here.  It
+limits itself before it loads the FMU, answers one JSON line for each JSON line that it reads,
+and leaves standard output and error to the slave.
+"""
+
+from __future__ import annotations
+
+import ast
+import base64
+import contextlib
+import ctypes
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+if sys.platform != "win32":
+    import resource
+
+WARNING, ERROR = 1, 3
+"""fmi2Status: more than a warning is a failed call; messages from an error on are kept."""
+CO_SIMULATION = 1
+LARGEST_FILE = 1 << 28
+"""Bytes that a slave may write to one file."""
+PLATFORMS = {
+    "win32": ("win64", ".dll"),
+    "linux": ("linux64", ".so"),
+    "darwin": ("darwin64", ".dylib"),
+}
+"""Folder and suffix of an FMU's library, by ``sys.platform``."""
+
+_LOGGER = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p
+)
+_ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
+_FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+class _Callbacks(ctypes.Structure):
+    _fields_ = (
+        ("logger", _LOGGER),
+        ("allocate", _ALLOCATE),
+        ("free", _FREE),
+        ("finished", ctypes.c_void_p),
+        ("environment", ctypes.c_void_p),
+    )
+
+
+class RefusedError(Exception):
+    """A call of the FMU failed; the text is its own message where it gave one."""
+
+
+class Fmu:
+    """The library of an unpacked FMU.
+
+    Args:
+        about: ``folder``, ``guid``, ``identifier``; value references ``inputs`` and
+            ``outputs``, and ``flags``: which of the outputs are Boolean.
+    """
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        self.guid: str = about["guid"]
+        self.inputs: list[int] = about["inputs"]
+        self.outputs: list[int] = about["outputs"]
+        self.flags: list[bool] = about["flags"]
+        self.folder = Path(about["folder"])
+        folder, suffix = PLATFORMS.get(sys.platform, ("linux64", ".so"))
+        path = self.folder / "binaries" / folder / (about["identifier"] + suffix)
+        if not path.is_file():
+            raise RefusedError(f"it has no library {path.relative_to(self.folder).as_posix()}")
+        try:
+            self.library = ctypes.CDLL(str(path))
+            self.library.fmi2Instantiate.restype = ctypes.c_void_p
+        except (OSError, AttributeError) as error:
+            reason = str(error).replace(str(self.folder), "").strip("/: ")
+            raise RefusedError(f"its library cannot be loaded: {reason}") from error
+
+
+class Instance:
+    """One instance: initialised with ``values`` by reference, at time ``begin`` [s]."""
+
+    def __init__(
+        self, fmu: Fmu, values: Sequence[tuple[int, float]], begin: float, inputs: Sequence[float]
+    ) -> None:
+        self.fmu = fmu
+        self.heard: list[str] = []
+        libc = ctypes.CDLL(None) if sys.platform != "win32" else ctypes.cdll.msvcrt
+        libc.calloc.restype = ctypes.c_void_p
+        libc.calloc.argtypes = (ctypes.c_size_t, ctypes.c_size_t)
+        libc.free.argtypes = (ctypes.c_void_p,)
+        self.callbacks = _Callbacks(
+            _LOGGER(self._hear), _ALLOCATE(libc.calloc), _FREE(libc.free), None, None
+        )
+        made = fmu.library.fmi2Instantiate(
+            b"validated",
+            CO_SIMULATION,
+            fmu.guid.encode(),
+            (fmu.folder / "resources").as_uri().encode(),
+            ctypes.byref(self.callbacks),
+            0,
+            1,
+        )
+        if not made:
+            raise RefusedError(
+                self.heard[0] if self.heard else "it gives no instance and no reason"
+            )
+        self.component = ctypes.c_void_p(made)
+        zero = ctypes.c_double(0.0)
+        self.call("SetupExperiment", 0, zero, ctypes.c_double(begin), 0, zero)
+        self.call("EnterInitializationMode")
+        self.set([reference for reference, _ in values], [value for _, value in values])
+        self.set(fmu.inputs, inputs)
+        self.call("ExitInitializationMode")
+
+    def call(self, name: str, *args: Any) -> None:
+        """Call ``fmi2<name>``; raise ``RefusedError`` where its status says that it failed."""
+        status = getattr(self.fmu.library, f"fmi2{name}")(self.component, *args)
+        if status > WARNING:
+            raise RefusedError(self._reason(f"fmi2{name} gives status {status}"))
+
+    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
+        count = len(references)
+        reals = (ctypes.c_double * count)(*values)
+        self.call("SetReal", (ctypes.c_uint * count)(*references), ctypes.c_size_t(count), reals)
+
+    def step(self, time: float, size: float, inputs: Sequence[float]) -> None:
+        """Hold the inputs and advance by ``size`` [s]."""
+        try:
+            self.set(self.fmu.inputs, inputs)
+            self.call("DoStep", ctypes.c_double(time), ctypes.c_double(size), 1)
+        except RefusedError as error:
+            raise RefusedError(f"stops at t = {time:g} s: {error}") from error
+
+    def outputs(self) -> list[float]:
+        out = [math.nan] * len(self.fmu.outputs)
+        self._get("GetReal", ctypes.c_double, False, out)
+        self._get("GetBoolean", ctypes.c_int, True, out)
+        return out
+
+    def drive(
+        self, times: Sequence[float], inputs: Sequence[Sequence[float]], first: int
+    ) -> list[list[float]]:
+        """Step from row ``first``, where the instance is, to the end; outputs of these rows."""
+        rows = [self.outputs()]
+        for k in range(first, len(times) - 1):
+            self.step(times[k], times[k + 1] - times[k], inputs[k])
+            rows.append(self.outputs())
+        return rows
+
+    def saved(self) -> str:
+        """The complete state, in base64."""
+        state, size = ctypes.c_void_p(), ctypes.c_size_t()
+        self.call("GetFMUstate", ctypes.byref(state))
+        try:
+            self.call("SerializedFMUstateSize", state, ctypes.byref(size))
+            content = ctypes.create_string_buffer(size.value)
+            self.call("SerializeFMUstate", state, content, size)
+        finally:
+            self.call("FreeFMUstate", ctypes.byref(state))
+        return base64.b64encode(content.raw).decode()
+
+    def restore(self, saved: str) -> None:
+        """Go back to a state from ``saved``, also that of another instance."""
+        content, state = base64.b64decode(saved), ctypes.c_void_p()
+        buffer = ctypes.create_string_buffer(content, len(content))
+        size = ctypes.c_size_t(len(content))
+        self.call("DeSerializeFMUstate", buffer, size, ctypes.byref(state))
+        try:
+            self.call("SetFMUstate", state)
+        finally:
+            self.call("FreeFMUstate", ctypes.byref(state))
+
+    def free(self) -> None:
+        try:
+            self.call("Terminate")
+        finally:
+            self.fmu.library.fmi2FreeInstance(self.component)
+
+    def _reason(self, unsaid: str) -> str:
+        """What the FMU said first, without the frame that pythonfmu puts around an exception."""
+        said = self.heard[0] if self.heard else unsaid
+        quoted = re.search(r"RuntimeError\((.*)\)", said)
+        with contextlib.suppress(ValueError, SyntaxError, RecursionError, MemoryError):
+            return str(ast.literal_eval(quoted[1])) if quoted else said
+        return said
+
+    def _get(self, name: str, kind: Any, flag: bool, out: list[float]) -> None:
+        places = [k for k, is_flag in enumerate(self.fmu.flags) if is_flag == flag]
+        count = len(places)
+        references = (ctypes.c_uint * count)(*(self.fmu.outputs[k] for k in places))
+        values = (kind * count)()
+        if places:
+            self.call(name, references, ctypes.c_size_t(count), values)
+        for k, value in zip(places, values):
+            out[k] = float(value)
+
+    def _hear(self, _: Any, name: bytes, status: int, category: bytes, text: bytes) -> None:
+        """The text is a printf format without arguments."""
+        if status >= ERROR:
+            self.heard.append(text.decode(errors="replace").replace("%%", "%"))
+
+
+class Session:
+    """The FMU and its instances by number; a request is the name of a method and arguments."""
+
+    def __init__(self) -> None:
+        self.instances: dict[int, Instance] = {}
+        self.seconds = math.inf
+
+    def open(self, about: dict[str, Any], seconds: float, megabytes: float) -> None:
+        self.seconds = seconds
+        _limit("RLIMIT_AS", int(megabytes * 2**20))
+        _limit("RLIMIT_CORE", 0)
+        _limit("RLIMIT_FSIZE", LARGEST_FILE)
+        self.fmu = Fmu(about)
+
+    def start(
+        self, number: int, values: list[tuple[int, float]], begin: float, inputs: list[float]
+    ) -> None:
+        try:
+            self.instances[number] = Instance(self.fmu, values, begin, inputs)
+        except RefusedError as error:
+            raise RefusedError(f"cannot be initialised: {error}") from error
+
+    def instance(self, number: int, name: str, *args: Any) -> Any:
+        """Call a method of an instance."""
+        return getattr(self.instances[number], name)(*args)
+
+    def free(self, number: int) -> None:
+        self.instances.pop(number).free()
+
+    def answer(self, request: list[Any]) -> dict[str, Any]:
+        """Return ``{"result": ...}``, or ``{"refused": reason}``."""
+        name, *args = request
+        self._limit_time()
+        try:
+            return {"result": getattr(self, name)(*args)}
+        except RefusedError as error:
+            return {"refused": str(error)}
+        except Exception as error:  # a MemoryError, say: the limit is the slave's as well
+            return {"refused": f"{type(error).__name__}: {error}"}
+
+    def _limit_time(self) -> None:
+        """A process whose parent is gone does not run for ever either."""
+        used = sum(os.times()[:2])
+        if math.isfinite(self.seconds):
+            _limit("RLIMIT_CPU", math.ceil(used + self.seconds) + 1, hard=False)
+
+
+def _limit(name: str, most: int, hard: bool = True) -> None:
+    """Set a limit where the system has it and lets us."""
+    if sys.platform != "win32":
+        with contextlib.suppress(ValueError, OSError):
+            which = getattr(resource, name)
+            ceiling = resource.getrlimit(which)[1]
+            if ceiling != resource.RLIM_INFINITY:
+                most = min(most, ceiling)
+            resource.setrlimit(which, (most, most if hard else ceiling))
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    requests = os.fdopen(os.dup(0), encoding="utf-8")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in (0, 1, 2):
+        os.dup2(nothing, number)
+    answer: Callable[[list[Any]], dict[str, Any]] = Session().answer
+    for line in requests:
+        json.dump(answer(json.loads(line)), answers)
+        answers.write("\n")
+        answers.flush()
+    os._exit(0)  # what the slave has left to do at the end of a process is nobody's matter
+
+
+if __name__ == "__main__":
+    main()
