@@ -125,20 +125,31 @@ def _open(
 
 
 def _fmu_jobs(subject: Subject) -> list[Job]:
+    from servo_models.catalogue import actuators
     from servo_models.validation.cases import all_cases
     from servo_models.validation.implementation import implementation_rows
+    from servo_models.validation.plain_rows import named_cases
 
     own = subject.model
     name = own.actuator.name
     jobs: list[Job] = [
         (f"{name}: FMU against simulation", lambda: implementation_rows(subject)),
     ]
+    each = actuators().get(name) is not own.actuator  # those of the catalogue have references
+    for case_name, chosen in named_cases(own, each).items():
+        jobs.append((f"{name}: blocks, {case_name}", _plain_job(subject, chosen, case_name)))
     for case in all_cases():
         if case.actuator != name:
             continue
         if own.actuator.plant_of(case.variant).has_equations_of(own.plant):
             jobs.append((f"{name} {case.variant}: {case.name}", _case_job(case, subject)))
     return jobs
+
+
+def _plain_job(subject: Subject, chosen: Model, name: str) -> Callable[[], list[Row]]:
+    from servo_models.validation.plain_rows import plain_row
+
+    return lambda: [] if subject.over else [plain_row(subject, chosen, name)]
 
 
 def _case_job(case: Case, subject: Subject) -> Callable[[], list[Row]]:

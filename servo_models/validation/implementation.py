@@ -102,16 +102,19 @@ def irregular(rows: int) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def excitation(model: Model, times: Array, seed: int = 1) -> Array:
-    """Return inputs, shape (n, inputs), that jump at random within their working range."""
+def excitation(model: Model, times: Array, seed: int = 1, held: int = 20) -> Array:
+    """Return inputs, shape (n, inputs), that jump at random within their working range.
+
+    They jump every ``held`` rows.
+    """
     random = np.random.default_rng(seed)
     columns = []
     for wire in model.plant.inputs:
         rest, spread = float(wire.rest), 0.5 * wire.scale
         levels = np.clip(
-            rest + spread * random.uniform(-1.0, 1.0, 1 + len(times) // 20), wire.low, wire.high
+            rest + spread * random.uniform(-1.0, 1.0, 1 + len(times) // held), wire.low, wire.high
         )
-        columns.append(levels[np.arange(len(times)) // 20])
+        columns.append(levels[np.arange(len(times)) // held])
     return np.column_stack(columns)
 
 
