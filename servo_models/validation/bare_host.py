@@ -274,7 +274,8 @@ def main() -> None:
         os.dup2(nothing, number)
     answer: Callable[[list[Any]], dict[str, Any]] = Session().answer
     for line in requests:
-        json.dump(answer(json.loads(line)), answers)
+        number, request = json.loads(line)
+        json.dump({"number": number, **answer(request)}, answers)
         answers.write("\n")
         answers.flush()
     os._exit(0)  # what the slave has left to do at the end of a process is nobody's matter

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import queue
+import secrets
 import signal
 import subprocess
 import sys
@@ -68,9 +69,12 @@ class HostProcess:
         """
         if self.died:
             raise DeadHostError(self.died)
-        line = self._exchanged(json.dumps(request))
+        number = secrets.token_hex(8)  # the slave may write to the pipe by chance
+        line = self._exchanged(json.dumps([number, request]))
         try:
             content = json.loads(line)
+            if content["number"] != number:
+                raise ValueError(number)
             reason = content.get("refused")
             result = content["result"] if reason is None else None
         except (ValueError, KeyError, AttributeError, RecursionError) as error:

@@ -103,6 +103,7 @@ class Subject:
         self, values: Mapping[str, float], start: float, inputs: Array
     ) -> Iterator[Instance]:
         """Yield a new instance that has left initialisation; free it afterwards."""
+        self._check()
         self._started += 1
         one = Instance(self, self._started, values, start, inputs)
         try:
@@ -119,8 +120,7 @@ class Subject:
         Raises:
             FmuError: with the reason.
         """
-        if self.over:
-            raise FmuError(f"FMU '{self.name}' {self.over}")
+        self._check()
         try:
             return self._running().call(*request)
         except DeadHostError as error:
@@ -128,6 +128,10 @@ class Subject:
             raise FmuError(f"FMU '{self.name}' {self.over}") from error
         except RefusedError as error:
             raise FmuError(f"FMU '{self.name}' {self.clean(str(error))}") from error
+
+    def _check(self) -> None:
+        if self.over:
+            raise FmuError(f"FMU '{self.name}' {self.over}")
 
     def _running(self) -> HostProcess:
         if self._host is None:
@@ -217,6 +221,7 @@ class Instance:
     ) -> None:
         self._subject = subject
         self._number = number
+        self._width = len(subject.model.plant.outputs)
         subject.call("start", number, subject.references(values), start, _plain(inputs))
 
     def step(self, time: float, size: float, inputs: Array) -> None:
@@ -225,16 +230,20 @@ class Instance:
 
     def outputs(self) -> list[float]:
         """Return the outputs."""
-        return [float(value) for value in self._call("outputs")]
+        row: list[float] = self._numbers((self._width,), "outputs").tolist()
+        return row
 
     def drive(self, times: Array, inputs: Array, first: int) -> Array:
         """Step from row ``first``, where it is, to the end; return the rows from there on."""
-        rows = self._call("drive", _plain(times), _plain(inputs), first)
-        return np.array(rows, dtype=float)
+        shape = (len(times) - first, self._width)
+        return self._numbers(shape, "drive", _plain(times), _plain(inputs), first)
 
     def saved(self) -> bytes:
         """Return the complete state as bytes."""
-        return base64.b64decode(self._call("saved"))
+        try:
+            return base64.b64decode(self._call("saved"))
+        except (ValueError, TypeError):
+            raise FmuError(f"FMU '{self._subject.name}' gives no saved state") from None
 
     def restore(self, saved: bytes) -> None:
         """Go back to a state from ``saved``, also that of another instance."""
@@ -243,6 +252,16 @@ class Instance:
     def free(self) -> None:
         """End the instance."""
         self._subject.call("free", self._number)
+
+    def _numbers(self, shape: tuple[int, ...], name: str, *args: Any) -> Array:
+        answer = self._call(name, *args)
+        try:
+            numbers = np.array(answer, dtype=float)
+        except (ValueError, TypeError):
+            numbers = np.empty(0)
+        if numbers.shape != shape:
+            raise FmuError(f"FMU '{self._subject.name}' gives other outputs than it was asked for")
+        return numbers
 
     def _call(self, name: str, *args: Any) -> Any:
         return self._subject.call("instance", self._number, name, *args)
