@@ -59,6 +59,7 @@ class Subject:
         self._host: HostProcess | None = None
         self._started = 0
         self.over = ""
+        self.folder = Path()
         if not self.path.is_file():
             raise UserError(f"no FMU '{path}': build it with servo-models build")
         try:
@@ -144,7 +145,7 @@ class Subject:
         return self._host
 
     def clean(self, said: str) -> str:
-        """Return the words of an FMU as one short line."""
+        """Return the words of an FMU, or about it, as one short line."""
         text = " ".join(said.replace(str(self.folder), "").split())
         text = "".join(letter if letter.isprintable() else "?" for letter in text)
         return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
@@ -182,7 +183,7 @@ class Subject:
         }
 
     def _unreadable(self, error: Exception) -> UserError:
-        cause = str(error).splitlines()[0] if str(error) else type(error).__name__
+        cause = self.clean(str(error)) or type(error).__name__
         return UserError(
             f"cannot read FMU '{self.path}' ({cause}): build it again with servo-models build"
         )
