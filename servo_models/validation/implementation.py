@@ -17,6 +17,8 @@ from servo_models.validation.subject import Subject, drive
 from servo_models.validation.unpack import DESCRIPTION
 
 Array = NDArray[np.float64]
+Element = tuple[str, dict[str, str]]
+"""Tag and attributes of an element of a description."""
 
 LIMIT = 1e-12
 """Largest difference over full scale of an output; the aim is 0, bit for bit."""
@@ -60,7 +62,7 @@ def _description_row(subject: Subject) -> Row:
     problems = [str(problem) for problem in validate_fmu(str(subject.folder))]
     problems += _unlike_ours(subject)
     where = (subject.model.actuator.name, subject.model.variant, "model description")
-    note = subject.clean(problems[0]) if problems else "no problem"
+    note = subject.clean("; ".join(problems)) if problems else "no problem"
     quantity = "problems, fmpy's validation included"
     count = float(len(problems))
     return judged(IMPLEMENTATION, where, quantity, count, 0.0, "1", note, subject.name)
@@ -81,19 +83,30 @@ def _unlike_ours(subject: Subject) -> list[str]:
     for part in ("CoSimulation", "UnitDefinitions", "ModelVariables", "ModelStructure"):
         ours, theirs = (_elements(root, part) for root in (wanted, found))
         if ours != theirs:
-            pairs = itertools.zip_longest(ours, theirs)
+            nothing: Element = ("nothing", {})
+            pairs = itertools.zip_longest(ours, theirs, fillvalue=nothing)
             one, other = next((a, b) for a, b in pairs if a != b)
-            problems.append(f"{part} is not that of the actuator: {other}, not {one}")
+            problems.append(f"{part} is not that of the actuator: {_difference(one, other)}")
     return problems
 
 
-def _elements(root: ElementTree.Element, part: str) -> list[tuple[str, dict[str, str]]]:
+def _elements(root: ElementTree.Element, part: str) -> list[Element]:
     """Every element of a part of a description, without descriptions in words."""
     return [
         (element.tag, {name: v for name, v in element.attrib.items() if name != "description"})
         for parent in root.iter(part)
         for element in parent.iter()
     ]
+
+
+def _difference(wanted: Element, found: Element) -> str:
+    (tag, ours), (other, theirs) = wanted, found
+    names = [name for name in (*ours, *theirs) if ours.get(name) != theirs.get(name)]
+    if tag != other or not names:
+        return f"{other} in place of {tag}"
+    name = names[0]
+    which = f" '{ours['name']}'" if "name" in ours else ""
+    return f"{tag}{which} has {name} {theirs.get(name)}, not {ours.get(name)}"
 
 
 def irregular(rows: int) -> Array:

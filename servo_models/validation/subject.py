@@ -59,7 +59,6 @@ class Subject:
         self._host: HostProcess | None = None
         self._started = 0
         self.over = ""
-        self.folder = Path()
         if not self.path.is_file():
             raise UserError(f"no FMU '{path}': build it with servo-models build")
         try:
@@ -145,10 +144,8 @@ class Subject:
         return self._host
 
     def clean(self, said: str) -> str:
-        """Return the words of an FMU, or about it, as one short line."""
-        text = " ".join(said.replace(str(self.folder), "").split())
-        text = "".join(letter if letter.isprintable() else "?" for letter in text)
-        return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
+        """Return the words of an FMU as one short line."""
+        return _one_line(said.replace(str(self.folder), ""))
 
     def _obstacle(self) -> str:
         """Why it cannot be run, by its description."""
@@ -183,7 +180,7 @@ class Subject:
         }
 
     def _unreadable(self, error: Exception) -> UserError:
-        cause = self.clean(str(error)) or type(error).__name__
+        cause = _one_line(str(error)) or type(error).__name__
         return UserError(
             f"cannot read FMU '{self.path}' ({cause}): build it again with servo-models build"
         )
@@ -266,6 +263,13 @@ class Instance:
 
     def _call(self, name: str, *args: Any) -> Any:
         return self._subject.call("instance", self._number, name, *args)
+
+
+def _one_line(said: str) -> str:
+    """Words of unknown origin in print: short, and without what a terminal would obey."""
+    text = " ".join(said.split())
+    text = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
 
 
 def _plain(values: Array) -> Any:
