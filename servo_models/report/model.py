@@ -19,6 +19,10 @@ def section(validation: Validation) -> Section | None:
         TITLE,
         "The references are written from the published equations a second time, without"
         " the blocks of the model, and solved by other methods. Errors are shares of full scale,"
-        " the largest absolute reference value of each output.",
+        ' the largest absolute reference value of each output. "Blocks as plain functions" is'
+        " another kind: it calls the blocks of the model, without the text that is printed and"
+        " compiled of them, at a tenth of the internal step; errors are shares of the range of"
+        " each output, and the limit is 1e-4 and twice what the step changes in that"
+        " integration.",
         claim.tables(rows, "Responses against references"),
     )

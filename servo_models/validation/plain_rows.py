@@ -92,6 +92,8 @@ def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
         note += f"; to t = {times[until - 1]:g} s only, beyond it depends on the step by itself"
     if until < HELD:
         return judged(MODEL, where, quantity, value, None, "1", note, subject.name)
+    if not value <= limit:
+        note += "; try a shorter internal_step: if that does not help, the printed text is wrong"
     return judged(MODEL, where, quantity, value, limit, "1", note, subject.name)
 
 
