@@ -29,7 +29,10 @@ def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def give(*rows: Row) -> None:
         def stand_in(
-            fmus: object, on_progress: Callable[[int, int, str], None], own: object
+            fmus: object,
+            on_progress: Callable[[int, int, str], None],
+            own: object,
+            limits: object,
         ) -> Validation:
             on_progress(1, 2, "half way")
             return Validation(rows)
