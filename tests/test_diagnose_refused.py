@@ -150,7 +150,7 @@ def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
     assert told["confirmation"] is None
     assert any("no binary for this platform" in text for text in told["warnings"])
     assert "no binary for this platform" in out
-    assert "through fmpy" not in out
+    assert "after as the FMU" not in out
     assert "no binary for this platform" in written[1].read_text()
 
 

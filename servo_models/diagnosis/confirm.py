@@ -13,7 +13,11 @@ from servo_models.build import build
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.identification.result import Accuracy, accuracy
 from servo_models.validation.implementation import LIMIT, difference
+from servo_models.validation.limits import Limits
 from servo_models.validation.subject import Subject
+
+OWN = Limits(seconds=1e6, megabytes=1e5)
+"""No limits to speak of: the FMU is our own, and a log may be long."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Confirmation:
 
 
 def confirm(found: Diagnosis) -> Confirmation:
-    """Build the FMU of a diagnosed model and run it through fmpy where the logs were made.
+    """Build the FMU of a diagnosed model and run it where the logs were made.
 
     Samples that a log holds out are judged too: no fit of the diagnosis has seen them.
 
@@ -55,7 +59,7 @@ def confirm(found: Diagnosis) -> Confirmation:
     responses, off = [], 0.0
     with tempfile.TemporaryDirectory(prefix="servo-models-") as folder:
         path = build(found.fitted, Path(folder) / "diagnosed.fmu")
-        with closing(Subject(path, found.model.actuator)) as fmu:
+        with closing(Subject(path, found.model.actuator, OWN)) as fmu:
             for run in taken.problem.runs:
                 out = run.outputs_or_nan(taken.values)
                 if np.isfinite(out).all():

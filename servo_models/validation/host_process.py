@@ -46,6 +46,7 @@ class HostProcess:
         """Start the process in ``folder``."""
         self.seconds = limits.seconds
         self.died = ""
+        self.exchange: threading.Thread | None = None
         environment = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
         environment |= dict.fromkeys(TEMPORARY, str(folder))
         self.process = subprocess.Popen(
@@ -77,7 +78,7 @@ class HostProcess:
                 raise ValueError(number)
             reason = content.get("refused")
             result = content["result"] if reason is None else None
-        except (ValueError, KeyError, AttributeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             self._end("gives an answer that is none")
             raise DeadHostError(self.died) from error
         if reason is not None:
@@ -103,7 +104,8 @@ class HostProcess:
                 answers.put("")
 
         # A daemon: what the slave has started may hold the pipe open for ever.
-        threading.Thread(target=exchange, daemon=True).start()
+        self.exchange = threading.Thread(target=exchange, daemon=True)
+        self.exchange.start()
         try:
             line = answers.get(timeout=self.seconds)
         except queue.Empty:
@@ -131,6 +133,12 @@ class HostProcess:
         if sys.platform == "win32":
             self.process.kill()
         else:
-            with contextlib.suppress(ProcessLookupError):  # the whole group: what it has started
-                os.killpg(self.process.pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)  # with what it has started
         self.process.wait()
+        if self.exchange:
+            self.exchange.join(GRACE)
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe and not (self.exchange and self.exchange.is_alive()):
+                with contextlib.suppress(OSError):  # what was not sent yet goes nowhere
+                    pipe.close()

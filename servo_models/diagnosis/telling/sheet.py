@@ -125,7 +125,7 @@ def _confirmed(found: Diagnosis, confirmation: Confirmation) -> Table:
         if confirmation.difference == 0.0
         else f"{confirmation.difference:.1g} of full scale from the simulation"
     )
-    title = f"RMS by one run over each log, after as the FMU through fmpy ({equal})"
+    title = f"RMS by one run over each log, after as the FMU ({equal})"
     return Table(title, CONFIRMED, tuple(_confirmation(found, confirmation)))
 
 

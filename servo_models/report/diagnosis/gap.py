@@ -119,7 +119,7 @@ def _fmu(found: Diagnosis, confirmed: Confirmation) -> Table:
     """Errors of the FMU itself, in every part of every log."""
     off = confirmed.difference
     same = f"off by {number(off, 2)} of full scale" if off else "the same bits as the simulation"
-    caption = f"The FMU with the diagnosed parameters, run through fmpy: {same}"
+    caption = f"The FMU with the diagnosed parameters, run in a process of its own: {same}"
     units = {output: unit_among(found.logs, output) for log in found.logs for output in log.outputs}
     units |= {gap.output: unit_for(found, gap) for gap in found.gaps}
     own = {(log.name, output): units[output] for log in found.logs for output in log.outputs}
