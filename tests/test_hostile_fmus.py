@@ -40,6 +40,7 @@ REFUSED = {
     "a bomb that lies about its size": "cannot read FMU",
     "entities that explode": "has a DOCTYPE",
     "elements nested deeply": "more or deeper elements",
+    "an endless name": "has a name of more than 1000 characters",
     "no description": "it has no modelDescription.xml",
     "bzip2": "packed in a way that FMI does not know",
     "a wrong unit": 'unit "deg"',

@@ -20,6 +20,8 @@ LARGEST_DESCRIPTION = 4_000_000
 DEEPEST = 20
 """Elements within each other in a description; FMI 2.0 needs 5."""
 MOST_ELEMENTS = 100_000
+LONGEST_NAME = 1000
+"""Characters of a variable's name; judging one takes time by the square of its length."""
 PIECE = 1 << 20
 """Bytes that are unpacked at a time."""
 COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -121,6 +123,8 @@ def _check_description(path: Path) -> None:
         nonlocal depth, elements
         depth += 1
         elements += 1
+        if len(attributes.get("name", "")) > LONGEST_NAME:
+            raise UserError(f"{DESCRIPTION} has a name of more than {LONGEST_NAME} characters")
         if depth > DEEPEST or elements > MOST_ELEMENTS:
             raise UserError(f"{DESCRIPTION} has more or deeper elements than a description")
 
