@@ -52,6 +52,15 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
     """
     if name.endswith(".py"):
         return _own(Path(name), named_in, trust)
+    return of_catalogue(name)
+
+
+def of_catalogue(name: str) -> Actuator:
+    """Return an actuator by name; what stands in an FMU can name no other.
+
+    Raises:
+        UserError: nobody knows that name.
+    """
     if name not in actuators():
         raise UserError(unknown("actuator", name, actuators()))
     return actuators()[name]

@@ -29,6 +29,8 @@ from servo_models.units import parse
 
 Array = NDArray[np.float64]
 
+LONGEST_RUN = 1e8
+"""Internal steps in a run: some ten seconds of work.  More is a slip of a unit or of a clock."""
 PLANTS = 64
 """Plants whose texts are kept, the latest ones: a person's own come and go."""
 CHANGED = 1e-3
@@ -143,7 +145,7 @@ class Model:
             UserError: times that run backward, inputs that are not finite, or a run that
                 leaves the finite numbers.
         """
-        check_grid(times, inputs, self.plant.inputs)
+        check_grid(times, inputs, self.plant.inputs, self.values["internal_step"])
         x = self.start() if state is None else state
         begin = x.copy()
         try:
@@ -280,11 +282,12 @@ def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[s
             )
 
 
-def check_grid(times: Array, inputs: Array, wires: Sequence[Wire]) -> None:
+def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step: float) -> None:
     """Check what a run begins with: times of shape (n,), inputs of shape (n, inputs) in SI.
 
     Raises:
-        UserError: no times, times that run backward, inputs outside their bounds or not finite.
+        UserError: no times, times that run backward or last too long for the internal step [s],
+            inputs outside their bounds or not finite.
     """
     if len(times) == 0:
         raise UserError("no communication points: give at least one time")
@@ -297,6 +300,14 @@ def check_grid(times: Array, inputs: Array, wires: Sequence[Wire]) -> None:
         raise UserError(
             f"time runs backward in row {row} ({times[row - 1]:g} s, then {times[row]:g} s):"
             " sort the rows by time"
+        )
+    lasts = float(times[-1]) - float(times[0])
+    if lasts > LONGEST_RUN * internal_step:
+        row = int(np.argmax(np.diff(times)))
+        raise UserError(
+            f"the times last {lasts:.3g} s, {lasts / internal_step:.2g} internal steps, more than"
+            f" {LONGEST_RUN:.0e}; the largest step, {times[row + 1] - times[row]:.3g} s, follows"
+            f" row {row}: correct the unit or that row, or choose a longer internal_step"
         )
     for wire, column in zip(wires, inputs.T):
         bad = np.flatnonzero(is_outside(column, wire) | ~np.isfinite(column))

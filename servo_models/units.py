@@ -45,10 +45,23 @@ def registry() -> pint.UnitRegistry[Any]:
     return pint.UnitRegistry(cache_folder=folder)
 
 
+LONGEST_TEXT = 200
+"""Letters of a number with its unit."""
+_CHARACTERS = re.compile(r"[\w%./^*() \u00b0-]{1,60}")
+"""What a unit is written with; the last but one is the degree sign."""
+_TOWER = re.compile(r"\d\d|[\d)]\s*(?:\^|\*\*)")
+"""An exponent above 9, or a power of a power: pint would compute it, for ever."""
+
+
 def _pint_name(unit: str) -> str:
     """``N.m.s/rad2`` in pint's spelling."""
     if unit == "1":
         return "dimensionless"
+    if not _CHARACTERS.fullmatch(unit) or _TOWER.search(unit):
+        raise UserError(
+            f"'{unit[:60]}' is no unit: write names, with one digit for an exponent and . * /"
+            " between them, such as deg/s or N.m.s/rad2"
+        )
     return (
         re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit)
         .replace(".", "*")
@@ -64,9 +77,9 @@ def exponents(unit: str) -> tuple[float, dict[str, int]]:
     Raises:
         UserError: an unknown unit.
     """
-    known = registry()
+    known, name = registry(), _pint_name(unit)
     try:
-        base = (1.0 * known.parse_expression(_pint_name(unit))).to_base_units()
+        base = (1.0 * known.parse_expression(name)).to_base_units()
     except Exception as error:  # pint raises many kinds, some from its parser
         raise UserError(f"unknown unit '{unit}'") from error
     powers = {str(name): power for name, power in base.unit_items()}
@@ -97,11 +110,17 @@ def parse(text: str | float, unit: str) -> float:
         UserError: no number, not finite, or a unit that does not convert.
     """
     if isinstance(text, (int, float)):
-        value, given = float(text), ""
+        try:
+            value, given = float(text), ""
+        except OverflowError:  # an integer of hundreds of digits
+            raise UserError("the number is too large") from None
     else:
-        match = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
+        match = len(text) <= LONGEST_TEXT and re.fullmatch(
+            r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text
+        )
         if not match:
-            raise UserError(f"'{text}' is not a number with a unit, such as \"3 deg\" or 0.05")
+            shown = text[:LONGEST_TEXT]
+            raise UserError(f"'{shown}' is not a number with a unit, such as \"3 deg\" or 0.05")
         try:
             value, given = float(match[1]), match[2]
         except ValueError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -178,3 +180,23 @@ def test_a_file_elsewhere_is_run_only_if_trusted(tmp_path: Path, way: str, run: 
         assert (code, err) == (0, ""), words
     assert read_description(description, trust=True).actuator.name == "joint"
     assert runs(path) == 1
+
+
+def test_an_fmu_names_no_file(
+    tmp_path: Path, fmu_file: Callable[[str], Path], run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Validation asks whose model an FMU is: the name inside is one of the catalogue."""
+    path = write(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for name in ("joint.py", str(path)):
+        evil = tmp_path / "evil.fmu"
+        with ZipFile(fmu_file("torque_motor")) as good, ZipFile(evil, "w") as bad:
+            for entry in good.namelist():
+                content = good.read(entry)
+                if entry == "modelDescription.xml":
+                    changed = f'modelName="{name}"'.encode()
+                    content = content.replace(b'modelName="torque_motor"', changed)
+                    assert changed in content
+                bad.writestr(entry, content)
+        assert run("validate", evil)[0] in (1, 2)
+        assert runs(path) == 0

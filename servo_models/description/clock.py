@@ -13,10 +13,17 @@ from servo_models.description.values import quantity
 from servo_models.errors import UserError
 from servo_models.logs import Columns
 from servo_models.recording import Array, Mask
+from servo_models.simulate import LONGEST_RUN
 from servo_models.toml_file import Section
 from servo_models.units import factor
 
 KEYS = ("column", "unit", "table", "repeats")
+MOST_EMPTY = 1000.0
+"""Usual steps in a log for each of its rows: more is a clock that has jumped."""
+MOST_PER_ROW = 3e3
+"""Internal steps of the model between two rows: more is a wrong unit."""
+SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
+SHORTER = ("ms", "us", "ns")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +116,47 @@ def read_clock(entry: Section, columns: Columns, held: bool = False) -> Clock:
         )
     rows = np.arange(len(stamps)) if held else np.flatnonzero(~again)
     return Clock(columns, column, unit, stamps[rows], rows, float(stamps[0]))
+
+
+def check_duration(clock: Clock, internal_step: float) -> None:
+    """Refuse times that no run of the actuator has, before anything is simulated.
+
+    Args:
+        clock: the rows of the log.
+        internal_step: of the model [s].
+
+    Raises:
+        UserError: one step of the times is longer than a thousand logs, or the steps hold so
+            many internal ones that a simulation would hardly end.  It names the row, or the unit
+            that makes sense.
+    """
+    since = clock.since
+    steps = np.diff(since)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    lasts = float(since[-1] - since[0]) if len(since) else 0.0
+    if not usual:
+        return
+    where = clock.columns.where
+    if lasts > MOST_EMPTY * len(since) * usual:
+        row = int(np.argmax(steps)) + 1
+        raise UserError(
+            f"{where(clock.column, int(clock.rows[row]))}: time jumps by {steps[row - 1]:.3g} s,"
+            f" where rows are {usual:.3g} s apart; correct the row, remove it, or leave it out by a"
+            " window"
+        )
+    if max(usual / MOST_PER_ROW, lasts / LONGEST_RUN) > internal_step:
+        ratios = {unit: factor(unit, clock.unit) for unit in SHORTER}
+        cures = [
+            f'in {unit} it lasts {ratio * lasts:.3g} s: write unit = "{unit}"'
+            for unit, ratio in ratios.items()
+            if ratio * usual <= SENSIBLE_PER_ROW * internal_step
+        ]
+        cure = cures[0] if cures else "correct the unit, or set a longer internal_step"
+        raise UserError(
+            f"{where(clock.column)} in {clock.unit}: rows are {usual:.3g} s apart and the log lasts"
+            f" {lasts:.3g} s, which is {lasts / internal_step:.2g} internal steps of the model, too"
+            f" many to simulate; {cure}"
+        )
 
 
 def _section(entry: Section) -> Section:

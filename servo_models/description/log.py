@@ -10,14 +10,21 @@ import numpy as np
 
 from servo_models.actuator import Parameter, Wire, unknown
 from servo_models.bounds import is_outside, outside
-from servo_models.description.clock import Clock, column_key, cut_window, read_clock, time_table
+from servo_models.description.clock import (
+    Clock,
+    check_duration,
+    column_key,
+    cut_window,
+    read_clock,
+    time_table,
+)
 from servo_models.description.held_out import held_out, skipped
 from servo_models.description.values import named, quantity, setting
 from servo_models.drafting.guess import other_units
 from servo_models.errors import UserError
 from servo_models.logs import Columns
 from servo_models.recording import Array, Channel, Log, regular
-from servo_models.simulate import Model
+from servo_models.simulate import LONGEST_RUN, Model
 from servo_models.toml_file import Section
 from servo_models.units import factor
 
@@ -91,6 +98,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     apart = dict.fromkeys(it.table for it in inputs.values() if it.table != main)
     others = {name: read_clock(entry, table(name), held=True) for name in apart}
     clock = _begun(cut_window(entry, read_clock(entry, columns)), others.values(), path)
+    check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
     fed = {
         name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
@@ -270,6 +278,10 @@ def _settle(
         settle = quantity(entry, "settle", "s")
         if settle < 0.0:
             entry.fail("settle", "below 0; give a time to hold the first row for")
+        if settle > LONGEST_RUN * chosen.values["internal_step"]:
+            entry.fail(
+                "settle", f"{settle:g} s is too long to simulate; give what it needs to rest"
+            )
         return settle
     first = {name: values[0] for name, values in inputs.items()}
     for wire in chosen.plant.inputs:

@@ -128,6 +128,6 @@ def prepared(model: Model, log: Log) -> Run:
         times = np.concatenate([[0.0], times + log.settle])
         matrix = np.vstack([matrix[:1], matrix])
     chosen = replace(model, values={**model.values, **parameters})
-    check_grid(times, matrix, plant.inputs)
+    check_grid(times, matrix, plant.inputs, chosen.values["internal_step"])
     columns = tuple(plant.outputs.index(name) for name in log.outputs)
     return Run(log, chosen, times, np.ascontiguousarray(matrix), columns)

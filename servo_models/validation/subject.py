@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import Actuator
-from servo_models.catalogue import actuator as find_actuator
+from servo_models.catalogue import of_catalogue
 from servo_models.errors import UserError
 from servo_models.simulate import Model, model
 from servo_models.validation.host_process import DeadHostError, HostProcess, RefusedError
@@ -188,7 +188,7 @@ class Subject:
     def _named_model(self, own: Actuator | None) -> Model:
         """Find the variant and the parameters by the start values."""
         name = self._description.modelName
-        found = own if own and own.name == name else find_actuator(name)
+        found = own if own and own.name == name else of_catalogue(name)
         differing = {
             variant.name: sum(
                 value != self._starts.get(name)
