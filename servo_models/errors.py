@@ -3,11 +3,35 @@
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
+
+LONGEST = 1000
+"""Characters of an error: of more the middle is left out."""
 
 
 class UserError(Exception):
-    """Wrong input.  Its text is one line; commands print it and exit with 2."""
+    """Wrong input.  Its text is one line; commands print it and exit with 2.
+
+    It may hold names and cells of anybody's files, so it is cleaned and shortened.
+    """
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(printable(str(text), LONGEST))
+
+
+def printable(text: str, longest: int) -> str:
+    """Return a text as one line that a terminal only shows.
+
+    Escapes, other control characters and marks of writing direction become question marks; of
+    more than ``longest`` characters the middle is left out.
+    """
+    if len(text) > longest:
+        text = f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
+    return "".join(
+        " " if sign in "\t\n\r" else "?" if unicodedata.category(sign)[0] == "C" else sign
+        for sign in text
+    )
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -14,10 +14,12 @@ import json
 import os
 import platform
 import shutil
+import stat
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
 
 from servo_models.errors import UserError
@@ -51,6 +53,43 @@ def write_with(path: Path, write: Callable[[Path], object]) -> None:
         raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+largest_input: ContextVar[int] = ContextVar("largest_input", default=256 << 20)
+"""Bytes that a file of measurements may have, and what is read from it may take."""
+
+
+def read_regular(path: Path, largest: int | None = None) -> bytes:
+    """Return what stands in a file, if it is a regular file of no more than ``largest`` bytes.
+
+    Raises:
+        UserError: it is missing, may not be read, is a pipe or a device, or is too large.
+    """
+    most = largest_input.get() if largest is None else largest
+    try:
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise UserError(f"cannot read '{path}': it is no regular file; copy it into one")
+        check_size(path, about.st_size, most)
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
+    except ValueError as error:  # a NUL in the name
+        raise UserError(f"cannot read '{path}': {error}; correct the name") from error
+
+
+def check_size(path: Path, size: float, most: int | None = None) -> None:
+    """Refuse a file with ``size`` bytes in it, or in what it would be read to.
+
+    Raises:
+        UserError: it is more than ``most``, by default ``largest_input``.
+    """
+    limit = largest_input.get() if most is None else most
+    if size > limit:
+        raise UserError(
+            f"'{path}' would take {size / 2**20:.4g} MB, more than {limit / 2**20:.4g}: cut it, or"
+            f" allow it by --largest {size / 2**20:.0f}"
+        )
 
 
 def check_writable(path: Path) -> None:

@@ -18,6 +18,7 @@ from types import ModuleType
 
 from servo_models.actuator import Actuator
 from servo_models.errors import UserError
+from servo_models.files import read_regular
 
 
 def load_actuator(path: Path) -> Actuator:
@@ -28,12 +29,9 @@ def load_actuator(path: Path) -> Actuator:
     Raises:
         UserError: no such file, a fault in it (also one that ends the process), or no actuator.
     """
-    if not path.is_file():
+    if not path.exists():
         raise UserError(f"cannot read '{path}': no such file; name one that defines ACTUATOR")
-    try:
-        return _run(path.resolve(), path.read_bytes())
-    except OSError as error:
-        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
+    return _run(path.resolve(), read_regular(path))
 
 
 @functools.lru_cache(maxsize=16)

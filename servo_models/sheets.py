@@ -6,11 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from servo_models.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Group
 
 WIDE = 160
 """Columns of a sheet as plain text."""
+LONGEST_CELL = 400
+"""Characters of a cell, which may be a name out of anybody's file."""
+LONGEST_TEXT = 4000  # the same of a paragraph
 MOST = 10
 """Digits that a value is worth, however small its error."""
 
@@ -43,15 +48,15 @@ class Sheet:
         from rich.table import Table as RichTable
         from rich.text import Text
 
-        parts: list[Text | RichTable] = [Text(self.title, style="bold")]
-        parts += [Text(f"\n{text}") for text in self.texts]
+        parts: list[Text | RichTable] = [Text(_paragraph(self.title), style="bold")]
+        parts += [Text(f"\n{_paragraph(text)}") for text in self.texts]
         for table in self.tables:
-            parts.append(Text(f"\n{table.heading}", style="bold"))
+            parts.append(Text(f"\n{_paragraph(table.heading)}", style="bold"))
             grid = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
             for i, column in enumerate(table.columns):
                 grid.add_column(Text(column), style="cyan" if i == 0 else "", overflow="fold")
             for row in table.rows:
-                grid.add_row(*map(Text, row))
+                grid.add_row(*(Text(printable(cell, LONGEST_CELL)) for cell in row))
             parts.append(grid)
         return Group(*parts)
 
@@ -66,6 +71,11 @@ class Sheet:
         with console.capture() as capture:
             console.print(self)
         return "\n".join(line.rstrip() for line in capture.get().splitlines())
+
+
+def _paragraph(text: str) -> str:
+    """A text with its own line breaks."""
+    return "\n".join(printable(line, LONGEST_TEXT) for line in text.split("\n"))
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:

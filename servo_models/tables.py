@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from servo_models.actuator import Plant, Wire, unknown
 from servo_models.bounds import is_outside, outside
 from servo_models.errors import UserError
-from servo_models.files import write_with
+from servo_models.files import read_regular, write_with
 from servo_models.logs import csv, parquet
-from servo_models.logs.columns import Columns, Source, Tables, read_bytes
+from servo_models.logs.columns import Columns, Source, Tables
 from servo_models.units import factor
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def _read(
 ) -> tuple[Array, dict[str, Array]]:
     """The same; signals that are ``bounded`` have to be inside the bounds of their wires."""
     check_suffix(path)
-    source = Source(path, read_bytes(path), header=True)
+    source = Source(path, read_regular(path), header=True)
     tables = _read_csv(source) if path.suffix.lower() == ".csv" else parquet.read(source)
     columns = Columns(path, tuple(tables.cells[""]), tables.first_row)
     known = {wire.name: wire for wire in (TIME, *wires)}

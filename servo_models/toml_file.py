@@ -9,11 +9,16 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from servo_models.errors import UserError, did_you_mean
+from servo_models.files import read_regular
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+
+LARGEST = 4 << 20
+"""Bytes of a file that a person wrote."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +93,8 @@ def named_files(path: Path) -> list[Path]:
     Names are relative to its folder.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = tomllib.loads(read_regular(path, LARGEST).decode("utf-8-sig"))
+    except (UserError, ValueError, RecursionError):
         return []
     named = [path.parent / text for text in _texts(content)]
     return [path, *(file for file in named if _is_file(file))]
@@ -118,12 +123,10 @@ def read_toml(path: Path) -> Section:
         UserError: the file cannot be read, is no text, or is no TOML; with the line.
     """
     try:
-        return Section(path, "", tomllib.loads(path.read_text(encoding="utf-8-sig")))
-    except OSError as error:
-        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
+        return Section(path, "", tomllib.loads(read_regular(path, LARGEST).decode("utf-8-sig")))
     except UnicodeDecodeError as error:
         raise UserError(f"'{path}' is no text in UTF-8: save it as such") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
         raise UserError(f"'{path}' is no TOML: {error}; correct it there") from error
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Trust, complete_actuator
+from servo_models.cli.options import Largest, Trust, complete_actuator
 from servo_models.errors import UserError
 
 
@@ -27,6 +27,7 @@ def check(
         typer.Option(help="What made the log, see 'list'.", autocompletion=complete_actuator),
     ] = None,
     trust: Trust = False,
+    largest: Largest = None,
 ) -> int:
     """Check logs: sampling, readings, noise floor, and what they can and cannot determine.
 

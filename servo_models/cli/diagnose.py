@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servo_models.cli.options import Format, Trust, check_outputs
+from servo_models.cli.options import Format, Largest, Trust, check_outputs
 from servo_models.errors import UserError
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def diagnose(
         int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
     ] = None,
     trust: Trust = False,
+    largest: Largest = None,
 ) -> int:
     """Find out where a model and logs of the real thing differ, and why.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Trust, check_outputs
+from servo_models.cli.options import Largest, Trust, check_outputs
 from servo_models.errors import UserError
 
 NOT_BELIEVABLE = 1
@@ -41,6 +41,7 @@ def identify(
         Path | None, typer.Option(metavar="FILE", help="Write a report (.html).")
     ] = None,
     trust: Trust = False,
+    largest: Largest = None,
 ) -> int:
     """Estimate parameters from measured files.
 

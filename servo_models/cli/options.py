@@ -133,6 +133,26 @@ Params = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Parameter file, .toml, in place of a name and variant."),
 ]
+
+
+def _allow(megabytes: int | None) -> int | None:
+    from servo_models.files import largest_input
+
+    if megabytes is not None:
+        largest_input.set(megabytes << 20)
+    return megabytes
+
+
+Largest = Annotated[
+    int | None,
+    typer.Option(
+        "--largest",
+        min=1,
+        metavar="MB",
+        callback=_allow,
+        help="Largest file of measurements, also of what is unpacked from it; default 256.",
+    ),
+]
 Trust = Annotated[
     bool,
     typer.Option(

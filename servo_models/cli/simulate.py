@@ -9,6 +9,7 @@ import typer
 
 from servo_models.cli.options import (
     Actuator,
+    Largest,
     Params,
     Settings,
     Trust,
@@ -26,6 +27,7 @@ def simulate(
     set_: Settings = None,
     params: Params = None,
     trust: Trust = False,
+    largest: Largest = None,
     step: Annotated[
         list[str] | None,
         typer.Option(

@@ -14,7 +14,8 @@ from pathlib import Path
 from types import ModuleType
 
 from servo_models.errors import UserError
-from servo_models.logs.columns import Columns, Source, read_bytes
+from servo_models.files import read_regular
+from servo_models.logs.columns import Columns, Source
 
 __all__ = ["Columns", "read_columns", "suffixes"]
 
@@ -36,7 +37,7 @@ def read_columns(path: Path, table: str | None = None, header: bool | None = Non
     known = _formats()
     if path.suffix.lower() not in known:
         raise UserError(f"'{path}' is of no known format: its name may end in {suffixes()}")
-    content = read_bytes(path)
+    content = read_regular(path)
     source = Source(path, content, table, header)
     tables = known[path.suffix.lower()].read(source)
     prefixed = len(tables.cells) > 1

@@ -161,18 +161,6 @@ class Columns:
             )
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return what stands in a file.
-
-    Raises:
-        UserError: it is missing or may not be read.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
-
-
 def extra(name: str, module: str) -> Any:
     """Return the module of a library that only the extra ``name`` brings.
 

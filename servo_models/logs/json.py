@@ -26,6 +26,8 @@ def read(source: Source) -> Tables:
         document = json.loads(source.content, parse_int=float)
     except UnicodeDecodeError as error:
         raise source.damaged("JSON") from error
+    except RecursionError as error:
+        raise UserError(f"'{source.path}' is nested too deeply: give a list of records") from error
     except json.JSONDecodeError as error:
         raise UserError(
             f"'{source.path}', row {error.lineno}: no JSON, {error.msg}; write it again"

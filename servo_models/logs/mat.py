@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from servo_models.errors import UserError
+from servo_models.files import check_size
 from servo_models.logs.columns import Source, Tables, array_column, extra
 
 if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".mat",)
+NUMBER = 8  # bytes
 VERSION_73 = b"MATLAB 7.3"
 
 
@@ -43,7 +45,11 @@ def _read_5(source: Source) -> list[tuple[str, Any]]:
     import scipy.io
 
     try:
+        whole = scipy.io.whosmat(io.BytesIO(source.content))
+        check_size(source.path, NUMBER * sum(float(np.prod(shape)) for _, shape, _ in whole))
         return list(scipy.io.loadmat(io.BytesIO(source.content), simplify_cells=True).items())
+    except UserError:
+        raise
     except Exception as error:  # scipy raises many kinds
         raise source.damaged("MAT") from error
 
@@ -51,18 +57,36 @@ def _read_5(source: Source) -> list[tuple[str, Any]]:
 def _read_73(source: Source) -> list[tuple[str, Any]]:
     h5py = extra("mat73", "h5py")
 
+    def members(group: Any) -> dict[str, Any]:
+        links = {key: group.get(key, getlink=True) for key in group if key != "#refs#"}
+        for key, link in links.items():
+            if isinstance(link, h5py.ExternalLink):
+                raise _elsewhere(source, key)
+        return {key: value(group[key]) for key in links}
+
     def value(item: Any) -> Any:
         if isinstance(item, h5py.Group):
-            return {key: value(inner) for key, inner in item.items()}
+            return members(item)
+        if item.external or item.is_virtual:
+            raise _elsewhere(source, item.name)
+        check_size(source.path, float(item.size) * item.dtype.itemsize)
         if item.attrs.get("MATLAB_class") == b"char":
             return None
         return np.squeeze(item[()].T)  # MATLAB counts by columns, HDF5 by rows
 
     try:
         with h5py.File(io.BytesIO(source.content)) as file:
-            return [(key, value(item)) for key, item in file.items() if key != "#refs#"]
+            return list(members(file).items())
+    except UserError:
+        raise
     except Exception as error:  # h5py raises many kinds
         raise source.damaged("MAT") from error
+
+
+def _elsewhere(source: Source, name: str) -> UserError:
+    return UserError(
+        f"'{source.path}': '{name}' stands in another file; save the values in this one"
+    )
 
 
 def _columns(name: str, value: Any) -> Iterator[pl.Series]:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from servo_models.errors import UserError
+from servo_models.files import check_size
 from servo_models.logs.columns import Source, Tables, column_of, columns_of, extra
 
 if TYPE_CHECKING:
@@ -30,7 +31,13 @@ def read(source: Source) -> Tables:
     """
     reader = extra("mcap", "mcap.reader")
     try:
-        found = list(reader.make_reader(io.BytesIO(source.content)).iter_messages())
+        opened = reader.make_reader(io.BytesIO(source.content))
+        summary = opened.get_summary()
+        chunks = summary.chunk_indexes if summary else ()
+        check_size(source.path, sum(chunk.uncompressed_size for chunk in chunks))
+        found = list(opened.iter_messages())
+    except UserError:
+        raise
     except Exception as error:  # mcap raises many kinds
         raise source.damaged("MCAP") from error
     topics: dict[str, list[Any]] = {}
