@@ -12,8 +12,9 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 LAYERS = (
-    "errors sheets threads interchange",
-    "files noise compare reference recording toml_file linear_model",
+    "errors threads interchange",
+    "files sheets noise compare reference recording linear_model",
+    "toml_file",
     "units block flat logs",
     "bounds",
     "inline actuator printer plants effects",
