@@ -12,6 +12,7 @@ from servo_models.description import Description, read_description
 from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, Group, Reach, excitation
 from servo_models.explain import display_unit, in_display_unit
+from servo_models.identification.estimate import together
 from servo_models.identification.problem import free_names
 from servo_models.plausibility import implausible, implausible_clocks
 from servo_models.sheets import Sheet, Table
@@ -66,6 +67,10 @@ class Check:
             if reach.name in free and reach.together > ROUGHLY:
                 verdict = _verdict(reach, reach.name in self.description.uncertainty)
                 said.append(f"'{reach.name}' is to be estimated, but: {verdict}")
+        own = [name for name in free if name not in self.description.uncertainty]
+        for group in self.excitation.together:
+            if sum(name in own for name in group) > 1:
+                said.append(together(group, own))
         return tuple(said)
 
 
@@ -236,6 +241,8 @@ def _effects(found: Check) -> Iterator[tuple[str, str]]:
     yield "move nothing measured", _names(still)
     if found.excitation.refused:
         yield "cannot be simulated", _names(found.excitation.refused)
+    for names in found.excitation.together:
+        yield "show only together", _names(names)
     for group in found.excitation.groups:
         yield "look alike", _alike(group, found.plant)
 

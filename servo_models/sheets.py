@@ -82,11 +82,16 @@ def with_error(value: float, error: float | None) -> tuple[str, str]:
     """Return a value and its standard error as they are worth printing, in one unit.
 
     The error has two digits and the value goes to the same decimal place, with 2 to
-    ``MOST`` digits.  Without a finite error its text is empty, and the value has six digits.
+    ``MOST`` digits.  Of an infinite error the text is empty, and the value has the two digits that
+    say where it stands; without an error, None or NaN, it has six.
     Source: Review of Particle Physics, Introduction, sec. 5.3 (rounding), with two digits.
     """
-    if error is None or not math.isfinite(error):
+    if error is None or math.isnan(error):
         return f"{value:.6g}", ""
+    if math.isinf(error):
+        if value == 0.0 or not 1e-5 <= abs(value) < 1e9:
+            return f"{value:.2g}", ""
+        return _fixed(value, _magnitude(value) - 1), ""
     if error == 0.0:
         return f"{value:.6g}", "0"
     place = _magnitude(error) - 1

@@ -18,6 +18,7 @@ from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.covariance import covariance
 from servo_models.identification.estimate import spread_of
 from servo_models.identification.fit import fit
+from servo_models.identification.information import Information
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.run import Run
 from servo_models.recording import Channel
@@ -99,6 +100,11 @@ def test_smooth_errors_have_a_covariance() -> None:
         assert found[0, 0] > 1.5 * white[0, 0]
 
 
+def told(slopes: Array) -> Information:
+    """What smooth slopes tell, as they are."""
+    return Information(slopes, np.empty((slopes.shape[1], 0)), np.zeros(len(slopes)))
+
+
 def test_a_parameter_that_moves_nothing_but_rounding_has_no_standard_error() -> None:
     """As a delay of which a hold after it shows nothing."""
     chosen = nominal()
@@ -107,10 +113,10 @@ def test_a_parameter_that_moves_nothing_but_rounding_has_no_standard_error() -> 
     free = [free_parameter(chosen.plant.parameters[name], TRUE[name], None) for name in names]
     problem = Problem(chosen, [log_of(voltage, rig(TRUE, voltage))], free)
     slopes = problem.jacobian(problem.start)
-    alone = spread_of(problem, problem.start, slopes * [0.0, 1.0])
+    alone = spread_of(problem, problem.start, told(slopes * [0.0, 1.0]))
     rounding = 1e-15 * np.random.default_rng(1).standard_normal(len(slopes))
     slopes[:, 0] = np.abs(slopes).max() * rounding
-    found = spread_of(problem, problem.start, slopes)
+    found = spread_of(problem, problem.start, told(slopes))
     assert found.slopes[0] == 0.0
     assert found.standard_errors[0] == np.inf
     assert found.standard_errors[1] == alone.standard_errors[1]
@@ -140,7 +146,10 @@ def test_a_value_is_printed_to_the_digits_of_its_error(value: float, error: floa
         (0.02, 300.0, ("0.020", "300")),
         (0.0, 0.3, ("0.00", "0.30")),
         (5.2277, None, ("5.2277", "")),
-        (5.2277, float("inf"), ("5.2277", "")),
+        # six digits of what the data do not determine were six digits too many
+        (5.2277, float("inf"), ("5.2", "")),
+        (-34712.0, float("inf"), ("-35000", "")),
+        (5.2277, float("nan"), ("5.2277", "")),
     ],
 )
 def test_printed_values(value: float, error: float | None, expected: tuple[str, str]) -> None:

@@ -11,13 +11,15 @@ from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import closed
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.verdict import Verdict
-from servo_models.identification.estimate import Spread, spread, spread_of
-from servo_models.identification.slopes import steps
+from servo_models.recording import Array
 
 
 @dataclass(frozen=True)
 class Value:
-    """A parameter [SI] with its standard error, and its value before."""
+    """A parameter [SI] with its standard error, and its value before.
+
+    The standard error is NaN on a bound, infinite where logs do not tell or nobody has asked.
+    """
 
     name: str
     nominal: float
@@ -74,7 +76,7 @@ def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
 def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict) -> Claim:
     model = explanation.problem.model
     matters = explanation is causes.taken or explanation in verdict.rivals
-    values = estimates(explanation) if matters else _quick_estimates(explanation)
+    values = estimates(explanation) if matters else _sizes_alone(explanation)
     after = explanation.evidence.rms
     return Claim(
         name=name,
@@ -94,22 +96,20 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
 
 def estimates(explanation: Explanation) -> tuple[Value, ...]:
     """Return every free parameter of an explanation with its standard error."""
-    problem, vector = explanation.problem, explanation.evidence.vector
-    if not problem.free:
+    if not explanation.problem.free:
         return ()
-    least = explanation.widths if explanation.widths is not None else steps(problem, vector)
-    return _values(explanation, spread(problem, vector, least))
+    return _values(explanation, explanation.spread.standard_errors)
 
 
-def _quick_estimates(explanation: Explanation) -> tuple[Value, ...]:
-    """The same from the slopes of the fit, for an explanation that is not believed."""
-    vector, slopes = explanation.evidence.vector, explanation.view.slopes
-    return _values(explanation, spread_of(explanation.problem, vector, slopes))
+def _sizes_alone(explanation: Explanation) -> tuple[Value, ...]:
+    """The same without standard errors, for an explanation that is not believed: nobody has fitted
+    it to the end, and what slopes would say there is not worth their simulations."""
+    return _values(explanation, np.full(len(explanation.problem.free), np.inf))
 
 
-def _values(explanation: Explanation, found: Spread) -> tuple[Value, ...]:
+def _values(explanation: Explanation, errors: Array) -> tuple[Value, ...]:
     free, values = explanation.problem.free, explanation.values.values()
     return tuple(
-        Value(one.name, one.nominal, value, float(error))
-        for one, value, error in zip(free, values, np.atleast_1d(found.standard_errors))
+        Value(one.name, one.nominal, value, error)
+        for one, value, error in zip(free, values, errors.tolist())
     )

@@ -19,7 +19,7 @@ import numpy as np
 from servo_models.actuator import Plant
 from servo_models.errors import UserError
 from servo_models.excitation import responses
-from servo_models.excitation.evidence import Evidence
+from servo_models.excitation.evidence import EXPLAINED, Evidence
 from servo_models.identification.problem import Problem, map_on
 from servo_models.lookalikes import cause, experiment
 from servo_models.recording import Log, Mask
@@ -85,12 +85,14 @@ class Excitation:
         parameters: those free; without any all of the plant and of effects that are on.
         effects: all that the plant has a place for.
         groups: shown causes that look alike, the strongest first.
+        together: parameters to be estimated that the logs show only together.
         refused: effects whose simulation leaves the finite numbers.
     """
 
     parameters: tuple[Reach, ...]
     effects: tuple[Reach, ...]
     groups: tuple[Group, ...]
+    together: tuple[tuple[str, ...], ...]
     refused: tuple[str, ...]
 
 
@@ -120,34 +122,44 @@ def excitation(
     judging = [log for log in logs if log.fitted.any()]
     if not judging:
         raise UserError("every sample is held out: leave some to estimate from")
-    problem = Problem(model, judging, [], sigma=dict(floor))
+    many = jobs or os.cpu_count() or 1
+    problem = Problem(model, judging, [], sigma=dict(floor), jobs=many)
     nominal = responses.response(problem, {})
     if nominal is None:
         raise UserError("the nominal model leaves the finite numbers on these logs: correct it")
     changes = responses.parameters(model, asked, given)
     settings = responses.effects(model)
-    many = jobs or os.cpu_count() or 1
-    parameters = list(map_on(many, lambda it: responses.slope(problem, model, it), changes))
+    told = responses.slopes(problem, model, changes, together=bool(asked))
+    parameters = told.causes
     effects = list(map_on(many, lambda it: responses.difference(problem, nominal, *it), settings))
     causes = [c for c in (*parameters, *effects) if c.difference is not None]
-    evidence = Evidence(causes, asked, given)
+    evidence = Evidence(causes, asked, given, told.jitter)
     outputs = responses.outputs(problem)
-    reaches = [_reach(i, evidence, outputs) for i in range(len(causes))]
+    reaches = [_reach(i, evidence, outputs, told) for i in range(len(causes))]
     return Excitation(
         parameters=tuple(reach for reach in reaches if not reach.effect),
         effects=tuple(reach for reach in reaches if reach.effect),
         groups=_groups(model.plant, reaches, evidence, asked),
+        together=told.groups,
         refused=tuple(c.name for c in (*parameters, *effects) if c.difference is None),
     )
 
 
-def _reach(i: int, evidence: Evidence, outputs: Mapping[str, Mask]) -> Reach:
+def _reach(
+    i: int, evidence: Evidence, outputs: Mapping[str, Mask], told: responses.Slopes
+) -> Reach:
     found, difference = evidence.causes[i], evidence.differences[i]
-    moved = {name: float(np.sqrt(np.mean(difference[at] ** 2))) for name, at in outputs.items()}
+    squares = difference**2 - evidence.rough[i]
+    moved = {n: float(np.sqrt(max(np.mean(squares[at]), 0.0))) for n, at in outputs.items()}
     most = max(moved, key=lambda name: moved[name])
     whole = float(evidence.data[i, i])
     rest = max(float(evidence.rest(i)[0, 0]), 0.0)
     prior = float(evidence.gram[i, i]) - whole
+    alone, together = (
+        1.0 / np.sqrt(it) if it > EXPLAINED * whole else np.inf for it in (whole, rest)
+    )
+    if found.name in told.steps and prior == 0.0:
+        alone, together = (told.steps[found.name](it) for it in (alone, together))
     return Reach(
         name=found.name,
         effect=found.effect,
@@ -156,8 +168,8 @@ def _reach(i: int, evidence: Evidence, outputs: Mapping[str, Mask]) -> Reach:
         output=most,
         moves=moved[most],
         remains=moved[most] * np.sqrt(max(rest - prior, 0.0) / whole) if whole else 0.0,
-        alone=1.0 / np.sqrt(whole) if whole else np.inf,
-        together=1.0 / np.sqrt(rest) if rest else np.inf,
+        alone=alone,
+        together=together,
     )
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from servo_models.errors import UserError
+from servo_models.identification.estimate import Axis
+from servo_models.identification.information import Information, information
 from servo_models.identification.problem import Free, Problem, free_parameter
 from servo_models.recording import Array, Mask
 from servo_models.simulate import Model
-
-STEP = 1e-2
-"""Change of a parameter in scales: larger than the jumps that frames and steps make of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,20 +98,64 @@ def difference(problem: Problem, nominal: Array, place: str, sizes: Mapping[str,
     return Cause(place, sizes, owner=place, effect=True, difference=moved)
 
 
-def slope(problem: Problem, model: Model, change: Free) -> Cause:
-    """Return the slope by central differences, one-sided on a bound.
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """What single parameters change, as far as several widths agree on it.
+
+    Attributes:
+        causes: one a parameter, in the order asked for; its difference is the slope per scale.
+        steps: by name, a standard error [scales] with steps of the response in it, of one without.
+        jitter: variance of the response by roughness [noise floors^2], shape (m,).
+        groups: names of parameters that show only together.
+    """
+
+    causes: list[Cause]
+    steps: dict[str, Callable[[float], float]]
+    jitter: Array
+    groups: tuple[tuple[str, ...], ...]
+
+
+def slopes(problem: Problem, model: Model, changes: Sequence[Free], together: bool) -> Slopes:
+    """Return the slopes of parameters, those that are ``together`` free of one another as well.
 
     An effect that is off is on at its typical size meanwhile.
     """
-    owner = model.plant.parameters[change.name].owner
-    switches = _switches(model).get(owner, {})
-    around = {} if any(switches.values()) else _typical(model, switches)
-    upper = min(change.start + STEP * change.scale, change.high)
-    lower = max(change.start - STEP * change.scale, change.low)
-    ends = [response(problem, {**around, change.name: end}) for end in (upper, lower)]
-    high, low = ends
-    moved = None
-    if high is not None and low is not None:
-        moved = (high - low) * change.scale / (upper - lower)
-    sizes = {change.name: change.start}
-    return Cause(change.name, sizes, change.scale, owner, difference=moved)
+    batches = [list(changes)] if together and changes else [[change] for change in changes]
+    found = [_slopes(problem, model, batch) for batch in batches]
+    causes = [cause for one in found for cause in one.causes]
+    jitters = [one.jitter for one in found if one.jitter.any()]
+    return Slopes(
+        causes,
+        {name: step for one in found for name, step in one.steps.items()},
+        min(jitters, key=np.sum) if jitters else np.zeros(problem.samples),
+        tuple(group for one in found for group in one.groups),
+    )
+
+
+def _slopes(problem: Problem, model: Model, batch: Sequence[Free]) -> Slopes:
+    owners = {change.name: model.plant.parameters[change.name].owner for change in batch}
+    known = _switches(model)
+    off = [known[it] for it in owners.values() if it in known and not any(known[it].values())]
+    around = {name: value for sizes in off for name, value in _typical(model, sizes).items()}
+    at = replace(model, values={**model.values, **around})
+    own = Problem(at, problem.logs, batch, sigma=problem.sigma, jobs=problem.jobs)
+    told = information(own, own.start)
+    names = [change.name for change in batch]
+    causes: list[Cause] = []
+    steps: dict[str, Callable[[float], float]] = {}
+    for i, change in enumerate(batch):
+        moved = None if i in told.refused else told.slopes[: own.samples, i]
+        sizes = {change.name: change.start}
+        causes.append(Cause(change.name, sizes, change.scale, owners[change.name], False, moved))
+        steps[change.name] = partial(_with_steps, own, i, told)
+    groups = tuple(tuple(names[i] for i in group) for group in told.groups)
+    return Slopes(causes, steps, told.jitter, groups)
+
+
+def _with_steps(problem: Problem, i: int, told: Information, error: float) -> float:
+    """A standard error [scales] to expect, with steps of the response in it."""
+    along = Axis(problem, problem.start, i)
+    if np.isfinite(error):
+        return along.tread(error, float(np.linalg.norm(told.slopes[: problem.samples, i])))
+    alone = told.open[i] and not any(i in group for group in told.groups)
+    return along.needle(right=True) if alone else error

@@ -16,10 +16,11 @@ from servo_models.noise import autocovariance
 Array = NDArray[np.float64]
 
 
-def covariance(problem: Problem, jacobian: Array, residuals: Array) -> Array:
+def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float = 1.0) -> Array:
     """Covariance of the estimates in scales, shape (p, p).
 
-    Priors are scores of their own with the variance that they claim.
+    Priors are scores of their own with the variance that they claim; that of the errors counts
+    ``more`` times.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
     count = problem.samples
@@ -32,7 +33,7 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array) -> Array:
             continue
         for _ in log.outputs:
             part = slice(start, start + kept)
-            middle = middle + _scatter(jacobian[part], residuals[part])
+            middle = middle + more * _scatter(jacobian[part], residuals[part])
             start += kept
     freedom = count / max(count - jacobian.shape[1], 1)
     return np.asarray(freedom * inverse @ middle @ inverse)

@@ -6,14 +6,16 @@ Standard errors, what cannot be told apart, what no log excites, and what to do 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.identification.covariance import covariance
+from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
+from servo_models.noise import inflation
 
 Array = NDArray[np.float64]
 
@@ -32,8 +34,20 @@ PRIOR_ONLY = 0.8
 FAR = 3.0
 """Standard deviations of its way from the prior from which an estimate has gone too far."""
 
-NARROW, WIDE = 0.01, 0.3
-"""Least and largest step, in scales, over which the slopes behind a standard error are taken."""
+STANDSTILL = 0.01
+"""Change of the errors over what slopes promise, both squared, up to which one is on a tread."""
+SMALLEST = 1e-9
+"""Standard error in scales below which an estimate is exact: rounding of a simulation."""
+TREAD = 4.0
+"""Factor by which the end of a tread is sought."""
+LONGEST = 12
+"""Times that it is sought farther: from the smallest standard error to about 1 % of the scale."""
+TREAD_SHARE = 1.0 / np.sqrt(12.0)
+"""Standard deviation of a value that may lie anywhere on a tread of length 1."""
+NEEDLE = 0.1
+"""Distance in scales within which squared errors have to rise for a value that no slope tells."""
+REACHES = np.geomspace(1e-5, 0.3, 10)
+"""Distances in scales at which that is looked at."""
 
 ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"
@@ -52,7 +66,8 @@ class Spread:
         condition: of the slopes with unit columns, over parameters off their bounds.
         on_bound: ``"low"``, ``"high"`` or ``""`` for each.
         slopes: effect of one scale of each parameter on the weighted errors, root of the
-            sum of squares.
+            sum of squares, without what is roughness.
+        groups: parameters, by position, that the data show only together.
     """
 
     standard_errors: Array
@@ -60,44 +75,125 @@ class Spread:
     condition: float
     on_bound: tuple[str, ...]
     slopes: Array
+    groups: tuple[tuple[int, ...], ...] = ()
 
 
-def spread(problem: Problem, vector: Array, least: Array | None) -> Spread:
+def spread(problem: Problem, vector: Array, told: Information | None = None) -> Spread:
     """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,).
 
-    Slopes are taken over about the standard errors that they lead to, and over no less than
-    ``least`` [scales], shape (p,), from ``slopes.steps``.
+    ``told`` is what the logs tell there, where that is known.
     """
-    first = spread_of(problem, vector, problem.jacobian(vector, least))
-    widths = np.nan_to_num(first.standard_errors / problem.scales)
-    widths = np.where(widths < WIDE, np.maximum(widths, NARROW), NARROW)
-    widths = np.where(first.slopes == 0.0, WIDE, widths)
-    widths = widths if least is None else np.maximum(widths, least)
-    return spread_of(problem, vector, problem.jacobian(vector, widths))
+    inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
+    told = told or information(problem, vector, inner)
+    found = spread_of(problem, vector, told)
+    errors = found.standard_errors / problem.scales
+    grouped = {i for group in told.groups for i in group}
+    for i in inner:
+        if problem.free[i].prior is None and i not in grouped:
+            along = Axis(problem, vector, i)
+            known = np.isfinite(errors[i])
+            errors[i] = along.tread(errors[i], found.slopes[i]) if known else along.needle()
+    return replace(found, standard_errors=errors * problem.scales)
 
 
-def spread_of(problem: Problem, vector: Array, jacobian: Array) -> Spread:
-    """Return the uncertainty of an estimate from slopes that are known, shape (m, p)."""
+def spread_of(problem: Problem, vector: Array, told: Information) -> Spread:
+    """Return the uncertainty of an estimate as slopes tell it, without steps of the response."""
     at = problem.sides(vector)
-    residuals = problem.residuals(vector)
-    inner = np.array([not side for side in at])
+    inner = np.array([not side for side in at], dtype=bool)
+    jacobian, residuals = told.slopes, problem.latest(vector)
     p = len(vector)
     errors, correlations = np.full(p, np.nan), np.full((p, p), np.nan)
-    slopes = np.sqrt(np.sum(jacobian[: problem.samples] ** 2, axis=0))
+    slopes = np.linalg.norm(jacobian[: problem.samples], axis=0)
     slopes[slopes <= ROUNDING * np.max(slopes, initial=0.0)] = 0.0
     condition = 1.0
-    moving = inner & (slopes > 0.0)
+    known = np.any(jacobian[problem.samples :], axis=0) | (slopes > 0.0)
+    moving = inner & known
     if moving.any():
-        units = jacobian[:, moving] / np.linalg.norm(jacobian[:, moving], axis=0)
-        _, singular, axes = np.linalg.svd(units, full_matrices=False)
-        condition = float(singular[0] / max(singular[-1], 1e-300))
-        lost = np.any((axes**2)[singular < NOTHING * singular[0]] > 1e-3, axis=0)
+        norms = np.linalg.norm(jacobian[:, moving], axis=0)
+        _, singular, axes = np.linalg.svd(jacobian[:, moving] / norms, full_matrices=False)
+        condition = float(min(singular[0] / max(singular[-1], 1e-300), 1.0 / ROUNDING))
         correlations[np.ix_(moving, moving)] = _correlations(axes, singular)
-        variance = np.diag(covariance(problem, jacobian[:, moving], residuals))
+        free = np.abs(axes[singular < NOTHING * singular[0]] / norms) / units(vector)[moving]
+        lost = np.any(free > MEMBER * free.max(axis=1, keepdims=True), axis=0)
+        more = _roughness(problem, told, residuals)
+        variance = np.diag(covariance(problem, jacobian[:, moving], residuals, more))
         deviation = np.sqrt(np.maximum(variance, 0.0))
-        errors[moving] = np.where(lost, np.inf, deviation * problem.scales[moving])
+        # a rough surface stops a search where it has a dent, short of what slopes promise
+        short = np.linalg.lstsq(jacobian[:, moving], residuals, rcond=NOTHING)[0]
+        errors[moving] = np.where(lost, np.inf, np.maximum(deviation, np.abs(short)))
     errors[inner & ~moving] = np.inf
-    return Spread(errors, correlations, condition, at, slopes)
+    moves = np.where(told.open, np.maximum(slopes, ROUNDING), slopes)
+    return Spread(errors * problem.scales, correlations, condition, at, moves, told.groups)
+
+
+def _roughness(problem: Problem, told: Information, residuals: Array) -> float:
+    """Factor on the variance of errors that are less than the roughness of the response.
+
+    Such a fit has met the very steps of the log, as it may where the model itself made it.
+    """
+    own = float(np.mean(residuals[: problem.samples] ** 2))
+    return max(1.0, 2.0 * float(np.mean(told.jitter)) / max(own, 1e-300))
+
+
+class Axis:
+    """What happens along one parameter, where slopes do not tell it."""
+
+    def __init__(self, problem: Problem, vector: Array, which: int) -> None:
+        self.problem, self.vector, self.which = problem, vector, which
+        self.errors = problem.latest(vector)[: problem.samples]
+
+    def _sides(self, by: float) -> list[Array]:
+        """Weighted errors on both sides, inside the bounds."""
+        found = []
+        for sign in (1.0, -1.0):
+            point = self.vector.copy()
+            point[self.which] += sign * by
+            values = self.problem.values(np.clip(point, *self.problem.bounds))
+            found.append(self.problem.errors_with(values)[: self.problem.samples])
+        return found
+
+    def tread(self, error: float, slope: float) -> float:
+        """Return a standard error [scales], at least that of a value anywhere on a step's tread.
+
+        A delay beside a hold is known to the tick, however many samples there are.
+
+        Args:
+            error: as slopes tell it.
+            slope: root of the sum of squares, per scale.
+        """
+        if error > WIDE:
+            return error
+        half = error = max(error, SMALLEST)
+        for _ in range(LONGEST):
+            change = min(float(np.sum((one - self.errors) ** 2)) for one in self._sides(half))
+            if change > STANDSTILL * (slope * error) ** 2:
+                break
+            half *= TREAD
+        return error if half == error else max(error, TREAD_SHARE * half)
+
+    def needle(self, right: bool = False) -> float:
+        """Return how far a value may go before the errors tell it [scales], infinity for ever.
+
+        The response to the period of a hold is another one from step to step: only at the right
+        one the errors are small.
+
+        Args:
+            right: the model is taken for right, and its errors are white with a deviation of 1;
+                else they are those of a fit.
+        """
+        base = float(self.errors @ self.errors)
+        noise = 1.0 if right else base / len(self.errors) * inflation(self.errors)
+        inside = 0.0
+        for by in REACHES:
+            sides = self._sides(by)
+            if right:
+                rise = min(float(np.sum((one - self.errors) ** 2)) for one in sides)
+            else:
+                rise = min(float(one @ one) for one in sides) - base
+            inside = by if rise <= noise else inside
+        if inside > NEEDLE:
+            return np.inf
+        return max(float(inside), float(REACHES[0]))
 
 
 def _correlations(axes: Array, singular: Array) -> Array:
@@ -171,13 +267,19 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
             f"{', '.join(unseen)} {verb} known from {its} only: these logs say nothing about"
             f" {'it' if len(unseen) == 1 else 'them'}"
         )
-    said += _alike(names, found.correlations)
+    own = [free.name for free in problem.free if free.prior is None]
+    said += [together([names[i] for i in group], own) for group in found.groups]
+    said += _alike(names, found)
     if found.condition > ILL_CONDITIONED:
         said.append(
-            f"the fit is ill-conditioned ({found.condition:.0f}): some combination of"
+            f"the fit is ill-conditioned ({_short(found.condition)}): some combination of"
             " parameters is free; fix one of them"
         )
     return said
+
+
+def _short(condition: float) -> str:
+    return f"{condition:.0f}" if condition < 1.0 / NOTHING else f"more than {1.0 / NOTHING:.0e}"
 
 
 def _share(error: float, value: float) -> str:
@@ -188,16 +290,36 @@ def _share(error: float, value: float) -> str:
     return f"{share:.0f} times its value" if share < 1e6 else "without bounds"
 
 
-def _alike(names: Sequence[str], correlations: Array) -> list[str]:
+def together(names: Sequence[str], without_prior: Container[str]) -> str:
+    """Return in words that logs show parameters only together, and the cure where one is needed.
+
+    Args:
+        names: of the parameters.
+        without_prior: those that nothing else is known of; up to one, the others say where it is.
+    """
+    *some, last = [f"'{name}'" for name in names]
+    each = f"{', '.join(some)} and {last}"
+    if sum(name in without_prior for name in names) < 2:
+        return f"these logs show {each} only together: what each is alone, the priors say"
+    return (
+        f"{each} cannot be told apart by these logs: they can change together and leave every"
+        " output as it is; fix one of them or log an experiment that moves only one"
+    )
+
+
+def _alike(names: Sequence[str], found: Spread) -> list[str]:
+    """Pairs whose estimates hang together, beside the groups of which each has been told."""
+    told = [set(group) for group in found.groups]
     pairs = [
         (i, j)
         for i in range(len(names))
         for j in range(i)
-        if abs(correlations[i, j]) > ALIKE  # False for NaN
+        if abs(found.correlations[i, j]) > ALIKE  # False for NaN
+        and not any({i, j} <= group for group in told)
     ]
     return [
         f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
-        f" (correlation {correlations[i, j]:+.3f}): fix one of them or log an experiment"
+        f" (correlation {found.correlations[i, j]:+.3f}): fix one of them or log an experiment"
         " that moves only one"
         for i, j in pairs
     ]

@@ -17,7 +17,7 @@ from servo_models.identification.beginning import false_starts
 from servo_models.identification.estimate import is_believable, spread, warnings
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
-from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, search
+from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, polished, search
 from servo_models.recording import Log
 from servo_models.simulate import Model
 
@@ -68,19 +68,23 @@ def fit(
     ]
     problem = Problem(model, logs, chosen, jobs=jobs or os.cpu_count() or 1)
     before = _nominal_responses(problem)
-    found = search(problem, kind, starts, seed, progress)
+    found, told = search(problem, kind, starts, seed, progress), None
     if not found.interrupted:
         found = _reweighted(problem, found, progress)
+        if found.widths is not None:
+            found, told = polished(problem, found)
     if progress:
         progress("standard errors")
-    found = replace(found, vector=_on_bounds(problem, found.vector))
+    vector = _on_bounds(problem, found.vector)
+    told = told if np.array_equal(vector, found.vector) else None
+    found = replace(found, vector=vector)
     values = problem.values(found.vector)
     try:
-        uncertainty = spread(problem, found.vector, found.widths)
+        uncertainty = spread(problem, found.vector, told)
     except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
         if progress:
             progress("finishing the standard errors; Ctrl-C again gives up")
-        uncertainty = spread(problem, found.vector, found.widths)
+        uncertainty = spread(problem, found.vector, told)
     odd = _outliers(model, logs)
     said = [*odd, *false_starts(problem.runs, values)]
     said += warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)

@@ -55,6 +55,7 @@ class Identification:
         values, standard_errors: [SI], shape (p,); a standard error on a bound is NaN.
         correlations: shape (p, p).
         condition: of the slopes; see ``estimate.Spread``.
+        groups: names of parameters that the logs show only together.
         sigma: weight of each output [SI]: its RMS error after the fit.
         accuracy: rows of errors before and after.
         before, after: simulated outputs by log, SI by name.
@@ -75,6 +76,7 @@ class Identification:
     standard_errors: Array
     correlations: Array
     condition: float
+    groups: tuple[tuple[str, ...], ...]
     sigma: dict[str, float]
     accuracy: Sequence[Accuracy]
     before: Sequence[dict[str, Array]]
@@ -171,6 +173,7 @@ def conclude(
         standard_errors=spread.standard_errors,
         correlations=spread.correlations,
         condition=spread.condition,
+        groups=tuple(tuple(problem.free[i].name for i in it) for it in spread.groups),
         sigma=dict(problem.sigma),
         accuracy=rows,
         before=before,

@@ -9,11 +9,12 @@ Hansen, The CMA evolution strategy: a tutorial (2016).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.identification.information import Information, information, moved
 from servo_models.identification.problem import Problem
 from servo_models.identification.slopes import steps
 
@@ -29,6 +30,16 @@ LIMIT = 60
 GENERATIONS = 60
 RUNS = 3
 """Runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)."""
+
+POLISHED = 3
+"""Steps over dents, each of which has to lower the cost."""
+STRIDES = (0.25, 0.5, 0.75, 1.0, 1.25)
+"""Parts of such a step that are tried."""
+WORTHWHILE = 1.0
+"""Decrease of the squared errors that such a step promises, in their mean, from which it is tried:
+less is within the noise."""
+FLAT = 1e-6
+"""Share of the largest singular value of slopes below which they lead nowhere."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +103,30 @@ def search(
     met = any(ok for end, _, ok in ends if end <= cost * (1.0 + 1e-6))
     costs = tuple(sorted(end for end, _, _ in ends))
     return Found(vector, cost, met and not stopped, stopped, costs, widths)
+
+
+def polished(problem: Problem, found: Found) -> tuple[Found, Information | None]:
+    """Return a better point than a search on a rough surface has found, or the same.
+
+    It ends in the first dent; slopes on which several widths agree lead on over dents.  What they
+    tell at the point comes second, where it is known.
+    """
+    cost, vector = problem.best
+    told = None
+    for _ in range(POLISHED):
+        inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
+        errors = problem.latest(vector)
+        told = information(problem, vector, inner)
+        step = -np.linalg.lstsq(told.slopes, errors, rcond=FLAT)[0]
+        promised = float(np.sum((told.slopes @ step) ** 2)) / max(2.0 * cost, 1e-300)
+        if promised * problem.samples < WORTHWHILE:
+            break
+        points = [moved(problem, vector, np.asarray(part * step)) for part in STRIDES]
+        costs = problem.costs(points)
+        if not min(costs) < cost:
+            break
+        vector, cost, told = points[int(np.argmin(costs))], min(costs), None
+    return replace(found, vector=vector, cost=cost), told
 
 
 def _so_far(problem: Problem) -> str:

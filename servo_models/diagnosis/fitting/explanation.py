@@ -28,6 +28,7 @@ from servo_models.diagnosis.fitting.stepwise import (
 )
 from servo_models.diagnosis.fitting.structure import LeftOver, left_over
 from servo_models.diagnosis.fitting.view import View, view
+from servo_models.identification.estimate import Spread, spread
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.slopes import steps
 from servo_models.recording import Log
@@ -90,6 +91,18 @@ class Explanation:
                 if outward > 0.0 and outward**2 > least:
                     return True
         return False
+
+    @cached_property
+    def spread(self) -> Spread:
+        """The uncertainty of its free parameters."""
+        return spread(self.problem, self.evidence.vector)
+
+    @property
+    def together(self) -> tuple[tuple[str, ...], ...]:
+        """Names of free parameters that the logs show only together."""
+        names = [free.name for free in self.problem.free]
+        groups = self.spread.groups if names else ()
+        return tuple(tuple(names[i] for i in group) for group in groups)
 
     @cached_property
     def left(self) -> LeftOver:

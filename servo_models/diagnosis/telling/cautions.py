@@ -14,6 +14,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling.words import doubts, listed, missed, moves
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.identification.beginning import false_starts
+from servo_models.identification.estimate import together
 
 UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
@@ -140,6 +141,9 @@ def _about_parameters(found: Diagnosis) -> Iterator[str]:
             f"moved further than their uncertainties allow, in prior deviations: {each}; either"
             " these were too small, or the parameters stand in for an effect that is missing"
         )
+    taken = found.causes.taken
+    own = [free.name for free in taken.problem.free if free.prior is None]
+    yield from (together(group, own) for group in taken.together)
     for name, doubtful in doubts(found).items():
         if name.rpartition(".")[0] in found.causes.taken.effects:
             yield f"'{name}' is {doubtful}"

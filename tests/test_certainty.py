@@ -1,0 +1,177 @@
+"""What check, identify and diagnose are sure of, where steps, holds and friction make slopes rough.
+
+Groups of parameters that are exactly degenerate are known from the equations of the plant, and
+confirmed by scaling them in the model; all three commands have to name them, and nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from servo_models.check import check
+from servo_models.description import Description, read_description
+from servo_models.diagnose import diagnose
+from servo_models.diagnosis.telling.sheet import diagnosis_sheet
+from servo_models.identification.fit import fit
+from servo_models.identification.information import information
+from servo_models.identification.problem import Problem, free_parameter
+from servo_models.identify import identify
+from servo_models.recording import Channel, Log
+from servo_models.simulate import Model, model, simulate
+
+Array = NDArray[np.float64]
+
+FREE = ("inertia", "torque_constant", "resistance", "loop_factor")
+PAIR = {"inertia", "resistance"}
+TIMES = 5e-3 * np.arange(600)
+
+
+def goals(seed: int) -> Array:
+    """Steps of up to 0.8 rad, large enough to saturate the duty."""
+    levels = np.random.default_rng(seed).uniform(-0.8, 0.8, 12)
+    levels[0] = 0.0
+    return np.repeat(levels, 50)
+
+
+def servo(**values: float) -> Model:
+    return model("smart_servo", "sts3215", {k.replace("__", "."): v for k, v in values.items()})
+
+
+def log_of(chosen: Model, noise: float = 0.0, seed: int = 0, output: str = "angle") -> Log:
+    goal = goals(seed)
+    found = simulate(chosen, TIMES, {"goal": goal})[output]
+    found = found + noise * np.random.default_rng(seed).standard_normal(len(TIMES))
+    n = len(TIMES)
+    channels = {output: Channel(output, output, "rad")}
+    return Log(
+        "log", Path("log"), "", TIMES, {"goal": goal}, {output: found}, channels, np.arange(n),
+        np.zeros(n, dtype=bool),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def issued(tmp_path_factory: pytest.TempPathFactory) -> Description:
+    """The log of a servo that differs by its inertia and resistance, whose product counts."""
+    folder = tmp_path_factory.mktemp("rig")
+    log = log_of(servo(inertia=0.036, resistance=4.471))
+    rows = zip(log.times, log.inputs["goal"], log.outputs["angle"])
+    lines = ["t,goal,angle", *(f"{t:.6g},{u!r},{y!r}" for t, u, y in rows)]
+    (folder / "log.csv").write_text("\n".join(lines).replace("np.float64(", "").replace(")", ""))
+    (folder / "rig.toml").write_text(
+        f'actuator = "smart_servo"\nvariant = "sts3215"\nfree = {list(FREE)!r}\n'
+        '[[logs]]\nfile = "log.csv"\ntime = { column = "t" }\n'
+        'inputs.goal = { column = "goal", unit = "rad" }\n'
+        'outputs.angle = { column = "angle", unit = "rad" }\n'.replace("'", '"')
+    )
+    return read_description(folder / "rig.toml")
+
+
+def alone(told: Description) -> Description:
+    """The same where nothing else is known of the parameters."""
+    return replace(told, uncertainty={})
+
+
+def test_inertia_and_resistance_count_as_a_product_only() -> None:
+    """What the tests below rely on: exactly nothing changes."""
+    before = log_of(servo(inertia=0.036, resistance=4.471)).outputs["angle"]
+    after = log_of(servo(inertia=0.018, resistance=8.942)).outputs["angle"]
+    assert np.array_equal(before, after)
+
+
+def test_check_does_not_call_a_product_determined(issued: Description) -> None:
+    found = check(alone(issued))
+    assert [set(group) for group in found.excitation.together] == [PAIR]
+    assert any("cannot be told apart" in text for text in found.warnings)
+    reaches = {reach.name: reach for reach in found.excitation.parameters}
+    assert all(reaches[name].together > 1.0 for name in PAIR)
+    assert all(reaches[name].together < 0.1 for name in set(FREE) - PAIR)
+
+
+def test_identify_gives_a_product_no_standard_error(issued: Description) -> None:
+    found = identify(alone(issued)).result
+    assert [set(group) for group in found.groups] == [PAIR]
+    errors = dict(zip(FREE, found.standard_errors))
+    assert all(errors[name] == np.inf for name in PAIR)
+    assert all(errors[name] < 0.05 * found.fitted.values[name] for name in set(FREE) - PAIR)
+    told = [text for text in found.warnings if "cannot be told apart" in text]
+    assert len(told) == 1
+    assert all(f"'{name}'" in told[0] for name in PAIR)
+    values = dict(zip(FREE, found.values))
+    product = values["inertia"] * values["resistance"]
+    assert product == pytest.approx(0.036 * 4.471, rel=0.02)
+
+
+def test_diagnose_says_that_a_product_is_known_together_only(issued: Description) -> None:
+    found = diagnose(issued)
+    assert [set(group) for group in found.causes.taken.together] == [PAIR]
+    sheet = str(diagnosis_sheet(found, None))
+    assert "only together" in sheet
+    for value, error in re.findall(r"([-\d.e+]+) \+- ([\d.e-]+)", sheet):
+        assert float(error) > 1e-6 * abs(float(value))  # no clock is known to a millionth
+    errors = {one.name: one.standard_error for one in found.found}
+    priors = issued.uncertainty
+    assert all(0.3 * priors[name] < errors[name] <= 1.01 * priors[name] for name in PAIR)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_what_a_log_determines_is_in_no_group(rough: bool) -> None:
+    values = {} if rough else {"sensor_quantisation__step": 0.0, "sample_hold__period": 0.0}
+    chosen = servo(**values)
+    found = fit(chosen, [log_of(chosen, noise=2e-3)], ["torque_constant", "loop_factor", "inertia"])
+    assert found.groups == ()
+    assert np.isfinite(found.standard_errors).all()
+
+
+def test_intervals_hold_the_truth_on_rough_responses() -> None:
+    """40 logs through a coarse encoder and dry friction, with white noise on the reading."""
+    true = servo(sensor_quantisation__step=6e-3, coulomb_friction__level=0.05)
+    names = ("torque_constant", "loop_factor")
+    start = replace(true, values={**true.values, **{n: 1.2 * true.values[n] for n in names}})
+    wrong = []
+    for seed in range(40):
+        found = fit(start, [log_of(true, 5e-3, seed, "angle_reading")], names, jobs=1)
+        truth = np.array([true.values[name] for name in names])
+        wrong += list((found.values - truth) / found.standard_errors)
+    # of 80 nominal 95 % intervals, 66 and fewer hold with a probability below 1e-5
+    assert np.sum(np.abs(wrong) < 1.96) > 66
+    assert np.std(wrong) > 1.0 / 1.5
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 1.5e-3, 6e-3]), st.floats(0.0, 0.1))
+def test_slopes_of_a_product_cancel(seed: int, step: float, friction: float) -> None:
+    """Gain and loop factor count as a product whatever is in the loop."""
+    chosen = servo(sensor_quantisation__step=step, coulomb_friction__level=friction)
+    names = ("gain", "loop_factor", "torque_constant")
+    free = [free_parameter(chosen.plant.parameters[n], chosen.values[n], None) for n in names]
+    problem = Problem(chosen, [log_of(chosen, 2e-3, seed)], free, sigma={"angle": 2e-3})
+    told = information(problem, problem.start)
+    assert told.groups == ((0, 1),)
+    assert np.linalg.norm(told.slopes @ [1.0, -1.0, 0.0]) < 0.02 * np.linalg.norm(told.slopes)
+
+
+def test_a_delay_beside_a_hold_is_known_to_the_tick() -> None:
+    """Steps of the command come at multiples of 20 ms, where the hold ticks: a delay between two
+    ticks is any of them."""
+    values = {"sample_hold.period": 0.02, "transport_delay.time": 0.03, "supply_limit.share": 0.0}
+    chosen = model("sg90", "measured", values)
+    times = 4e-3 * np.arange(500)
+    pulse = 1.5e-3 + 3e-4 * np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 10), 50)
+    pulse[:50] = 1.5e-3
+    angle = simulate(chosen, times, {"pulse_width": pulse})["angle"]
+    angle = angle + 1e-3 * np.random.default_rng(2).standard_normal(len(times))
+    log = replace(
+        log_of(servo()), times=times, inputs={"pulse_width": pulse}, outputs={"angle": angle},
+        channels={"angle": Channel("angle", "angle", "rad")}, rows=np.arange(500),
+        held_out=np.zeros(500, dtype=bool),
+    )  # fmt: skip
+    found = fit(chosen, [log], ["transport_delay.time", "motor_gain"])
+    assert found.standard_errors[0] >= 0.02 / np.sqrt(12.0) / 2.0
