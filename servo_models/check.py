@@ -91,7 +91,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
     clocks = implausible_clocks(description)
     if clocks:  # a simulation would be as long as the times are wrong
-        return Check(description, audits, floors, Excitation((), (), (), ()), asked, clocks)
+        return Check(description, audits, floors, Excitation((), (), (), (), ()), asked, clocks)
     odd = implausible(description)
     try:
         found = excitation(

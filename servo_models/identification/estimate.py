@@ -224,7 +224,7 @@ def is_believable(free: Sequence[Free], values: Array, found: Spread) -> bool:
     rows = zip(free, values.tolist(), found.standard_errors.tolist())
     doubts = [doubt(*row) for row in rows if row[1] != 0.0 or not np.isnan(row[2])]
     determined = all(text in ("", FROM_PRIOR) for text in doubts)
-    apart = not _alike([one.name for one in free], found.correlations)
+    apart = not _alike([one.name for one in free], found)
     return determined and apart and found.condition <= ILL_CONDITIONED
 
 
