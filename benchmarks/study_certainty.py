@@ -458,7 +458,9 @@ def main() -> None:
 RESULTS = """
 Of --logs 60 --diagnoses 6 --seed 50000; seeds below 2000 were used to develop.
 
-actuator, command | 95 % intervals hold | width over scatter | no error given | groups told | identifiable accused | too many digits | time
+actuator, command | 95 % intervals hold | width over scatter | no error given | groups told |
+identifiable accused
+| too many digits | time
 sg90, check | 95.7 % of 115 | 1.15 | 0 | 27 of 27 | 0 of 115 | 0 of 0 | 17 s
 sg90, check, rough | 94.2 % of 69 | 0.97 | 0 | 19 of 19 | 0 of 69 | 0 of 0 | 11 s
 sg90, diagnose | 100.0 % of 12 | 1.42 | 0 | 1 of 1 | 0 of 12 | 0 of 63 | 6 s
