@@ -331,8 +331,11 @@ def test_gaps_of_outputs_make_up_the_gap_of_all(seed: int, size: float) -> None:
 
 
 def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
-    """A friction term whose pole is far beyond what the internal step can follow."""
-    given_ = "parameters.rotor_inertia = 1e-8\nparameters.friction_coefficient = 2e-3\n"
+    """Without stops, on a spring that softens until it gives way: the rotor runs away."""
+    given_ = (
+        "parameters.stiffness = 0.3\nparameters.end_stops.half_range = 0\n"
+        "parameters.stiffness_hardening.coefficient = -200\n"
+    )
     text = DESCRIPTION.format("").replace("[uncertainty]", f"{given_}[uncertainty]")
     with pytest.raises(
         UserError, match=r"rig.toml': the nominal model cannot be simulated on log 'log'.*correct"
