@@ -92,7 +92,7 @@ def validate(
 
 
 def every_model() -> list[Model]:
-    """Return the default model of every actuator, and one for every other plant it has."""
+    """Return the default model of every actuator, and one for other equations that it has."""
     from servo_models.catalogue import actuators
     from servo_models.simulate import model
 
@@ -100,7 +100,8 @@ def every_model() -> list[Model]:
         model(actuator, variant.name)
         for actuator in actuators().values()
         for variant in actuator.variants
-        if variant.name == actuator.default_variant or variant.plant is not None
+        if variant.name == actuator.default_variant
+        or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
     ]
 
 

@@ -119,8 +119,9 @@ def test_short_forms(tmp_path: Path) -> None:
     outputs.angle = { column = "angle_deg", unit = "deg", offset = "20 mrad" }
     constants = { load_torque = "5 mN.m", null_shift.angle = "0.1 deg", stiffness = 1.2 }
     """
-    (log,) = describe(tmp_path, log_).logs
-    assert (log.name, log.duration) == ("short", 95.0)
+    in_seconds = text_of([(1e-3 * time, u, angle) for time, u, angle in TABLE])
+    (log,) = describe(tmp_path, log_, data=in_seconds).logs
+    assert (log.name, log.duration) == ("short", pytest.approx(0.095))
     assert log.outputs["angle"][0] == pytest.approx(0.02)
     expected = {"load_torque": 5e-3, "null_shift.angle": 0.1 * DEGREE, "stiffness": 1.2}
     assert log.constants == pytest.approx(expected)

@@ -110,7 +110,8 @@ def test_inputs_of_another_table_are_held(tmp_path: Path) -> None:
 
 
 def test_columns_that_were_not_sampled_together(tmp_path: Path) -> None:
-    document = {"t": list(range(20)), "u": [1.0] * 20, "angle": [0.1] * 19, "none": []}
+    times = [1e-3 * i for i in range(20)]
+    document = {"t": times, "u": [1.0] * 20, "angle": [0.1] * 19, "none": []}
     (tmp_path / "log.json").write_text(json.dumps(document))
     log_ = """
     [[logs]]

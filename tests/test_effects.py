@@ -29,7 +29,8 @@ PLANTS = {
     f"{actuator.name}-{variant.name}": (actuator.name, variant.name)
     for actuator in actuators().values()
     for variant in actuator.variants
-    if variant is actuator.variants[0] or variant.plant is not None
+    if variant is actuator.variants[0]
+    or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
 }
 PLACEMENTS = [
     pytest.param(plant, name, id=f"{plant}-{name}")
