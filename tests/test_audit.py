@@ -17,10 +17,10 @@ from servo_models.audit import Audit, audit, noise_floors
 from servo_models.audit.sensor import (
     clipped_share,
     difference_noise,
-    reading_step,
     spread_of_repeats,
     stale_share,
 )
+from servo_models.audit.steps import NO_STEP, reading_step
 from servo_models.logs import read_columns
 from servo_models.recording import Array, Channel, Log
 
@@ -60,32 +60,32 @@ def test_the_step_of_a_quantised_reading_is_found(
 ) -> None:
     random = np.random.default_rng(seed)
     raw = np.round(codes * smooth(6000) + noise * random.standard_normal(6000))
-    found, between = reading_step(step * (raw + offset))
-    assert found == pytest.approx(step, rel=1e-6)
-    assert between == 0.0
+    found = reading_step(step * (raw + offset))
+    assert found.size == pytest.approx(step, rel=1e-6)
+    assert found.between == 0.0
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(1e-6, 0.1), seeds)
 def test_a_reading_without_steps_has_none_and_its_noise_is_found(sigma: float, seed: int) -> None:
     noisy = smooth(4000) + sigma * np.random.default_rng(seed).standard_normal(4000)
-    assert reading_step(noisy) == (0.0, 0.0)
+    assert reading_step(noisy) == NO_STEP
     curve = (2.0 * np.pi / 400.0) ** 3 / math.sqrt(20.0)  # what the third difference leaves
     assert 0.9 * sigma < difference_noise(noisy) < 1.1 * sigma + 1.5 * curve
 
 
 def test_a_step_printed_in_few_digits_is_found() -> None:
     printed = np.round(ENCODER * np.round(100.0 * smooth(3000)), 6)
-    assert reading_step(printed)[0] == pytest.approx(ENCODER, rel=1e-4)
+    assert reading_step(printed).size == pytest.approx(ENCODER, rel=1e-4)
 
 
 def test_readings_resampled_between_their_steps_are_noticed() -> None:
     codes = ENCODER * np.round(20.0 * smooth(2000))
     fine = np.interp(np.arange(0.0, 1999.0, 0.37), np.arange(2000), codes)
-    step, between = reading_step(fine)
+    found = reading_step(fine)
     off = np.abs(fine / ENCODER - np.round(fine / ENCODER)) > 0.1
-    assert step == pytest.approx(ENCODER)
-    assert between == pytest.approx(off.mean(), abs=0.01)
+    assert found.size == pytest.approx(ENCODER)
+    assert found.between == pytest.approx(off.mean(), abs=0.01)
     u = np.sign(smooth(len(fine)))
     assert said(audited(0.01 * np.arange(len(fine)), u, fine), "resampled")
 
