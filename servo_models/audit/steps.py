@@ -32,6 +32,8 @@ LANDINGS = 10
 """Values that met codes of twice the step alone: by chance once in a thousand (2**-10)."""
 CODES = 4
 """Different values that readings take at least: three may be places of rest."""
+EVEN = 0.2
+"""Changes of speed for each move: fewer are a ramp, whose samples lie as far apart as codes."""
 UNLIKELY = math.log(1e4)
 """How much likelier, as a logarithm, a lattice is to be than chance."""
 RESAMPLED = 0.1
@@ -39,6 +41,10 @@ RESAMPLED = 0.1
 SETTLING = 0.4
 """Share of the values between codes that are near one: 0.2 of those that lie anywhere.  Above,
 they settle there, and the codes are places of rest."""
+EQUAL = 1e-6
+"""Part of a step that interpolation between two equal readings may leave."""
+COARSER = 1.5
+"""How much larger codes of repeated readings are than a step of all, if these were resampled."""
 
 
 @dataclass(frozen=True)
@@ -77,15 +83,17 @@ def reading_steps(records: Sequence[Array], least: int = CODES) -> list[Step]:
     ``least`` is how many different values tell a step.
     """
     seen = [_Record(values, _codes(values)[0]) for values in records]
+    often = [_repeated(values) for values in records]
     sizes = _shared(seen, least)
-    left = [i for i, size in enumerate(sizes) if not size]
-    steps = [Step(size) if size else NO_STEP for size in sizes]
-    often = {i: _repeated(records[i]) for i in left}
-    kept = [i for i in left if often[i] is not None]
-    for i, size in zip(kept, _shared([one for one in often.values() if one is not None], least)):
-        found = often[i]
-        if size and found is not None:
-            steps[i] = _resampled(found, records[i], size)
+    coarse = iter(_shared([one for one in often if one is not None], max(least, LANDINGS)))
+    steps = []
+    for values, size, one in zip(records, sizes, often):
+        rough = next(coarse) if one is not None else 0.0
+        if one is not None and rough > COARSER * size and not _settles(one, values, rough):
+            off = one.residues(rough, values)
+            steps.append(Step(rough, float(np.mean(off > ON_STEP))))
+        else:
+            steps.append(Step(size))
     return steps
 
 
@@ -120,12 +128,11 @@ def _slack(values: Array) -> float:
     return ROUNDED * float(np.abs(values).max())
 
 
-def _resampled(found: _Record, values: Array, size: float) -> Step:
-    off = found.residues(size, values)
-    single = ~np.isin(values, found.values)
-    if single.any() and np.mean(off[single] < ON_STEP) > SETTLING:
-        return NO_STEP
-    return Step(size, float(np.mean(off > ON_STEP)))
+def _settles(often: _Record, values: Array, step: float) -> bool:
+    """Whether values between codes gather near them, as those of a shaft that comes to rest."""
+    off = often.residues(step, values)
+    between = off[off > EQUAL]
+    return len(between) > 0 and float(np.mean(between < ON_STEP)) > SETTLING
 
 
 def _shared(records: Sequence[_Record], least: int) -> list[float]:
@@ -175,14 +182,18 @@ def _line_through_codes(records: Sequence[_Record], step: float) -> float:
 
 
 def _is_no_chance(records: Sequence[_Record], step: float, least: int) -> bool:
-    worst, values, landings, reach = 0.0, 0, 0, 1.0
+    worst, values, landings, bends, travel, reach = 0.0, 0, 0, 0, 0, 1.0
     for one in records:
         worst = max(worst, float(np.max(one.residues(step))))
         values += len(one.codes) - 1
-        moves = np.round(np.abs(np.diff(one.values)) / step)
-        landings += int(np.count_nonzero(moves == 1.0))
+        moves = np.round(np.diff(one.values) / step)
+        landings += int(np.count_nonzero(np.abs(moves) == 1.0))
+        bends += int(np.count_nonzero(np.diff(moves)))
+        travel += int(np.count_nonzero(moves))
         reach = max(reach, float(np.ptp(one.codes)) / step)
     if worst >= ON_STEP or values < least - 1 or values + landings < LANDINGS:
+        return False
+    if bends < EVEN * travel:
         return False
     # of the values one is spent on the step; as many steps as codes could have been tried
     return -(values - 1) * math.log(2.0 * worst + ROUNDED) > math.log(reach) + UNLIKELY
