@@ -89,7 +89,7 @@ def reading_steps(records: Sequence[Array], least: int = CODES) -> list[Step]:
     steps = []
     for values, size, one in zip(records, sizes, often):
         rough = next(coarse) if one is not None else 0.0
-        if one is not None and rough > COARSER * size and not _settles(one, values, rough):
+        if one is not None and _resampled(one, values, size, rough):
             off = one.residues(rough, values)
             steps.append(Step(rough, float(np.mean(off > ON_STEP))))
         else:
@@ -128,11 +128,17 @@ def _slack(values: Array) -> float:
     return ROUNDED * float(np.abs(values).max())
 
 
-def _settles(often: _Record, values: Array, step: float) -> bool:
-    """Whether values between codes gather near them, as those of a shaft that comes to rest."""
+def _resampled(often: _Record, values: Array, fine: float, step: float) -> bool:
+    """Whether a log is resampled from codes of the step of its repeated readings.
+
+    Values between codes do not gather near them, as those of a shaft that comes to rest do; and
+    where all lie on a finer step, most are on the codes.
+    """
     off = often.residues(step, values)
     between = off[off > EQUAL]
-    return len(between) > 0 and float(np.mean(between < ON_STEP)) > SETTLING
+    if step < COARSER * fine or not len(between) or np.mean(between < ON_STEP) > SETTLING:
+        return False
+    return fine == 0.0 or len(between) < 0.5 * len(values)
 
 
 def _shared(records: Sequence[_Record], least: int) -> list[float]:
