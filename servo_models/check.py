@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from servo_models.actuator import Parameter, Plant, Wire
-from servo_models.audit import Audit, Floor, Sampling, audit, noise_floors
+from servo_models.audit import Audit, Floor, Sampling, audits, noise_floors
 from servo_models.description import Description, read_description
 from servo_models.errors import UserError
 from servo_models.excitation import SHOWN, Excitation, Group, Reach, excitation
@@ -85,13 +85,13 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     if not description.logs:
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
-    audits = tuple(audit(log, plant) for log in description.logs)
-    floors = noise_floors(audits)
+    audited = audits(description.logs, plant)
+    floors = noise_floors(audited)
     free = free_names(plant, description.free)
     asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
     clocks = implausible_clocks(description)
     if clocks:  # a simulation would be as long as the times are wrong
-        return Check(description, audits, floors, Excitation((), (), (), (), ()), asked, clocks)
+        return Check(description, audited, floors, Excitation((), (), (), (), ()), asked, clocks)
     odd = implausible(description)
     try:
         found = excitation(
@@ -99,7 +99,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         )
     except UserError as error:
         raise UserError("; ".join([str(error), *odd])) from error
-    return Check(description, audits, floors, found, asked, odd)
+    return Check(description, audited, floors, found, asked, odd)
 
 
 def check_sheet(found: Check) -> Sheet:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from servo_models.audit import NO_NOISE, Audit, audit, noise_floors
+from servo_models.audit import audits, noise_floors, noise_origins
 from servo_models.description import Description, read_description
 from servo_models.diagnosis.claims import claims, estimates
 from servo_models.diagnosis.fitting.explanation import Bench
@@ -61,16 +61,15 @@ def _diagnose(
     left_out: Iterable[str],
     tell: Tell | None,
 ) -> Diagnosis:
-    audits = tuple(audit(log, told.model.plant) for log in told.logs)
-    floors = noise_floors(audits)
-    origins = _origins(audits, floors)
+    audited = audits(told.logs, told.model.plant)
+    floors, origins = noise_floors(audited), noise_origins(audited)
     bench = Bench(told.model, told.logs, nominal_parameters(told), floors, jobs)
     causes = find_causes(bench, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
     return Diagnosis(
         model=told.model,
         logs=told.logs,
-        audits=audits,
+        audits=audited,
         floors=floors,
         causes=causes,
         verdict=verdict,
@@ -80,15 +79,3 @@ def _diagnose(
         moved=estimates(causes.retuned),
         tolerance=tolerance,
     )
-
-
-def _origins(audits: Iterable[Audit], floors: Mapping[str, float]) -> dict[str, str]:
-    """What the noise floor of each output comes from, in the log that has the largest."""
-    largest: dict[str, tuple[float, str]] = {}
-    for reading in (reading for one in audits for reading in one.readings):
-        found = (reading.floor.value, reading.floor.origin)
-        largest[reading.name] = max(found, largest.get(reading.name, found))
-    return {
-        name: origin if value >= floors[name] else NO_NOISE
-        for name, (value, origin) in largest.items()
-    }

@@ -135,7 +135,7 @@ def method_of(told: Description) -> str:
 
 
 def _by_simulation(told: Description, found: Identification) -> Outcome:
-    from servo_models.audit import audit, noise_floors
+    from servo_models.audit import audits, noise_floors
     from servo_models.report.identification import identification_page
     from servo_models.validate import conditions
 
@@ -144,7 +144,7 @@ def _by_simulation(told: Description, found: Identification) -> Outcome:
             f"Identification of {told.actuator.name}",
             found,
             _figures_of_merit(replace(found.fitted, provenance="this identification")),
-            floors=noise_floors(audit(log, found.fitted.plant) for log in found.logs),
+            floors=noise_floors(audits(found.logs, found.fitted.plant)),
             conditions=conditions(),
             date=date,
         )

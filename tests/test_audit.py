@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.actuator import Plant, Wire
-from servo_models.audit import Audit, audit, noise_floors
+from servo_models.audit import NO_NOISE, Audit, audit, audits, noise_floors, noise_origins
 from servo_models.audit.sensor import (
     clipped_share,
     difference_noise,
-    reading_step,
     spread_of_repeats,
     stale_share,
 )
+from servo_models.audit.steps import NO_STEP, reading_step
 from servo_models.logs import read_columns
 from servo_models.recording import Array, Channel, Log
 
@@ -60,32 +61,32 @@ def test_the_step_of_a_quantised_reading_is_found(
 ) -> None:
     random = np.random.default_rng(seed)
     raw = np.round(codes * smooth(6000) + noise * random.standard_normal(6000))
-    found, between = reading_step(step * (raw + offset))
-    assert found == pytest.approx(step, rel=1e-6)
-    assert between == 0.0
+    found = reading_step(step * (raw + offset))
+    assert found.size == pytest.approx(step, rel=1e-6)
+    assert found.between == 0.0
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(1e-6, 0.1), seeds)
 def test_a_reading_without_steps_has_none_and_its_noise_is_found(sigma: float, seed: int) -> None:
     noisy = smooth(4000) + sigma * np.random.default_rng(seed).standard_normal(4000)
-    assert reading_step(noisy) == (0.0, 0.0)
+    assert reading_step(noisy) == NO_STEP
     curve = (2.0 * np.pi / 400.0) ** 3 / math.sqrt(20.0)  # what the third difference leaves
     assert 0.9 * sigma < difference_noise(noisy) < 1.1 * sigma + 1.5 * curve
 
 
 def test_a_step_printed_in_few_digits_is_found() -> None:
     printed = np.round(ENCODER * np.round(100.0 * smooth(3000)), 6)
-    assert reading_step(printed)[0] == pytest.approx(ENCODER, rel=1e-4)
+    assert reading_step(printed).size == pytest.approx(ENCODER, rel=1e-4)
 
 
 def test_readings_resampled_between_their_steps_are_noticed() -> None:
     codes = ENCODER * np.round(20.0 * smooth(2000))
     fine = np.interp(np.arange(0.0, 1999.0, 0.37), np.arange(2000), codes)
-    step, between = reading_step(fine)
+    found = reading_step(fine)
     off = np.abs(fine / ENCODER - np.round(fine / ENCODER)) > 0.1
-    assert step == pytest.approx(ENCODER)
-    assert between == pytest.approx(off.mean(), abs=0.01)
+    assert found.size == pytest.approx(ENCODER)
+    assert found.between == pytest.approx(off.mean(), abs=0.01)
     u = np.sign(smooth(len(fine)))
     assert said(audited(0.01 * np.arange(len(fine)), u, fine), "resampled")
 
@@ -164,6 +165,58 @@ def test_the_floor_is_the_largest_part_and_of_several_logs_the_largest() -> None
     assert noise_floors([quiet, loud])["y"] == pytest.approx(0.05, rel=0.1)
 
 
+def channelled(y: Array) -> Log:
+    return log_of(0.01 * np.arange(len(y)), smooth(len(y)), y)
+
+
+def test_values_between_codes_reject_a_step() -> None:
+    """Three places of an encoder, met twice each, almost evenly apart; all else is between."""
+    rng = np.random.default_rng(4)
+    travel = ENCODER * np.unique(rng.integers(0, 4000, 60))
+    rests = ENCODER * np.repeat([100.0, 1451.0, 2803.0], 2)
+    for seed in range(20):
+        values = np.random.default_rng(seed).permutation(np.concatenate([travel, rests]))
+        assert reading_step(values).size in (0.0, pytest.approx(ENCODER, rel=1e-6))
+
+
+def test_a_short_log_has_the_step_of_the_others_of_its_sensor() -> None:
+    long = ENCODER * np.round(200.0 * smooth(2000))
+    short = ENCODER * np.array([0.3, 7.3, 7.3, 0.3, 19.3, 7.3])
+    alone, rest = audit(channelled(short), PLANT), ENCODER * np.full(50, 0.7)
+    assert alone.readings[0].step == 0.0
+    for found in audits([channelled(y) for y in (long, short, rest)], PLANT):
+        assert found.readings[0].step == pytest.approx(ENCODER, rel=1e-6)
+
+
+def test_one_odd_log_does_not_lift_the_floor_of_the_others() -> None:
+    rng = np.random.default_rng(6)
+    ys = [smooth(600) + sigma * rng.standard_normal(600) for sigma in (*[0.01] * 5, 0.5)]
+    found = [audited(0.01 * np.arange(600), smooth(600), y) for y in ys]
+    assert noise_floors(found)["y"] == pytest.approx(0.01, rel=0.25)
+    assert noise_origins(found)["y"] == "fast residual"
+
+
+def test_floors_of_logs_without_noise_do_not_depend_on_their_order() -> None:
+    def ramp(size: float) -> Audit:
+        return audited(0.01 * np.arange(400), smooth(400), size * np.linspace(0.0, 1.0, 400))
+
+    for order in permutations([ramp(1.0), ramp(1e-3), ramp(1000.0)]):
+        assert noise_floors(order) == {"y": pytest.approx(1e-3)}
+        assert noise_origins(order) == {"y": NO_NOISE}
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.2, 0.34, 0.6, 2.0])
+@pytest.mark.parametrize("codes", [4.0, 300.0])
+def test_the_floor_is_what_readings_are_off_by(share: float, codes: float) -> None:
+    """Noise before a rounding of 1: both count, in slow and in fast motion."""
+    rng = np.random.default_rng(8)
+    motion = codes * np.sin(2.0 * np.pi * np.arange(6000) / 900.0)
+    read = np.round(motion + share * rng.standard_normal(6000))
+    off = math.sqrt(float(np.mean((read - motion) ** 2)))
+    found = audited(0.01 * np.arange(6000), motion, 0.1 * read)
+    assert found.readings[0].floor.value == pytest.approx(0.1 * off, rel=0.15)
+
+
 def test_the_command_tells_its_levels_reversals_clock_and_band() -> None:
     n, step = 8192, 0.005
     random = np.random.default_rng(5)
@@ -189,11 +242,14 @@ def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings(
 
 
 def test_few_digits_are_no_resampling() -> None:
-    """Four significant digits of a noisy reading: finer steps below 1 than above."""
+    """Four significant digits of a noisy reading: finer steps below 0.1 and below 1 than above.
+
+    Most lie on the 1e-4 of those from 0.1 to 1; enough for the warning do not (1 %).
+    """
     noisy = 3.0 * smooth(4000) + 1e-2 * np.random.default_rng(8).standard_normal(4000)
     short = np.array([float(f"{value:.4g}") for value in noisy])
     found = audited(0.001 * np.arange(4000), np.sign(noisy), short)
-    assert found.readings[0].between > 0.1
+    assert found.readings[0].between > 0.01
     assert found.warnings == ()
 
 

@@ -6,7 +6,7 @@ Everything here is read off the log alone; what it can determine about a model i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +16,28 @@ from servo_models.audit.doubts import doubts
 from servo_models.audit.outliers import about_outliers
 from servo_models.audit.sampling import Gap, Sampling, sampling
 from servo_models.audit.signals import Command, Floor, Reading, read_input, read_output
+from servo_models.audit.steps import NO_STEP, Step, reading_steps
 from servo_models.recording import Log
 
-__all__ = ["Audit", "Command", "Floor", "Gap", "Reading", "Sampling", "audit", "noise_floors"]
+__all__ = [
+    "Audit",
+    "Command",
+    "Floor",
+    "Gap",
+    "Reading",
+    "Sampling",
+    "audit",
+    "audits",
+    "noise_floors",
+    "noise_origins",
+]
 
 EXACT = 1e-6
 """A reading without steps or noise counts as exact to this share of its range."""
 NO_NOISE = "millionth of the range, no noise"
 """The origin of such a floor."""
+ODD = 3.0
+"""Medians of all logs above which the floor of one is its own: of two logs both always count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,24 +62,77 @@ class Audit:
 
 
 def audit(log: Log, plant: Plant) -> Audit:
-    """Audit a log of an actuator with this plant.
+    """Audit a log of an actuator with this plant, by itself.
 
     The high-frequency residual supposes samples that are almost evenly spaced.
     """
+    return audits([log], plant)[0]
+
+
+def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
+    """Audit logs of an actuator with this plant; those of one sensor share its reading step.
+
+    A sensor is an output from a column of one name, unit and scale.
+    """
+    steps = _steps(logs, plant)
+    return tuple(_audit(log, plant, found) for log, found in zip(logs, steps))
+
+
+def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
+    """The reading step of each output, by log."""
+    sensors: dict[tuple[str, str, str, float], list[int]] = {}
+    for i, log in enumerate(logs):
+        for name in log.outputs:
+            channel = log.channels[name]
+            sensor = (name, channel.column, channel.unit, channel.scale)
+            sensors.setdefault(sensor, []).append(i)
+    found: list[dict[str, Step]] = [{} for _ in logs]
+    for (name, *_), members in sensors.items():
+        if plant.wire[name].flag:
+            steps = [NO_STEP] * len(members)
+        else:
+            steps = reading_steps([logs[i].outputs[name] for i in members])
+        for i, step in zip(members, steps):
+            found[i][name] = step
+    return found
+
+
+def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     clock = sampling(log)
-    readings = tuple(read_output(log, plant.wire[name]) for name in log.outputs)
+    readings = tuple(read_output(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(read_input(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
     return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
-    """Return the noise floor [SI] of each output: the largest of its logs, above 0."""
-    floors: dict[str, float] = {}
+    """Return the noise floor [SI] of each output, above 0.
+
+    It is the largest of its logs, but for those that are far above most (``ODD``).
+    """
+    return {name: floor for name, (floor, _) in _floors(audits).items()}
+
+
+def noise_origins(audits: Iterable[Audit]) -> dict[str, str]:
+    """Return what the noise floor of each output comes from, in the log that gives it."""
+    return {name: origin for name, (_, origin) in _floors(audits).items()}
+
+
+def _floors(audits: Iterable[Audit]) -> dict[str, tuple[float, str]]:
+    readings: dict[str, list[Reading]] = {}
     for reading in (reading for found in audits for reading in found.readings):
-        least = EXACT * (reading.high - reading.low)
-        floors[reading.name] = max(floors.get(reading.name, least), reading.floor.value)
-    return floors
+        readings.setdefault(reading.name, []).append(reading)
+    return {name: _floor(logs) for name, logs in readings.items()}
+
+
+def _floor(readings: Sequence[Reading]) -> tuple[float, str]:
+    least = EXACT * max(reading.high - reading.low for reading in readings)
+    noisy = [reading.floor for reading in readings if reading.floor.value > least]
+    if not noisy:
+        return least, NO_NOISE
+    usual = ODD * float(np.median([floor.value for floor in noisy]))
+    largest = max((floor for floor in noisy if floor.value <= usual), key=lambda it: it.value)
+    return largest.value, largest.origin
 
 
 def _at_rest(log: Log, readings: Sequence[Reading]) -> float:

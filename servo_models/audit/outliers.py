@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from servo_models.actuator import Wire
-from servo_models.audit.sensor import reading_step
+from servo_models.audit.steps import reading_step
 from servo_models.recording import Array, Log, Mask
 from servo_models.units import factor
 
@@ -56,7 +56,7 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
     sizes = np.sort(np.abs(off))[::-1]
     most = min(max(NAMED, int(MOST * len(values))), len(values) - 1)
     low, high = np.percentile(values, [1.0, 99.0])
-    least = max(reading_step(values)[0], LEAST_SHARE * float(high - low) / APART)
+    least = max(reading_step(values).size, LEAST_SHARE * float(high - low) / APART)
     apart = np.flatnonzero(sizes[:most] > APART * np.maximum(sizes[1 : most + 1], least))
     bar = sizes[apart[-1]] if len(apart) else np.inf
     return np.where(np.abs(off) >= bar, off, 0.0)

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.audit.sensor import reading_step
+from servo_models.audit.steps import reading_step
 from servo_models.recording import Log
 
 NANOSECOND = 9
 """Decimals of a time stamp [s] below which its digits are rounding."""
 GAP = 1.5
 """A step longer than this many usual ones has lost samples."""
+STAMPS = 3
+"""Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,6 @@ def sampling(log: Log) -> Sampling:
         duration=log.duration,
         step=float(kept.mean()),
         jitter=float(kept.std()),
-        stamp=reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND))[0],
+        stamp=reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size,
         gaps=gaps,
     )

@@ -1,4 +1,4 @@
-"""What a column of readings tells about its sensor: steps, clipping, stale values, noise.
+"""What a column of readings tells about its sensor: noise, clipping, stale values.
 
 Every function takes the readings of one signal in the order of time, shape (n,), in one unit.
 """
@@ -15,55 +15,17 @@ from servo_models.recording import Array
 
 ROUNDED = 1e-12
 """Readings closer than this share of the largest are equal but for rounding."""
-NEAR = 100.0
-"""Codes further apart than this many steps do not tell whether they are multiples of it."""
-ON_STEP = 0.05
-"""Distance from a multiple of the step, in steps, that still is on it."""
-SOME = 0.01
-"""Share of the readings that must occur more than once before steps are looked for."""
 STILL = 0.01
 """Share of its range by which a reading at rest may move."""
 REST_SAMPLES = 5
 """Samples for which a command must stand still so that its next move begins a repetition."""
 ORDERS = (1, 2, 3)
-
-
-def reading_step(values: Array) -> tuple[float, float]:
-    """Return the smallest common step of the readings, and the share of them between steps.
-
-    Only values that occur more than once count: those of a sensor without steps hardly ever
-    do, and where a file was resampled they are the ones that the sensor gave.  The step is
-    0 where the readings have none.
-    Source: code histogram test, IEEE Std 1241; here the step is unknown, so it is the common
-    divisor of the distances between neighbouring codes.
-    """
-    codes, counts = _codes(values)
-    repeated = codes[counts > 1]
-    if len(repeated) < 3 or counts[counts > 1].sum() < SOME * len(values):
-        return 0.0, 0.0
-    gaps = np.diff(repeated)
-    step = gaps.min()
-    for reach in (3.0, NEAR, NEAR):
-        near = gaps[gaps < reach * step]
-        step = near.sum() / np.round(near / step).sum()
-    near = gaps[gaps < NEAR * step]
-    if len(near) < 2 or np.mean(_off(near / step) < ON_STEP) < 0.95:
-        return 0.0, 0.0
-    phase = np.angle(np.sum(counts * np.exp(2j * np.pi * codes / step))) / (2.0 * np.pi)
-    share = np.sum(counts[_off(codes / step - phase) > 2.0 * ON_STEP]) / len(values)
-    return float(step), float(share)
-
-
-def _codes(values: Array) -> tuple[Array, Array]:
-    """Different values but for rounding, ascending, and how often each occurs."""
-    ordered = np.sort(values)
-    new = np.diff(ordered, prepend=-math.inf) > ROUNDED * np.abs(values).max()
-    starts = np.flatnonzero(new)
-    return ordered[starts], np.diff(starts, append=len(values))
-
-
-def _off(multiples: Array) -> Array:
-    return np.abs(multiples - np.round(multiples))
+DITHERS = 8
+"""Draws of dither: its own scatter is then a third of what one draw adds."""
+HARMONICS = 50
+"""Of the rounding error's series: a thousandth of a step^2 is left of 1/12."""
+SPAN = 4
+"""Samples over which the speed of a motion is taken: rounding adds a tenth of a step a sample."""
 
 
 def difference_noise(values: Array) -> float:
@@ -80,6 +42,54 @@ def difference_noise(values: Array) -> float:
         for order in ORDERS
     ]
     return float(min(estimates))
+
+
+def noise_under_steps(values: Array, step: float) -> float:
+    """Return the standard deviation of the white noise that a sensor of this step rounded.
+
+    Quantised readings hide noise below half a step: differences show what of noise and rounding
+    changes from sample to sample.  In a slow motion the mean of rounding at a place does not,
+
+        V = sum over k of exp(-4 pi^2 k^2 sigma^2) / (2 pi^2 k^2)  [steps^2],
+
+    by the share that the motion leaves in phase; so what differences show is
+    sigma^2 + 1/12 - V, solved for sigma.  Uniform noise of one step, added beforehand and taken
+    off again, makes the median of the differences one of a continuous distribution.
+    Source: Widrow, Kollar, Quantization Noise (2008), ch. 4 and 19 (dither).
+    """
+    if not step:
+        return difference_noise(values)
+    turns = values / step
+    random = np.random.default_rng(len(values))
+    dithered = [
+        difference_noise(turns + random.uniform(-0.5, 0.5, len(turns))) for _ in range(DITHERS)
+    ]
+    seen = float(np.mean(np.square(dithered))) - 1.0 / 12.0
+    kept = _phases_kept(turns)
+
+    def shown(sigma: float) -> float:
+        return sigma**2 + 1.0 / 12.0 - float(np.sum(kept * _rounding_at_a_place(sigma)))
+
+    if seen <= shown(0.0):
+        return 0.0
+    from scipy.optimize import brentq
+
+    return step * float(brentq(lambda sigma: shown(sigma) - seen, 0.0, math.sqrt(seen) + 1.0))
+
+
+def _rounding_at_a_place(sigma: float) -> Array:
+    """Variance of the mean error of rounding, by harmonic of the step, shape (HARMONICS,)."""
+    k = np.arange(1.0, HARMONICS + 1.0)
+    return np.asarray(np.exp(-4.0 * (np.pi * k * sigma) ** 2) / (2.0 * (np.pi * k) ** 2))
+
+
+def _phases_kept(turns: Array) -> Array:
+    """How much of each harmonic of the rounding the next sample still has, at most 1."""
+    if len(turns) <= SPAN:
+        return np.ones(HARMONICS)
+    speed = (turns[SPAN:] - turns[:-SPAN]) / SPAN
+    k = np.arange(1.0, HARMONICS + 1.0)
+    return np.asarray(np.maximum(np.mean(np.cos(2.0 * np.pi * np.outer(k, speed)), axis=1), 0.0))
 
 
 def stale_share(values: Array, floor: float) -> float:

@@ -11,11 +11,11 @@ import numpy as np
 from servo_models.actuator import Wire
 from servo_models.audit.sensor import (
     clipped_share,
-    difference_noise,
-    reading_step,
+    noise_under_steps,
     spread_of_repeats,
     stale_share,
 )
+from servo_models.audit.steps import Step
 from servo_models.recording import Array, Log
 
 QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
@@ -27,13 +27,16 @@ SAME_CLOCK = 1.5
 
 @dataclass(frozen=True)
 class Floor:
-    """Noise floor of an output [SI]: the largest of what three methods see.
+    """Noise floor of an output [SI]: how far readings are from the motion, root mean square.
+
+    A reading is off by noise and, independently, by the rounding to its step: their squares add.
+    Repeats show both together, and count where they show more.
 
     Attributes:
         quantum: reading step over the root of 12 (Widrow, Kollar, Quantization Noise, 2008,
             ch. 5), 0 for none.
         repeats: spread of the responses to repeated identical commands, None without any.
-        residual: what differences of neighbouring samples leave of a smooth signal.
+        residual: noise before the rounding, from the differences of neighbouring samples.
     """
 
     quantum: float
@@ -47,12 +50,14 @@ class Floor:
 
     @property
     def value(self) -> float:
-        return max(self.parts.values())
+        return max(math.hypot(self.quantum, self.residual), self.repeats or 0.0)
 
     @property
     def origin(self) -> str:
-        """Name of the method that gave the floor."""
-        return max(self.parts, key=lambda name: self.parts[name])
+        """Name of the method that gave the floor, or most of it."""
+        if self.repeats and self.repeats >= self.value:
+            return REPEATS
+        return QUANTUM if self.quantum >= self.residual else RESIDUAL
 
 
 @dataclass(frozen=True)
@@ -105,14 +110,17 @@ class Command:
     band: tuple[float, float] | None
 
 
-def read_output(log: Log, wire: Wire) -> Reading:
-    """Return how an output was read.  One that says yes or no has the floor of its step, 1."""
+def read_output(log: Log, wire: Wire, found: Step) -> Reading:
+    """Return how an output was read, in these steps.
+
+    One that says yes or no has the floor of its step, 1.
+    """
     name, values = wire.name, log.outputs[wire.name]
     if wire.flag:
         floor, ends = Floor(FLAG, None, 0.0), (float(values.min()), float(values.max()))
         return Reading(name, *ends, step=0.0, between=0.0, clipped=0.0, stale=0.0, floor=floor)
-    step, between = reading_step(values)
-    quantum, residual = step / math.sqrt(12.0), difference_noise(values)
+    step = found.size
+    quantum, residual = step / math.sqrt(12.0), noise_under_steps(values, step)
     command = np.column_stack([np.zeros(len(values)), *log.inputs.values()])
     floor = Floor(quantum, spread_of_repeats(values, command), residual)
     return Reading(
@@ -120,7 +128,7 @@ def read_output(log: Log, wire: Wire) -> Reading:
         low=float(values.min()),
         high=float(values.max()),
         step=step,
-        between=between,
+        between=found.between,
         clipped=clipped_share(values, command, floor.value),
         stale=stale_share(values, floor.value),
         floor=floor,

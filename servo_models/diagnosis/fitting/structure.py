@@ -27,7 +27,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.audit.sensor import reading_step
+from servo_models.audit.steps import reading_step
 from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.identification.problem import Problem
@@ -152,7 +152,7 @@ def _codes(log: Log, name: str) -> tuple[float, float]:
 
     Every fit of a diagnosis asks it of the same few records.
     """
-    step = reading_step(log.outputs[name])[0]
+    step = reading_step(log.outputs[name]).size
     return step, loudest(log.outputs[name], step)
 
 
