@@ -150,6 +150,19 @@ def test_the_spread_of_repeated_commands_is_the_noise(sigma: float, seed: int) -
     assert spread_of_repeats(noisy, command[:, None]) == pytest.approx(sigma, rel=0.1)
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.floats(1e-4, 2e-3), seeds)
+def test_repeats_after_another_history_are_none(sigma: float, seed: int) -> None:
+    """Play of 0.1: where a reading rests depends on the side that it came from."""
+    random = np.random.default_rng(seed)
+    goals = np.concatenate([random.permutation([0.0, 2.0, 1.0]) for _ in range(40)])
+    command = np.repeat(goals[np.diff(goals, prepend=-1.0) != 0.0], 50)
+    rests = np.concatenate([[0.0], command[:-50]])
+    settled = command - 0.05 * np.sign(command - rests)
+    noisy = settled + sigma * random.standard_normal(len(command))
+    assert spread_of_repeats(noisy, command[:, None]) == pytest.approx(sigma, rel=0.15)
+
+
 def test_commands_that_never_repeat_have_no_spread() -> None:
     ladder = np.repeat(np.arange(20.0), 50)
     assert spread_of_repeats(ladder, ladder[:, None]) is None

@@ -19,6 +19,8 @@ STILL = 0.01
 """Share of its range by which a reading at rest may move."""
 REST_SAMPLES = 5
 """Samples for which a command must stand still so that its next move begins a repetition."""
+LATE_SAMPLES = 2
+"""By which stretches of one command may differ in length: it is sampled late."""
 ORDERS = (1, 2, 3)
 DITHERS = 8
 """Draws of dither: its own scatter is then a third of what one draw adds."""
@@ -131,7 +133,8 @@ def spread_of_repeats(values: Array, command: Array) -> float | None:
     """Return the standard deviation of the responses to identical commands, None without any.
 
     A repetition lasts from a move after rest of the command, shape (n, inputs), to the next
-    such move, and begins from the same command with a reading at rest.
+    such move, and begins with a reading at rest, as do all that it is compared with: from the same
+    command, that came after the same stretch before.  Play and friction remember that stretch.
     Source: Draper, Smith, Applied Regression Analysis, 3rd ed., sec. 2.1 (pure error).
     """
     still = STILL * float(np.ptp(values))
@@ -151,17 +154,25 @@ def spread_of_repeats(values: Array, command: Array) -> float | None:
 def _same_commands(
     command: Array, edges: Sequence[int], wanted: Container[int]
 ) -> list[list[tuple[int, int]]]:
-    """Stretches (start, stop) between edges, from wanted starts, grouped by equal commands."""
+    """Stretches (start, stop) between edges, from wanted starts, grouped by equal commands in them
+    and in the stretch before."""
     groups: list[list[tuple[int, int]]] = []
+    before: dict[int, int] = {start: begin for begin, start in pairwise(edges)}
     for start, stop in pairwise(edges):
-        if start not in wanted:
+        if start not in wanted or start not in before:
             continue
         for group in groups:
             first, last = group[0]
             length = min(stop - start, last - first)
-            alike = abs((stop - start) - (last - first)) <= 2 and length > REST_SAMPLES
-            before = slice(start - 1, start + length), slice(first - 1, first + length)
-            if alike and np.array_equal(command[before[0]], command[before[1]]):
+            past = min(start - before[start], first - before[first])
+            alike = (
+                abs((stop - start) - (last - first)) <= LATE_SAMPLES
+                and abs((start - before[start]) - (first - before[first])) <= LATE_SAMPLES
+                and length > REST_SAMPLES
+            )
+            one = slice(start - past - 1, start + length)
+            other = slice(first - past - 1, first + length)
+            if alike and np.array_equal(command[one], command[other]):
                 group.append((start, stop))
                 break
         else:

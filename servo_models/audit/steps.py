@@ -134,9 +134,11 @@ def _resampled(often: _Record, values: Array, fine: float, step: float) -> bool:
     Values between codes do not gather near them, as those of a shaft that comes to rest do; and
     where all lie on a finer step, most are on the codes.
     """
+    if step <= COARSER * fine:
+        return False
     off = often.residues(step, values)
     between = off[off > EQUAL]
-    if step < COARSER * fine or not len(between) or np.mean(between < ON_STEP) > SETTLING:
+    if not len(between) or np.mean(between < ON_STEP) > SETTLING:
         return False
     return fine == 0.0 or len(between) < 0.5 * len(values)
 
