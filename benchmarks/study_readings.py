@@ -5,7 +5,19 @@
 A sensor is drawn by its seed: motion (steps, sines, rests, drift), length, one to four logs, and
 a kind: ``before`` rounds motion and noise to its step, ``after`` adds noise to the codes, ``none``
 has no step.  Noise is 0 to 5 steps.  What is true: its step, and what its readings are off the
-motion by, root mean square over all its logs.
+motion by, root mean square over all its logs.  Floors count where they are within 15 % of it.
+Limits were chosen on seeds 0 to 199.  Seeds 1000 to 1499 gave:
+
+    false steps              0 of 500 (0.0%)
+    step right, noise < 0.5  204 of 206 (99.0%)
+    floor, before white      241 of 260 (92.7%); 5, 50, 95 %: 0.92, 1.00, 1.16
+    floor, before coloured   18 of 48 (37.5%); 5, 50, 95 %: 0.61, 0.80, 1.10
+    floor, after  white      44 of 85 (51.8%); 5, 50, 95 %: 0.07, 0.91, 1.12
+    floor, after  coloured   4 of 20 (20.0%); 5, 50, 95 %: 0.40, 0.63, 1.11
+    floor, none   white      53 of 55 (96.4%); 5, 50, 95 %: 0.93, 1.00, 1.10
+    floor, none   coloured   0 of 5 (0.0%); 5, 50, 95 %: 0.59, 0.65, 0.67
+
+Differences cannot show noise that is coloured, nor noise well below the codes that it was added to.
 """
 
 from __future__ import annotations

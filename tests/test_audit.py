@@ -156,9 +156,9 @@ def test_repeats_after_another_history_are_none(sigma: float, seed: int) -> None
     """Play of 0.1: where a reading rests depends on the side that it came from."""
     random = np.random.default_rng(seed)
     goals = np.concatenate([random.permutation([0.0, 2.0, 1.0]) for _ in range(40)])
-    command = np.repeat(goals[np.diff(goals, prepend=-1.0) != 0.0], 50)
-    rests = np.concatenate([[0.0], command[:-50]])
-    settled = command - 0.05 * np.sign(command - rests)
+    goals = goals[np.diff(goals, prepend=-1.0) != 0.0]
+    from_below = np.sign(np.diff(goals, prepend=-1.0))
+    command, settled = np.repeat(goals, 50), np.repeat(goals - 0.05 * from_below, 50)
     noisy = settled + sigma * random.standard_normal(len(command))
     assert spread_of_repeats(noisy, command[:, None]) == pytest.approx(sigma, rel=0.15)
 
