@@ -1,6 +1,6 @@
 """Damage every kind of file that is read, and give it to the readers and commands.
 
-    python tests/fuzz/inputs.py [--count 5000] [--seed 0] [--show]
+    python tests/fuzz/inputs.py [--count 5000] [--seed 0] [--keep]
 
 A case is a folder with a valid input (a log of any format with its description, sweeps, tables
 of elements, a parameter file, a table of inputs) of which one file is damaged: bytes, text,
@@ -23,6 +23,7 @@ import functools
 import io
 import json
 import os
+import pickle
 import random
 import re
 import resource
@@ -558,11 +559,9 @@ def perform(words: tuple[str, ...], folder: Path) -> int:
     from servo_models.cli import main
     from servo_models.errors import UserError
 
-    path = folder / words[words.index("FILE")] if "FILE" in words else folder
-    words = tuple(str(folder / word) if (folder / word).is_file() else word for word in words)
     if words[0] in ("read", "read parameters"):
         try:
-            _read(words[0], path)
+            _read(words[0], folder / words[1])
         except UserError as error:
             print(f"servo-models: {error}", file=sys.stderr)
             return REFUSED
@@ -608,13 +607,13 @@ class Outcome(NamedTuple):
     fault: str
 
 
-def run(words: tuple[str, ...], folder: Path, files: list[str]) -> Outcome:
+def run(words: tuple[str, ...], folder: Path, base: Base) -> Outcome:
     """Run a case in a forked process, with limits, and judge it."""
     sink = folder / "..said"
     begin = time.monotonic()
     child = os.fork()
     if not child:
-        _child(words, folder, sink)
+        _child(tuple(base.main if word == "FILE" else word for word in words), folder, sink)
     _, status, used = os.wait4(child, 0)
     seconds = used.ru_utime + used.ru_stime
     said = sink.read_text("utf-8", "replace")
@@ -630,7 +629,7 @@ def run(words: tuple[str, ...], folder: Path, files: list[str]) -> Outcome:
     elif memory > LARGEST:
         fault = "memory"
     elif code == REFUSED:
-        lacks = is_good(_sentence(said), folder, files)
+        lacks = is_good(_sentence(said), folder, [*base.files])
         fault = lacks and f"sentence without {lacks}"
     return Outcome(code, said, seconds, memory, fault)
 
@@ -689,7 +688,7 @@ class Tally(NamedTuple):
     largest: int
 
 
-def fuzz(count: int, seed: int = 0, show: bool = False, begin: int = 0) -> Tally:
+def fuzz(count: int, seed: int = 0, keep: bool = False, begin: int = 0) -> Tally:
     """Run ``count`` cases; each is told by the seed and its number."""
     with tempfile.TemporaryDirectory(prefix="damaged inputs ") as scratch:
         known = _in_process(bases, Path(scratch) / "bases")
@@ -699,29 +698,59 @@ def fuzz(count: int, seed: int = 0, show: bool = False, begin: int = 0) -> Tally
         faults, longest, largest = [], 0.0, 0
         for number in range(begin, begin + count):
             rng = random.Random(1_000_003 * seed + number)
-            index = number % len(known)
+            base = known[number % len(known)]
             folder = Path(scratch) / "case"
             folder.mkdir()
-            base = known[index]
-            damaged = _in_process(lambda: damage(bases_of(base), folder, rng), folder / "..what")
-            (folder / "..what").unlink()
+            damaged = _in_process(functools.partial(damage, base, folder, rng), folder / "..what")
             words = rng.choice(base.ways)
-            words = tuple(base.main if word == "FILE" else word for word in words)
-            if words[0].startswith("read"):
-                words = (words[0], "FILE", base.main)
-                outcome = run((words[0], base.main), folder, [*base.files])
-            else:
-                outcome = run(words, folder, [*base.files])
+            outcome = run(words, folder, base)
             cases[base.kind] += 1
             ends = {REFUSED: "refused", STOPPED: "still at work", CRASHED: "crashed"}
             outcomes[ends.get(outcome.code, "accepted" if outcome.code >= 0 else "killed")] += 1
             longest, largest = max(longest, outcome.seconds), max(largest, outcome.memory)
             if outcome.fault:
-                what = f"{base.kind}, {damaged}, {' '.join(words)}"
+                what = f"{base.kind}, '{damaged}' damaged, {' '.join(words)}"
                 faults.append((number, what, outcome.fault, outcome))
                 print(f"{number}: {what}: {outcome.fault}", flush=True)
-                print("   ", outcome.said.strip()[-700 if show else -300 :], flush=True)
-                if show:
+                print("   ", outcome.said.strip()[-500:], flush=True)
+                if keep:
                     shutil.copytree(folder, f"fault-{number}", symlinks=True)
             shutil.rmtree(folder)
     return Tally(cases, outcomes, faults, longest, largest)
+
+
+def _in_process(make: Callable[[], Any], path: Path) -> Any:
+    """What ``make`` returns in a process of its own, whose threads end with it."""
+    child = os.fork()
+    if not child:
+        try:
+            path.write_bytes(pickle.dumps(make()))
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush()
+        os._exit(0)
+    os.waitpid(child, 0)
+    found = pickle.loads(path.read_bytes())
+    path.unlink()
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=5000)
+    parser.add_argument("--begin", type=int, default=0, help="number of the first case")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", action="store_true", help="keep faulty cases in this folder")
+    given = parser.parse_args()
+    tally = fuzz(given.count, given.seed, given.keep, given.begin)
+    for kind, cases in tally.cases.items():
+        print(f"{kind:20s} {cases}")
+    print(", ".join(f"{number} {name}" for name, number in tally.outcomes.items()))
+    kinds = Counter(re.sub(r" of \d+ s", "", fault) for _, _, fault, _ in tally.faults)
+    print(f"faults: {dict(kinds) or 'none'}")
+    print(f"longest {tally.longest:.1f} s of processor time, largest {tally.largest / 1e6:.0f} MB")
+    return 1 if tally.faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
