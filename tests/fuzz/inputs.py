@@ -526,7 +526,7 @@ PLACE = re.compile(
     r"row \d|line \d|column|at end of document|key|table|logs|sweeps|elements|', \S+:"
 )
 WHOLE = re.compile(
-    r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large"
+    r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large|would take"
     r"|no regular|no file|samples to use|no TOML|is no |deep"
 )
 CURE = re.compile(
@@ -549,13 +549,17 @@ def is_good(sentence: str, folder: Path, files: list[str]) -> str:
     return " and ".join(lacks)
 
 
+LONG = ("identify", "diagnose", "validate", "build")
+"""Commands that are not judged beyond their reading."""
+
+
 class Read(BaseException):
     """An input was accepted; what comes then is long and not judged."""
 
 
 def perform(words: tuple[str, ...], folder: Path) -> int:
     """Read a case as a command or reader would; run in a process of its own."""
-    import servo_models.description as description
+    from servo_models import description, parameter_set
     from servo_models.cli import main
     from servo_models.errors import UserError
 
@@ -566,18 +570,24 @@ def perform(words: tuple[str, ...], folder: Path) -> int:
             print(f"servo-models: {error}", file=sys.stderr)
             return REFUSED
         return ACCEPTED
-    original = description.read_description
+    for module, name in ((description, "read_description"), (parameter_set, "read_parameters")):
+        setattr(module, name, _then_working(getattr(module, name), words[0]))
+    return main(words)
 
-    def read_and_stop(*arguments: Any, **options: Any) -> Any:
-        found = original(*arguments, **options)
-        if words[0] in ("identify", "diagnose"):
+
+def _then_working(read: Callable[..., Any], command: str) -> Callable[..., Any]:
+    """A reader after which the limits are those of work, or which ends the case."""
+
+    def read_and_go_on(*arguments: Any, **options: Any) -> Any:
+        found = read(*arguments, **options)
+        if command in LONG:
             raise Read
+        signal.alarm(0)
         signal.signal(signal.SIGPROF, _stop)
         signal.setitimer(signal.ITIMER_PROF, WORK_SECONDS)
         return found
 
-    description.read_description = read_and_stop
-    return main(words)
+    return read_and_go_on
 
 
 def _stop(*_: object) -> None:
