@@ -88,7 +88,8 @@ def check_size(path: Path, size: float, most: int | None = None) -> None:
     if size > limit:
         cure = f", or allow it by --largest {math.ceil(size / 2**20)}" if most is None else ""
         raise UserError(
-            f"'{path}' would take {size / 2**20:.4g} MB, more than {limit / 2**20:.4g}: cut it{cure}"
+            f"'{path}' would take {size / 2**20:.4g} MB, more than {limit / 2**20:.4g}: cut"
+            f" it{cure}"
         )
 
 

@@ -289,7 +289,18 @@ TEXTS = (
     *("", " ", "nan", "inf", "-inf", "1e400", "-1e308", "1e-320", "9" * 5000, "1_0", "0x10"),
     *("0", "-1", "1e12", "1 9**9**9**9", "1 m" + "**9" * 30, "1 " + "(" * 50, "3 deg/0", "1 kg"),
     *("a\0b", "x" * 5000, "\x1b[31mred\x1b[0m", "\u202eabc", "=1+1", "@x", "..", "/", "/dev/zero"),
-    *("/proc/self/mem", "~", "a/b/c", "x" * 300 + ".csv", "\udcff", "é", "１", "NaN", "1,5", "µs"),
+    *(
+        "/proc/self/mem",
+        "~",
+        "a/b/c",
+        "x" * 300 + ".csv",
+        "\udcff",
+        "é",
+        "\uff11",
+        "NaN",
+        "1,5",
+        "µs",
+    ),
     *("1 %", "-5 %", "1e999 s", "1 degC", "1 dB", "1 %%", "°", "ns", "h", "year"),
 )
 NUMBERS = (
@@ -382,6 +393,11 @@ def damage_tree(tree: Any, rng: random.Random) -> Any:
     """Change, remove, rename or exchange values of a tree."""
     if rng.random() < 0.03:
         return nasty(rng)
+    named = [(parent, key) for parent, key in _nodes(tree) if key in ("file", "actuator", "unit")]
+    if named and rng.random() < 0.2:
+        parent, key = rng.choice(named)
+        parent[key] = nasty(rng)
+        return tree
     for _ in range(rng.choice((1, 1, 2))):
         nodes = _nodes(tree)
         if not nodes:
@@ -394,8 +410,9 @@ def damage_tree(tree: Any, rng: random.Random) -> Any:
             name = rng.choice((*TEXTS, "file", "time", "logs", "column", "unit", "table", "params"))
             parent[name] = parent.pop(key)
         elif kind == 2 and not isinstance(parent[key], (dict, list)):
-            parent[key], other[second] = json.loads(json.dumps(other[second], default=str)), (
-                parent[key]
+            parent[key], other[second] = (
+                json.loads(json.dumps(other[second], default=str)),
+                (parent[key]),
             )
         else:
             parent[key] = nasty(rng)
@@ -423,7 +440,9 @@ def damage_columns(columns: Columns, rng: random.Random) -> Columns:
     if kind == 0:
         columns[name] = [scale * float(value) for value in values]
     elif kind == 1:
-        columns[name] = [v + (i >= row) * rng.choice((1e5, 1e12, -5.0)) for i, v in enumerate(values)]
+        columns[name] = [
+            v + (i >= row) * rng.choice((1e5, 1e12, -5.0)) for i, v in enumerate(values)
+        ]
     elif kind == 2:
         columns[name] = [1_700_000_000_000_000_000 + int(2e7 * i) for i in range(len(values))]
     elif kind == 3:
@@ -433,7 +452,9 @@ def damage_columns(columns: Columns, rng: random.Random) -> Columns:
     elif kind == 5:
         values[row] = None
     elif kind == 6:
-        columns[name] = rng.choice(([True] * len(values), ["a"] * len(values), [[1.0]] * len(values)))
+        columns[name] = rng.choice(
+            ([True] * len(values), ["a"] * len(values), [[1.0]] * len(values))
+        )
     elif kind == 7:
         columns[name] = [{"a": 1}] * len(values)
     elif kind == 8:
@@ -523,17 +544,17 @@ def _table_of(base: Base) -> Columns:
 # Reading
 
 PLACE = re.compile(
-    r"row \d|line \d|column|at end of document|key|table|logs|sweeps|elements|', \S+:"
+    r"row \d|line \d|column|at end of document|key|table|logs|sweeps|elements|', [^:]+:"
 )
 WHOLE = re.compile(
-    r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large|would take"
-    r"|no regular|no file|samples to use|no TOML|is no |deep"
+    r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large"
+    r"|would take|no regular|no file|samples to use|no TOML|is no |deep"
 )
 CURE = re.compile(
     r"[;:,] (?:or )?(?:write|give|add|set|remove|correct|save|record|name|use|choose|take|keep|sort"
     r"|leave|fill|did you|known|must|cut|show|look|raise|split|begin|allow|check|fix|map|trust|in "
     r"|its name may|it is a|it needs|separate|a sweep needs|at least|move|put|the log|the file|read"
-    r"|reduce|there is|--|say)|needed|[Gg]ive |choose|instead|cannot read '[^']*': \w"
+    r"|reduce|repair|there is|--|say)|needed|[Gg]ive |choose|instead|cannot read '[^']*': \w"
 )
 
 
@@ -677,7 +698,7 @@ def warm() -> None:
     import scipy.io
     import scipy.optimize  # noqa: F401
 
-    import servo_models.audit  # noqa: F401
+    import servo_models.audit
     import servo_models.check  # noqa: F401
     from servo_models.catalogue import actuator
     from servo_models.cli import main  # noqa: F401
@@ -755,6 +776,7 @@ def main() -> int:
     tally = fuzz(given.count, given.seed, given.keep, given.begin)
     for kind, cases in tally.cases.items():
         print(f"{kind:20s} {cases}")
+    print(f"{given.count} cases: ", end="")
     print(", ".join(f"{number} {name}" for name, number in tally.outcomes.items()))
     kinds = Counter(re.sub(r" of \d+ s", "", fault) for _, _, fault, _ in tally.faults)
     print(f"faults: {dict(kinds) or 'none'}")
