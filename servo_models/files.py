@@ -73,7 +73,9 @@ def read_regular(path: Path, largest: int | None = None) -> bytes:
         check_size(path, about.st_size, largest)
         return path.read_bytes()
     except OSError as error:
-        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
+        raise UserError(
+            f"cannot read '{path}': {error.strerror or error}; name a file that you may read"
+        ) from error
     except ValueError as error:  # a NUL in the name
         raise UserError(f"cannot read '{path}': {error}; correct the name") from error
 

@@ -121,7 +121,7 @@ def parse(text: str | float, unit: str) -> float:
         if not match:
             shown = text[:LONGEST_TEXT]
             raise UserError(
-                f"'{shown}' is no number with a unit; write one such as \"3 deg\" or 0.05"
+                f"'{shown}' is not a number with a unit; write one such as \"3 deg\" or 0.05"
             )
         try:
             value, given = float(match[1]), match[2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from servo_models.description import read_description
 from servo_models.errors import UserError
 from servo_models.files import read_regular
 from servo_models.logs import read_columns
+from servo_models.parameter_set import read_parameters
 from servo_models.toml_file import read_toml
 from servo_models.transfer.sweeps import raw_records, read_sweeps
 from servo_models.units import parse
@@ -49,6 +51,35 @@ def test_a_column_without_rows_is_left_out_of_a_draft(tmp_path: Path, run: Run) 
     assert "Traceback" not in err
     assert code in (0, 1)
     assert "rate" not in path.with_suffix(".toml").read_text().split("[[logs]]")[1].split("#")[0]
+
+
+HUGE = "0x1" + "0" * 4000
+"""Of more decimal digits than Python prints."""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"logs = [{{ file = {HUGE} }}]",
+        f"bounds.motor_gain = [{HUGE}, 1]",
+        f"parameters.motor_gain = {HUGE}",
+        f"parameters.motor_gain = {2**63}",
+        "parameters" + ".a" * 3000 + " = 1",
+        "parameters = " + "{ a = " * 60 + "1" + " }" * 60,
+        "bounds.motor_gain = " + "[" * 60 + "]" * 60,
+    ],
+    ids=range(7),
+)
+@pytest.mark.parametrize("reader", [read_description, read_parameters])
+def test_what_toml_does_not_hold(
+    tmp_path: Path, line: str, reader: Callable[[Path], object]
+) -> None:
+    """Source: TOML v1.0.0, integers have 64 bits."""
+    path = tmp_path / "rig.toml"
+    path.write_text(f'actuator = "sg90"\n{line}\n')
+    with pytest.raises(UserError, match=r"rig.toml', .*(with a point|leave tables out)") as caught:
+        reader(path)
+    assert len(str(caught.value)) < 500 + len(str(path))
 
 
 @pytest.mark.parametrize("sweeps", ["1", '"a"', "[1]", "[[1]]", '[{ logs = "a" }]', "{ a = 1 }"])

@@ -554,7 +554,7 @@ CURE = re.compile(
     r"[;:,] (?:or )?(?:write|give|add|set|remove|correct|save|record|name|use|choose|take|keep|sort"
     r"|leave|fill|did you|known|must|cut|show|look|raise|split|begin|allow|check|fix|map|trust|in "
     r"|its name may|it is a|it needs|separate|a sweep needs|at least|move|put|the log|the file|read"
-    r"|reduce|repair|there is|--|say)|needed|[Gg]ive |choose|instead|cannot read '[^']*': \w"
+    r"|reduce|repair|there is|--|say)|needed|[Gg]ive |choose|instead"
 )
 
 
