@@ -11,6 +11,7 @@ import contextlib
 import functools
 import hashlib
 import json
+import math
 import os
 import platform
 import shutil
@@ -65,15 +66,16 @@ def read_regular(path: Path, largest: int | None = None) -> bytes:
     Raises:
         UserError: it is missing, may not be read, is a pipe or a device, or is too large.
     """
-    most = largest_input.get() if largest is None else largest
     try:
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):
             raise UserError(f"cannot read '{path}': it is no regular file; copy it into one")
-        check_size(path, about.st_size, most)
+        check_size(path, about.st_size, largest)
         return path.read_bytes()
     except OSError as error:
-        raise UserError(f"cannot read '{path}': {error.strerror or error}") from error
+        raise UserError(
+            f"cannot read '{path}': {error.strerror or error}; name a file that you may read"
+        ) from error
     except ValueError as error:  # a NUL in the name
         raise UserError(f"cannot read '{path}': {error}; correct the name") from error
 
@@ -86,9 +88,10 @@ def check_size(path: Path, size: float, most: int | None = None) -> None:
     """
     limit = largest_input.get() if most is None else most
     if size > limit:
+        cure = f", or allow it by --largest {math.ceil(size / 2**20)}" if most is None else ""
         raise UserError(
-            f"'{path}' would take {size / 2**20:.4g} MB, more than {limit / 2**20:.4g}: cut it, or"
-            f" allow it by --largest {size / 2**20:.0f}"
+            f"'{path}' would take {size / 2**20:.4g} MB, more than {limit / 2**20:.4g}: cut"
+            f" it{cure}"
         )
 
 

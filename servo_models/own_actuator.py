@@ -29,7 +29,7 @@ def load_actuator(path: Path) -> Actuator:
     Raises:
         UserError: no such file, a fault in it (also one that ends the process), or no actuator.
     """
-    if not path.exists():
+    if not os.path.exists(path):  # which also takes a text that is no name at all
         raise UserError(f"cannot read '{path}': no such file; name one that defines ACTUATOR")
     return _run(path.resolve(), read_regular(path))
 
@@ -59,7 +59,8 @@ def check_trust(code: Path, named_in: Path, trust: bool) -> None:
     Raises:
         UserError: it lies elsewhere.
     """
-    if not trust and code.resolve().parent != named_in.resolve().parent:
+    is_there = os.path.exists(code)  # what is not there, nobody can run
+    if is_there and not trust and code.resolve().parent != named_in.resolve().parent:
         raise UserError(
             f"'{named_in.name}' would run the Python file '{code}', which does not lie beside it:"
             " read that file, then say --trust, or trust=True where Python reads"

@@ -17,6 +17,10 @@ else:
     import tomli as tomllib
 
 
+DEEPEST = 20
+"""Tables and lists inside each other; the longest dotted names have a few parts."""
+LONGEST_PLACE = 100
+"""Characters that are told of a dotted name."""
 LARGEST = 4 << 20
 """Bytes of a file that a person wrote."""
 
@@ -120,14 +124,31 @@ def read_toml(path: Path) -> Section:
     """Read a TOML file.
 
     Raises:
-        UserError: the file cannot be read, is no text, or is no TOML; with the line.
+        UserError: the file cannot be read, is no text, or is no TOML, with the line; an integer
+            beyond 64 bits or too many tables inside each other, with the key.
     """
     try:
-        return Section(path, "", tomllib.loads(read_regular(path, LARGEST).decode("utf-8-sig")))
+        content = tomllib.loads(read_regular(path, LARGEST).decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise UserError(f"'{path}' is no text in UTF-8: save it as such") from error
     except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
         raise UserError(f"'{path}' is no TOML: {error}; correct it there") from error
+    document = Section(path, "", content)
+    _check_values(document, content)
+    return document
+
+
+def _check_values(document: Section, content: Any, names: tuple[str, ...] = ()) -> None:
+    """Refuse integers that TOML does not hold, and tables deeper than anybody reads."""
+    place = ".".join(names)[:LONGEST_PLACE]
+    if len(names) > DEEPEST:
+        document.fail(place, f"more than {DEEPEST} tables inside each other; leave tables out")
+    if isinstance(content, int) and not -(2**63) <= content < 2**63:
+        document.fail(place, "an integer beyond 64 bits; write it with a point, such as 1.0e30")
+    if isinstance(content, Mapping | list):
+        inner = content.items() if isinstance(content, Mapping) else enumerate(content, start=1)
+        for key, value in inner:
+            _check_values(document, value, (*names, str(key)))
 
 
 def nested(flat: Mapping[str, Any]) -> dict[str, Any]:

@@ -81,10 +81,10 @@ def exponents(unit: str) -> tuple[float, dict[str, int]]:
     try:
         base = (1.0 * known.parse_expression(name)).to_base_units()
     except Exception as error:  # pint raises many kinds, some from its parser
-        raise UserError(f"unknown unit '{unit}'") from error
+        raise UserError(f"unknown unit '{unit}'; write one such as deg/s or N.m.s/rad2") from error
     powers = {str(name): power for name, power in base.unit_items()}
     if not powers.keys() <= BASE.keys():
-        raise UserError(f"unit '{unit}' is none of mechanics and electricity")
+        raise UserError(f"unit '{unit}' is none of mechanics and electricity; name one")
     return float(base.magnitude), {BASE[name]: int(power) for name, power in powers.items()}
 
 
@@ -113,18 +113,20 @@ def parse(text: str | float, unit: str) -> float:
         try:
             value, given = float(text), ""
         except OverflowError:  # an integer of hundreds of digits
-            raise UserError("the number is too large") from None
+            raise UserError("the number is too large; correct it") from None
     else:
         match = len(text) <= LONGEST_TEXT and re.fullmatch(
             r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text
         )
         if not match:
             shown = text[:LONGEST_TEXT]
-            raise UserError(f"'{shown}' is not a number with a unit, such as \"3 deg\" or 0.05")
+            raise UserError(
+                f"'{shown}' is not a number with a unit; write one such as \"3 deg\" or 0.05"
+            )
         try:
             value, given = float(match[1]), match[2]
         except ValueError:
-            raise UserError(f"'{match[1]}' is not a number") from None
+            raise UserError(f"'{match[1]}' is not a number; correct it") from None
     if not math.isfinite(value):
-        raise UserError(f"'{text}' is not a finite number")
+        raise UserError(f"'{text}' is not a finite number; correct it")
     return value * factor(given, unit) if given else value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from enum import Enum
 from pathlib import Path
@@ -37,7 +38,7 @@ def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = 
     for path, suffix in outputs:
         if path and path.suffix.lower() != suffix:
             raise UserError(f"'{path}': let the name end in {suffix}")
-        if path and path.exists() and any(path.samefile(other) for other in read):
+        if path and os.path.exists(path) and any(path.samefile(other) for other in read):
             raise UserError(f"'{path}' is read, not written: choose another name")
         if path:
             check_writable(path)

@@ -80,7 +80,11 @@ def simulate(
     chosen = chosen_model(actuator, variant, set_, params, trust)
     with progress(f"simulating {chosen.actuator.name}"):
         if inputs:
-            result = run(chosen, *tables.read_inputs(inputs, chosen.plant))
+            given = tables.read_inputs(inputs, chosen.plant)
+            try:
+                result = run(chosen, *given)
+            except UserError as error:
+                raise UserError(f"'{inputs}', rows counted from 0: {error}") from error
         else:
             result = experiment.step(chosen, assignments("--step", step or ()), stop, dt)
     if out:

@@ -185,7 +185,9 @@ def _bounds(
         off = known[name].param.switch and not value and name not in uncertain
         if not (off or low <= value <= high):
             unit = known[name].param.unit
-            section.fail(name, f"the nominal value, {value:g} {unit}, lies outside these")
+            section.fail(
+                name, f"the nominal value, {value:g} {unit}, lies outside these; give wider ones"
+            )
         found[name] = (low, high)
     return found
 

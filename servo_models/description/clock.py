@@ -199,6 +199,6 @@ def span(section: Section, since: Array) -> Mask:
     ends = [quantity(section, key, "s") if key in section else None for key in ("from", "to")]
     begin, end = -np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1]
     if begin >= end:
-        section.fail("to", f"{end:g} s is not after {begin:g} s")
+        section.fail("to", f"{end:g} s is not after {begin:g} s; correct one of the two")
     marked: Mask = (since >= begin) & (since <= end)
     return marked

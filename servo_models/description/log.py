@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -80,7 +81,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     if "file" not in entry:
         entry.fail("file", "missing; name the file of the log")
     path = entry.file.parent / entry.text("file")
-    if not path.exists():
+    if not os.path.exists(path):  # which also takes a text that is no name at all
         entry.fail("file", f"no file '{path}'; name it as seen from the description")
     header = entry.content.get("header")
     if header is not None and not isinstance(header, bool):

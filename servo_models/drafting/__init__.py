@@ -113,7 +113,7 @@ def write_draft(made: Draft, path: Path) -> None:
     Raises:
         UserError: there is a file of that name already, or it cannot be written.
     """
-    if path.exists():
+    if os.path.exists(path):
         raise UserError(f"'{path}' exists: edit it, remove it, or name another with --out")
     write_whole(path, made.text(path.parent).encode())
 

@@ -138,6 +138,8 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
         values = columns.numbers(key)
     except UserError as error:
         return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))
+    if not len(values):
+        return LeftOut(key, table, f"{columns.where(key)} has no rows: record it again", False)
     words, unit = heading(name)
     own = () if isinstance(key, int) and name.isdigit() else words
     return Column(key, table, own, unit, values)

@@ -102,7 +102,7 @@ class Columns:
         if isinstance(column, int):
             if not 1 <= column <= len(self.cells):
                 raise UserError(
-                    f"{place} has no column {column}: its columns are 1 to {len(self.cells)}"
+                    f"{place} has no column {column}: give a number from 1 to {len(self.cells)}"
                 )
             return column - 1
         found = [i for i, name in enumerate(self.names) if name == column]

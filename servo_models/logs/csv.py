@@ -92,7 +92,10 @@ def _plain(line: str, separator: str) -> str:
     """The line without quotes; a separator inside quotes becomes a blank."""
     if '"' not in line:
         return line
-    cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error:  # a cell beyond the limit of the reader: its quote does not end
+        return line.replace('"', "")
     return separator.join(cell.replace(separator, " ") for cell in cells)
 
 

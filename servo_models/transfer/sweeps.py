@@ -58,13 +58,7 @@ def read_sweeps(
         UserError: an unknown key, signal or column, a unit that does not convert, fewer than
             ``LEAST_POINTS`` points, a frequency or gain that is not above 0.
     """
-    entries = document.content.get("sweeps", [])
-    if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
-        document.fail("sweeps", "no list of tables; write [[sweeps]]")
-    found = [
-        _read(Section(document.file, f"sweeps[{k}]", entry), base, plant, logs)
-        for k, entry in enumerate(entries, start=1)
-    ]
+    found = [_read(entry, base, plant, logs) for entry in _entries(document)]
     names = [one.name for one in found]
     return tuple(
         replace(one, name=f"{one.name} ({k})") if names.count(one.name) > 1 else one
@@ -72,10 +66,18 @@ def read_sweeps(
     )
 
 
+def _entries(document: Section) -> list[Section]:
+    entries = document.content.get("sweeps", [])
+    if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
+        document.fail("sweeps", "no list of tables; write [[sweeps]]")
+    return [
+        Section(document.file, f"sweeps[{k}]", entry) for k, entry in enumerate(entries, start=1)
+    ]
+
+
 def raw_records(document: Section) -> frozenset[str]:
     """Return the names of the logs that are records of a sweep, not of their own."""
-    entries = document.content.get("sweeps", [])
-    return frozenset(name for entry in entries for name in entry.get("logs", ()))
+    return frozenset(name for entry in _entries(document) for name in entry.texts("logs"))
 
 
 def _read(entry: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sweep:

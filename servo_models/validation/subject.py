@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -59,7 +60,7 @@ class Subject:
         self._host: HostProcess | None = None
         self._started = 0
         self.over = ""
-        if not self.path.is_file():
+        if not os.path.isfile(self.path):
             raise UserError(f"no FMU '{path}': build it with servo-models build")
         try:
             self.folder = unpack(self.path, limits.unpacked_megabytes)

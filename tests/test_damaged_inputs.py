@@ -1,0 +1,162 @@
+"""A share of the damaged inputs of ``fuzz/inputs.py``, and what its full runs have found."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import Run
+
+from servo_models.description import read_description
+from servo_models.errors import UserError
+from servo_models.files import read_regular
+from servo_models.logs import read_columns
+from servo_models.parameter_set import read_parameters
+from servo_models.toml_file import read_toml
+from servo_models.transfer.sweeps import raw_records, read_sweeps
+from servo_models.units import parse
+
+FUZZ = Path(__file__).parent / "fuzz" / "inputs.py"
+NO_END_SECONDS = 550
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="its limits are of Linux")
+def test_a_share_of_the_damaged_inputs() -> None:
+    words = [sys.executable, str(FUZZ), "--count", "200", "--seed", "17"]
+    done = subprocess.run(
+        words, check=False, capture_output=True, text=True, timeout=NO_END_SECONDS
+    )
+    assert done.returncode == 0, done.stdout
+    assert "200 cases" in done.stdout
+    assert "refused" in done.stdout
+
+
+def test_a_quote_that_does_not_end(tmp_path: Path) -> None:
+    """A line longer than Python's reader of CSV takes."""
+    path = tmp_path / "log.csv"
+    path.write_text('t,u\n0,"' + "1" * 200_000 + "\n1,2\n")
+    with pytest.raises(UserError, match=r"row 2, column 'u'"):
+        read_columns(path).numbers("u")
+
+
+def test_a_column_without_rows_is_left_out_of_a_draft(tmp_path: Path, run: Run) -> None:
+    path = tmp_path / "log.json"
+    lists = {"t": [0.02 * i for i in range(30)], "angle": [0.1 * i for i in range(30)], "rate": []}
+    path.write_text(json.dumps(lists))
+    code, _, err = run("check", path, "--init", "--actuator", "sg90")
+    assert "Traceback" not in err
+    assert code in (0, 1)
+    assert "rate" not in path.with_suffix(".toml").read_text().split("[[logs]]")[1].split("#")[0]
+
+
+HUGE = "0x1" + "0" * 4000
+"""Of more decimal digits than Python prints."""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"logs = [{{ file = {HUGE} }}]",
+        f"bounds.motor_gain = [{HUGE}, 1]",
+        f"parameters.motor_gain = {HUGE}",
+        f"parameters.motor_gain = {2**63}",
+        "parameters" + ".a" * 3000 + " = 1",
+        "parameters = " + "{ a = " * 60 + "1" + " }" * 60,
+        "bounds.motor_gain = " + "[" * 60 + "]" * 60,
+    ],
+    ids=range(7),
+)
+@pytest.mark.parametrize("reader", [read_description, read_parameters])
+def test_what_toml_does_not_hold(
+    tmp_path: Path, line: str, reader: Callable[[Path], object]
+) -> None:
+    """Source: TOML v1.0.0, integers have 64 bits."""
+    path = tmp_path / "rig.toml"
+    path.write_text(f'actuator = "sg90"\n{line}\n')
+    with pytest.raises(UserError, match=r"rig.toml', .*(with a point|leave tables out)") as caught:
+        reader(path)
+    assert len(str(caught.value)) < 500 + len(str(path))
+
+
+@pytest.mark.parametrize("sweeps", ["1", '"a"', "[1]", "[[1]]", '[{ logs = "a" }]', "{ a = 1 }"])
+def test_sweeps_of_a_wrong_type(tmp_path: Path, sweeps: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(f'actuator = "sg90"\nsweeps = {sweeps}\n')
+    with pytest.raises(UserError, match=r"rig.toml', sweeps.*write \["):
+        raw_records(read_toml(path))
+
+
+def test_times_that_last_too_long_are_told_with_the_file(tmp_path: Path, run: Run) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text("time,pulse_width\n0,1.5e-3\n1e12,1.5e-3\n")
+    code, _, err = run("simulate", "sg90", "--inputs", path)
+    assert code == 2
+    assert f"'{path}', rows counted from 0" in err
+    assert "row 0" in err
+
+
+def test_a_limit_that_no_flag_raises_names_none(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(b"#" * 300)
+    with pytest.raises(UserError, match=r"cut it$"):
+        read_regular(path, 200)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("a\\u0000b.csv", "logs"),
+        ("x" * 5000 + ".csv", "logs"),
+        ("nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_names_that_are_none(tmp_path: Path, name: str, words: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        f'actuator = "sg90"\n[[logs]]\nfile = "{name}"\ntime = "t"\noutputs.angle = "a"\n'
+    )
+    with pytest.raises(UserError, match=words):
+        read_description(path)
+
+
+def _read_whole(path: Path, trust: bool) -> None:
+    found = read_description(path, trust)
+    read_sweeps(found.document, path.parent, found.actuator.plant)
+
+
+@pytest.mark.parametrize("name", ["a\\u0000b", "x" * 5000, "../" * 2000 + "x", "\\u202e"])
+@pytest.mark.parametrize("key", ["actuator", "params", "logs.file", "sweeps.file"])
+@pytest.mark.parametrize("trust", [False, True])
+def test_texts_that_are_no_names_of_files(tmp_path: Path, name: str, key: str, trust: bool) -> None:
+    path = tmp_path / "rig.toml"
+    suffix = {"actuator": ".py", "params": ".toml"}.get(key, ".csv")
+    head = "" if key in ("actuator", "params") else 'actuator = "torque_motor"\n'
+    table, _, own = key.rpartition(".")
+    rest = "[[logs]]\n" if not table else f"[[{table}]]\n"
+    signals = {
+        "logs": 'time = "t"\noutputs.angle = "a"\n',
+        "sweeps": 'input = "voltage"\noutput = "angle"\nfrequency = { column = "f" }\n'
+        'gain = { column = "g" }\nphase = { column = "p" }\n',
+    }.get(table, "")
+    given = f'{own} = "{name}{suffix}"\n'
+    path.write_text(f"{head}{rest}{given}{signals}" if table else f"{given}{rest}")
+    with pytest.raises(UserError, match=r"name|correct|such file"):
+        _read_whole(path, trust)
+
+
+@pytest.mark.parametrize("command", [["validate"], ["build"], ["check"], ["identify"]])
+def test_a_very_long_name_on_the_command_line(run: Run, command: list[str]) -> None:
+    for suffix in (".fmu", ".py", ".toml", ".csv"):
+        code, _, err = run(*command, "x" * 3000 + suffix)
+        assert code == 2
+        assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("text", ["xyz", "1.2.3", "1e999", "thousands", "1 parsec_", "1 mol"])
+def test_what_is_no_quantity_is_told_with_the_cure(text: str) -> None:
+    with pytest.raises(UserError, match=r"; (write one|correct it|name one)"):
+        parse(10**5000 if text == "thousands" else text, "rad")
