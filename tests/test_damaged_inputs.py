@@ -43,6 +43,16 @@ def test_a_quote_that_does_not_end(tmp_path: Path) -> None:
         read_columns(path).numbers("u")
 
 
+def test_a_name_and_a_cell_that_are_no_unicode(tmp_path: Path) -> None:
+    """JSON may spell half of a pair of UTF-16."""
+    path = tmp_path / "log.json"
+    path.write_text('[{"\\udcff": 1, "t": "\\ud800"}, {"\\udcff": 2, "t": 1}]')
+    columns = read_columns(path)
+    assert list(columns.numbers(1)) == [1.0, 2.0]
+    with pytest.raises(UserError, match=r"row 1, column 't': '\?' is not a number"):
+        columns.numbers("t")
+
+
 def test_a_column_without_rows_is_left_out_of_a_draft(tmp_path: Path, run: Run) -> None:
     path = tmp_path / "log.json"
     lists = {"t": [0.02 * i for i in range(30)], "angle": [0.1 * i for i in range(30)], "rate": []}

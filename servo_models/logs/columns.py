@@ -181,9 +181,14 @@ def column_of(name: str, values: Sequence[Any]) -> pl.Series:
 
     if all(value is None or isinstance(value, (int, float)) for value in values):
         floats = [None if value is None else float(value) for value in values]
-        return pl.Series(name, floats, dtype=pl.Float64)
-    texts = [None if value is None else str(value) for value in values]
-    return pl.Series(name, texts, dtype=pl.String)
+        return pl.Series(_unicode(name), floats, dtype=pl.Float64)
+    texts = [None if value is None else _unicode(str(value)) for value in values]
+    return pl.Series(_unicode(name), texts, dtype=pl.String)
+
+
+def _unicode(text: str) -> str:
+    """The text with ``?`` for what JSON can spell and Unicode does not have: half a pair."""
+    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def columns_of(records: Iterable[Any]) -> list[pl.Series]:

@@ -548,13 +548,13 @@ PLACE = re.compile(
 )
 WHOLE = re.compile(
     r"damaged|cannot read|no known format|is empty|has no|holds no|no text in UTF-8|too large"
-    r"|would take|no regular|no file|samples to use|no TOML|is no |deep"
+    r"|would take|no rows|no regular|no file|samples to use|no TOML|is no |deep"
 )
 CURE = re.compile(
     r"[;:,] (?:or )?(?:write|give|add|set|remove|correct|save|record|name|use|choose|take|keep|sort"
     r"|leave|fill|did you|known|must|cut|show|look|raise|split|begin|allow|check|fix|map|trust|in "
     r"|its name may|it is a|it needs|separate|a sweep needs|at least|move|put|the log|the file|read"
-    r"|reduce|repair|there is|--|say)|needed|[Gg]ive |choose|instead"
+    r"|reduce|repair|copy|there is|--|say)|needed|[Gg]ive |choose|instead"
 )
 
 
