@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
+import importlib
 import io
 import json
 import os
@@ -246,6 +247,7 @@ class Base(NamedTuple):
 
 
 READ = ("read", "FILE")
+ELEMENTS = ("identify", "FILE")
 DESCRIBED = (READ, READ, READ, ("check", "FILE"), ("identify", "FILE"), ("diagnose", "FILE"))
 
 
@@ -266,7 +268,8 @@ def bases() -> list[Base]:
         folder = EXAMPLES / example
         files = {f.name: f.read_bytes() for f in sorted(folder.iterdir()) if f.suffix != ".py"}
         files.pop("README.md")
-        found.append(Base(example, files, "description.toml", DESCRIBED))
+        ways = (READ, ELEMENTS, ELEMENTS) if example == "servo_bench" else DESCRIBED
+        found.append(Base(example, files, "description.toml", ways))
     commands = (
         ("read parameters", "FILE"),
         ("explain", "--params", "FILE"),
@@ -578,7 +581,7 @@ class Read(BaseException):
     """An input was accepted; what comes then is long and not judged."""
 
 
-def perform(words: tuple[str, ...], folder: Path) -> int:
+def perform(words: tuple[str, ...], folder: Path, limited: bool = True) -> int:
     """Read a case as a command or reader would; run in a process of its own."""
     from servo_models import description, parameter_set
     from servo_models.cli import main
@@ -591,7 +594,8 @@ def perform(words: tuple[str, ...], folder: Path) -> int:
             print(f"servo-models: {error}", file=sys.stderr)
             return REFUSED
         return ACCEPTED
-    for module, name in ((description, "read_description"), (parameter_set, "read_parameters")):
+    readers = ((description, "read_description"), (parameter_set, "read_parameters"))
+    for module, name in readers if limited else ():
         setattr(module, name, _then_working(getattr(module, name), words[0]))
     return main(words)
 
@@ -601,7 +605,7 @@ def _then_working(read: Callable[..., Any], command: str) -> Callable[..., Any]:
 
     def read_and_go_on(*arguments: Any, **options: Any) -> Any:
         found = read(*arguments, **options)
-        if command in LONG:
+        if command in LONG and getattr(found, "logs", True):  # elements are read later, and soon
             raise Read
         signal.alarm(0)
         signal.signal(signal.SIGPROF, _stop)
@@ -690,23 +694,42 @@ def _child(words: tuple[str, ...], folder: Path, sink: Path) -> None:
     os._exit(code)
 
 
-def warm() -> None:
-    """Load what cases need, so that no case pays for it.  Threads must not begin before a fork."""
-    import h5py  # noqa: F401
-    import polars  # noqa: F401
-    import pyulog  # noqa: F401
-    import scipy.io
-    import scipy.optimize  # noqa: F401
+def warm(known: list[Base], folder: Path) -> None:
+    """Load what cases need, so that no case pays for it.
 
-    import servo_models.audit
-    import servo_models.check  # noqa: F401
+    A process of its own reads every valid input, and tells what it has loaded: threads, which it
+    has by then, must not begin before a fork.
+    """
+    for name in _in_process(functools.partial(_modules_of, known, folder), folder / "modules"):
+        with contextlib.suppress(Exception):  # what is no module to import
+            importlib.import_module(name)
     from servo_models.catalogue import actuator
-    from servo_models.cli import main  # noqa: F401
     from servo_models.units import exponents
 
-    for unit in ("deg", "us", "V"):
+    for unit in ("1", "V", "deg", "ms", "rad", "rad/s", "s", "us"):
         exponents(unit)
     actuator("sg90")
+
+
+def _modules_of(known: list[Base], folder: Path) -> list[str]:
+    sys.stdout = sys.stderr = io.StringIO()
+    for number, base in enumerate(known):
+        place = folder / str(number)
+        place.mkdir()
+        for name, content in base.files.items():
+            (place / name).write_bytes(content)
+        for way in dict.fromkeys(base.ways):
+            if way[0] not in LONG or base.kind == "servo_bench":
+                words = tuple(base.main if word == "FILE" else word for word in way)
+                os.chdir(place)
+                _perform_valid(words, place)
+    return list(sys.modules)
+
+
+def _perform_valid(words: tuple[str, ...], folder: Path) -> None:
+    code = perform(words, folder, limited=False)
+    if code not in (ACCEPTED, 1):
+        raise RuntimeError(f"valid input refused: {words}: {sys.stderr.getvalue()}")
 
 
 class Tally(NamedTuple):
@@ -722,8 +745,10 @@ class Tally(NamedTuple):
 def fuzz(count: int, seed: int = 0, keep: bool = False, begin: int = 0) -> Tally:
     """Run ``count`` cases; each is told by the seed and its number."""
     with tempfile.TemporaryDirectory(prefix="damaged inputs ") as scratch:
-        known = _in_process(bases, Path(scratch) / "bases")
-        warm()
+        valid = Path(scratch) / "valid"
+        valid.mkdir()
+        known = _in_process(bases, valid / "bases")
+        warm(known, valid)
         cases: Counter[str] = Counter()
         outcomes: Counter[str] = Counter()
         faults, longest, largest = [], 0.0, 0
@@ -757,7 +782,7 @@ def _in_process(make: Callable[[], Any], path: Path) -> Any:
         try:
             path.write_bytes(pickle.dumps(make()))
         except BaseException:
-            traceback.print_exc()
+            traceback.print_exc(file=sys.__stderr__)
         sys.stdout.flush()
         os._exit(0)
     os.waitpid(child, 0)
