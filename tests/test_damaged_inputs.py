@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import random
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import polars as pl
 import pytest
 from conftest import Run
 
@@ -51,6 +53,27 @@ def test_a_name_and_a_cell_that_are_no_unicode(tmp_path: Path) -> None:
     assert list(columns.numbers(1)) == [1.0, 2.0]
     with pytest.raises(UserError, match=r"row 1, column 't': '\?' is not a number"):
         columns.numbers("t")
+
+
+def test_a_damaged_parquet_file_is_told_in_one_sentence(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Its library prints a stack where it does not expect what it finds."""
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({"t": [0.02 * i for i in range(60)], "u": [1.0] * 60}).write_parquet(path)
+    whole, rng = path.read_bytes(), random.Random(1)
+    refused = 0
+    for _ in range(400):
+        damaged = bytearray(whole)
+        for _ in range(3):
+            damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
+        path.write_bytes(damaged)
+        try:
+            read_columns(path)
+        except UserError:
+            refused += 1
+    assert refused > 100
+    assert capfd.readouterr().err == ""
 
 
 def test_a_column_without_rows_is_left_out_of_a_draft(tmp_path: Path, run: Run) -> None:
