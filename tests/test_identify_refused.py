@@ -113,7 +113,10 @@ def test_bad_input_is_one_line_with_place_and_cure(
 def test_a_missing_description_is_one_line(tmp_path: Path, run: Run) -> None:
     code, _, complaint = run("identify", tmp_path / "mine.toml")
     assert code == 2
-    assert complaint == f"servo-models: cannot read '{tmp_path / 'mine.toml'}': {os.strerror(2)}\n"
+    assert complaint == (
+        f"servo-models: cannot read '{tmp_path / 'mine.toml'}': {os.strerror(2)}; name a file that"
+        " you may read\n"
+    )
 
 
 def test_outputs_are_tried_before_the_fit(
