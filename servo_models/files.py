@@ -26,7 +26,7 @@ from pathlib import Path
 from servo_models.errors import UserError
 
 SEAL = "sealed.json"
-"""File of a cache entry with the SHA-256 of every other file in it."""
+"""File of a cache entry with its name and the SHA-256 of every other file in it."""
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 _DAY = 86400.0
 """Age [s] at which what another host began to write is left over too."""
@@ -148,7 +148,7 @@ def cached(name: str, make: Callable[[Path], object]) -> Path:
         try:
             make(part)
             digests = _digests(part)
-            (part / SEAL).write_text(json.dumps(digests))
+            (part / SEAL).write_text(json.dumps({"name": folder.name, "sha256": digests}))
             for file in (*(part / one for one in digests), part / SEAL, part):
                 _to_disk(file)
             _put(part, folder)
@@ -187,9 +187,10 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 def _sealed(folder: Path) -> bool:
-    """Whether a cache entry is there and as it was made."""
+    """Whether a cache entry is there, as it was made and under the name it was made for."""
     try:
-        return bool(json.loads((folder / SEAL).read_bytes()) == _digests(folder))
+        seal = {"name": folder.name, "sha256": _digests(folder)}
+        return bool(json.loads((folder / SEAL).read_bytes()) == seal)
     except (OSError, ValueError, RecursionError):
         return False
 

@@ -91,6 +91,19 @@ def test_a_damaged_entry_is_made_again(
     assert [path.name for path in cache.iterdir()] == ["entry"]
 
 
+def test_an_entry_copied_over_another_is_made_again(
+    cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def other(folder: Path) -> None:
+        (folder / "text.py").write_bytes(b"another text")
+
+    first, second = cached("entry", fill), cached("other", other)
+    files.shutil.rmtree(first)
+    files.shutil.copytree(second, first)
+    assert found(cached("entry", fill)) == CONTENT
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
 def test_a_cache_that_cannot_be_written_is_one_temporary_folder_that_goes(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     text = (
