@@ -169,10 +169,11 @@ class Expected:
 class Sequence:
     """One random sequence on an instance: ``play`` raises AssertionError where it differs."""
 
-    def __init__(self, chosen: Model, host: Host, seed: int) -> None:
+    def __init__(self, chosen: Model, expected: Expected, host: Host, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
         self.host, self.fmu = host, host.fmu
-        self.expected = Expected(chosen)
+        self.expected = expected
+        expected.reset()
         self.saved: list[tuple[Any, dict[str, Any]]] = []
         self.internal_step = chosen.values["internal_step"]
         params = [i for i, v in enumerate(self.expected.variables) if v.causality == "parameter"]
@@ -337,6 +338,7 @@ def batch(
     """Play sequences; of each that differs, what differs.  The seed at hand goes to ``told``."""
     wrong: list[str] = []
     host: Host | None = None
+    expected = Expected(chosen)
     for count, seed in enumerate(seeds):
         if told:
             told.send(seed)
@@ -346,7 +348,7 @@ def batch(
             host = Host(folder)
         else:
             host.fmu.reset()
-        sequence = Sequence(chosen, host, seed)
+        sequence = Sequence(chosen, expected, host, seed)
         try:
             if damaged:
                 sequence.do_setup(sane=True)
