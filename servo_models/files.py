@@ -19,7 +19,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -195,6 +195,22 @@ def _sealed(folder: Path) -> bool:
         return False
 
 
+def scratch_folder() -> Path:
+    """Return a new temporary folder; what killed processes have left of theirs goes first."""
+    _sweep(Path(tempfile.gettempdir()))
+    return Path(tempfile.mkdtemp(prefix=_prefix()))
+
+
+@contextlib.contextmanager
+def scratch() -> Iterator[Path]:
+    """A temporary folder that goes at the end."""
+    folder = scratch_folder()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 @functools.cache
 def cache_folder() -> Path:
     """Return the user's cache folder, or one temporary folder where that cannot be written.
@@ -212,10 +228,9 @@ def cache_folder() -> Path:
             return folder
     except OSError:
         pass
-    _sweep(Path(tempfile.gettempdir()))
-    scratch = Path(tempfile.mkdtemp(prefix=_prefix()))
-    atexit.register(_remove_own, scratch, os.getpid())
-    return scratch
+    folder = scratch_folder()
+    atexit.register(_remove_own, folder, os.getpid())
+    return folder
 
 
 def _remove_own(folder: Path, process: int) -> None:

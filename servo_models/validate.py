@@ -8,7 +8,6 @@ what cannot be reproduced is named.
 from __future__ import annotations
 
 import platform
-import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from importlib.metadata import version
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from servo_models.errors import UserError
+from servo_models.files import scratch
 from servo_models.validation.limits import LIMITS, Limits
 from servo_models.validation.rows import (
     CLAIMS,
@@ -69,7 +69,7 @@ def validate(
         UserError: an FMU that cannot be read, or one of an unknown actuator.
     """
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="servo-models-")))
+        folder = stack.enter_context(scratch())
         chosen = every_model() if subjects is None else subjects
         opened: list[Subject] = []
         for k, subject in enumerate(chosen):

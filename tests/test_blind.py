@@ -20,7 +20,7 @@ from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.errors import UserError
 
-CASES, SEED = 12, 3
+CASES, SEED = 6, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
 
 
@@ -61,7 +61,7 @@ def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
     found = result(finished)
     Draft202012Validator(SCHEMA).validate(found)
     assert found["n"] == CASES
-    assert {tier: it["n"] for tier, it in found["tiers"].items()} == dict.fromkeys(BARS, 4)
+    assert {tier: it["n"] for tier, it in found["tiers"].items()} == dict.fromkeys(BARS, CASES // len(BARS))
     assert [it["said"]["why"] for it in found["cases"]] == [""] * CASES
 
 
@@ -69,7 +69,7 @@ def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
     """The true effects at their true sizes leave less than what the product knows without them,
     though the laws of the generator are its own."""
     known = [it["oracle"] for it in result(finished)["cases"] if it["kind"] in ("one", "two")]
-    assert len(known) > 3
+    assert len(known) > 1
     for it in known:
         assert it["truth"] <= it["parameters"] * (1.0 + 1e-6)
         assert it["truth"] < 1.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -50,15 +49,15 @@ def blind(
     from servo_models.blind.run import Asked, check_tiers, run_blind
     from servo_models.blind.sheet import check_sheet, document
     from servo_models.cli.console import progress, show
-    from servo_models.files import write_whole
+    from servo_models.files import scratch, write_whole
     from servo_models.interchange import finite_json
     from servo_models.validate import conditions
 
     check_outputs((json, ".json"))
     asked = Asked(cases, seed, check_tiers(tiers))
-    with tempfile.TemporaryDirectory() as scratch, progress("generating") as bar:
+    with scratch() as place, progress("generating") as bar:
         done = run_blind(
-            folder or Path(scratch) / "blind",
+            folder or place / "blind",
             asked,
             jobs,
             lambda seal: print(f"seal of the answers, SHA-256: {seal}", flush=True),

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import closing
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from servo_models.build import build
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.files import scratch
 from servo_models.identification.result import Accuracy, accuracy
 from servo_models.validation.implementation import LIMIT, difference
 from servo_models.validation.limits import Limits
@@ -57,8 +56,8 @@ def confirm(found: Diagnosis) -> Confirmation:
     """
     taken, nominal = found.causes.taken, found.causes.retuned.problem
     responses, off = [], 0.0
-    with tempfile.TemporaryDirectory(prefix="servo-models-") as folder:
-        path = build(found.fitted, Path(folder) / "diagnosed.fmu")
+    with scratch() as folder:
+        path = build(found.fitted, folder / "diagnosed.fmu")
         with closing(Subject(path, found.model.actuator, OWN)) as fmu:
             for run in taken.problem.runs:
                 out = run.outputs_or_nan(taken.values)

@@ -6,12 +6,12 @@ import contextlib
 import os
 import shutil
 import stat
-import tempfile
 import zipfile
 from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
 from servo_models.errors import UserError
+from servo_models.files import scratch_folder
 
 DESCRIPTION = "modelDescription.xml"
 MOST_FILES = 10_000
@@ -42,7 +42,7 @@ def unpack(path: Path, megabytes: float) -> Path:
     limit = int(megabytes * 2**20)
     if (packed := path.stat().st_size) > limit:
         raise UserError(_too_large(packed, limit))
-    folder = Path(tempfile.mkdtemp(prefix="servo-models-"))
+    folder = scratch_folder()
     try:
         with zipfile.ZipFile(path) as archive:
             _extract(archive, folder, limit)
