@@ -176,6 +176,8 @@ RIGS = {
 EXACT = 0.02
 """Change of an output over its scatter, by rounding that steps and friction amplify, up to which a
 group is exactly degenerate."""
+BLIND = 1e3
+"""Standard error over the value from which nothing is known of a parameter."""
 NOISE = (1e-3, 1e-2)
 """Least and largest standard deviation of the noise over that of the output."""
 
@@ -342,7 +344,7 @@ class Score:
     def add(self, case: Case, said: Said, seconds: float) -> None:
         """Count a case."""
         if case.group:
-            self.told.append(any(set(case.group) <= set(group) for group in said.groups))
+            self.told.append(_told(case, said))
         for name in case.identifiable:
             self.accused.append(any(name in group for group in said.groups))
             error = said.errors[name]
@@ -363,6 +365,18 @@ class Score:
             f" {sum(self.accused)} of {len(self.accused)} |"
             f" {len(self.digits) - sum(self.digits)} of {len(self.digits)} | {self.seconds:.0f} s"
         )
+
+
+def _told(case: Case, said: Said) -> bool:
+    """Whether an exactly degenerate group is told as one, apart from members of which a log shows
+    nothing whatever the others are: these are told alone, with an error beyond ``BLIND``."""
+    grouped = {name for group in said.groups for name in group}
+    rest = {
+        name
+        for name in case.group
+        if name in grouped or said.errors[name] < BLIND * abs(case.truth.values[name])
+    }
+    return len(rest) > 1 and any(rest <= set(group) for group in said.groups)
 
 
 HEAD = (

@@ -20,7 +20,7 @@ from servo_models.cli import main
 from servo_models.description import read_description
 from servo_models.errors import UserError
 
-CASES, SEED = 6, 3
+CASES, SEED = 3, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
 
 
@@ -61,7 +61,9 @@ def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
     found = result(finished)
     Draft202012Validator(SCHEMA).validate(found)
     assert found["n"] == CASES
-    assert {tier: it["n"] for tier, it in found["tiers"].items()} == dict.fromkeys(BARS, CASES // len(BARS))
+    assert {tier: it["n"] for tier, it in found["tiers"].items()} == dict.fromkeys(
+        BARS, CASES // len(BARS)
+    )
     assert [it["said"]["why"] for it in found["cases"]] == [""] * CASES
 
 
@@ -69,7 +71,7 @@ def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
     """The true effects at their true sizes leave less than what the product knows without them,
     though the laws of the generator are its own."""
     known = [it["oracle"] for it in result(finished)["cases"] if it["kind"] in ("one", "two")]
-    assert len(known) > 1
+    assert known
     for it in known:
         assert it["truth"] <= it["parameters"] * (1.0 + 1e-6)
         assert it["truth"] < 1.0
@@ -104,12 +106,12 @@ def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) 
 def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     before = result(copy)
     lines = (copy / "results.jsonl").read_bytes().splitlines(keepends=True)
-    (copy / "results.jsonl").write_bytes(b"".join(lines[:-2]) + lines[-2][:40])
+    (copy / "results.jsonl").write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
     kept = (copy / "oracle.jsonl").read_bytes().splitlines(keepends=True)
     (copy / "oracle.jsonl").write_bytes(b"".join(kept[:-1]))
     assert main(command(copy, copy / "result.json")) == 0
     assert untimed(result(copy)) == untimed(before)
-    assert (copy / "results.jsonl").read_bytes().startswith(b"".join(lines[:-2]))
+    assert (copy / "results.jsonl").read_bytes().startswith(b"".join(lines[:-1]))
 
 
 def test_the_seal_is_printed_and_is_of_the_answers(
