@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from servo_models import files
 from servo_models.files import SEAL, cache_folder, cached, write_whole
 
+FUZZ = Path(__file__).parent / "fuzz" / "kills.py"
 CONTENT = {"text.py": b"a text", "below/code.bin": bytes(range(256))}
 
 
@@ -205,3 +206,11 @@ def test_the_end_of_a_file_is_not_ctrl_c(
     err = capsys.readouterr().err
     assert "interrupted" not in err
     assert "EOFError: Ran out of input" in err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reaps the orphans of killed processes")
+def test_a_share_of_the_kills() -> None:
+    command = [sys.executable, str(FUZZ), "--kills", "3", "--caches", "0", "--only", "check"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "check: 3 of 3 killed" in done.stdout

@@ -46,7 +46,7 @@ REFUSED = {
     "a wrong unit": 'unit "deg"',
     "an unknown actuator": "unknown actuator 'joints'",
 }
-LIMITS = Limits(seconds=10.0)
+LIMITS = Limits(seconds=5.0)
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="signals are those of Linux")
 
 

@@ -240,12 +240,12 @@ def _untimed(value: Any) -> Any:
 
 def write_log(path: Path) -> None:
     """Steps of a torque motor with a delay, and noise."""
-    from servo_models.simulate import model, simulate
+    from servo_models.reference.torque_motor import IDENTIFIED, Linear
 
     times = np.arange(0.0, 0.2, 2.5e-4)
     voltage = 8.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * times))
-    chosen = model("torque_motor", "identified", {"transport_delay.time": 2e-3})
-    angle = np.degrees(simulate(chosen, times, {"voltage": voltage})["angle"])
+    inputs = {"voltage": voltage, "load_torque": np.zeros_like(times)}
+    angle = np.degrees(Linear(IDENTIFIED)(times, inputs)["angle"])
     noisy = angle + 3e-3 * np.random.default_rng(5).standard_normal(len(times))
     rows = np.column_stack([times, voltage, noisy])
     np.savetxt(path, rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
