@@ -46,6 +46,8 @@ TREAD_SHARE = 1.0 / np.sqrt(12.0)
 """Standard deviation of a value that may lie anywhere on a tread of length 1."""
 NEEDLE = 0.1
 """Distance in scales within which squared errors have to rise for a value that no slope tells."""
+DENT = 4.0
+"""Rise of the squared errors over the depth of a dent from which it is a needle's."""
 REACHES = np.geomspace(1e-5, 0.3, 10)
 """Distances in scales at which that is looked at."""
 
@@ -92,7 +94,11 @@ def spread(problem: Problem, vector: Array, told: Information | None = None) -> 
         if problem.free[i].prior is None and i not in grouped:
             along = Axis(problem, vector, i)
             known = np.isfinite(errors[i])
-            errors[i] = along.tread(errors[i], found.slopes[i]) if known else along.needle()
+            errors[i] = (
+                along.tread(errors[i], found.slopes[i])
+                if known
+                else along.needle(dent=_dent(told, i))
+            )
     return replace(found, standard_errors=errors * problem.scales)
 
 
@@ -135,6 +141,12 @@ def _roughness(problem: Problem, told: Information, residuals: Array) -> float:
     return max(1.0, 2.0 * float(np.mean(told.jitter)) / max(own, 1e-300))
 
 
+def _dent(told: Information, which: int) -> float:
+    """Squared errors by which the response is rough in parameters other than ``which``."""
+    others = np.delete(told.roughness, which)
+    return float(np.median(others)) if others.size else 0.0
+
+
 class Axis:
     """What happens along one parameter, where slopes do not tell it."""
 
@@ -171,7 +183,7 @@ class Axis:
             half *= TREAD
         return error if half == error else max(error, TREAD_SHARE * half)
 
-    def needle(self, right: bool = False) -> float:
+    def needle(self, right: bool = False, dent: float = 0.0) -> float:
         """Return how far a value may go before the errors tell it [scales], infinity for ever.
 
         The response to the period of a hold is another one from step to step: only at the right
@@ -180,9 +192,12 @@ class Axis:
         Args:
             right: the model is taken for right, and its errors are white with a deviation of 1;
                 else they are those of a fit.
+            dent: squared errors by which the response differs from itself where other parameters
+                are a little other ones: a fit to a rough surface lies in a dent of that depth.
         """
         base = float(self.errors @ self.errors)
         noise = 1.0 if right else base / len(self.errors) * inflation(self.errors)
+        noise = max(noise, DENT * dent)
         inside = 0.0
         for by in REACHES:
             sides = self._sides(by)

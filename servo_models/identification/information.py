@@ -51,7 +51,7 @@ WEAK = 0.05
 """Share of noise in a combination from which it is probed along itself."""
 KNOWN = 1.0 - 1e-8
 """Cosine of a combination to one that has been probed, from which probing it tells nothing new."""
-UNSEEN = 0.5
+UNSEEN = 0.3
 """Share of noise in a combination over the largest width, from which logs show nothing of it."""
 NOTHING = 1e-3
 """Weighted errors, root of the sum of squares, that a move by the largest width makes at most
@@ -73,12 +73,15 @@ class Information:
             with a largest part of 1 (of a value near 0, in scales), shape (p, k).
         jitter: variance of each weighted error by roughness of the response, shape (m,), of the
             parameter that has the median of it.
+        roughness: squared errors by which the response differs from itself where one parameter is
+            a little another one, shape (p,), 0 where it has not been seen.
         refused: parameters that cannot be moved, since the model then leaves the finite numbers.
     """
 
     slopes: Array
     unseen: Array
     jitter: Array
+    roughness: Array
     refused: tuple[int, ...] = ()
 
     @property
@@ -164,20 +167,22 @@ def information(problem: Problem, vector: Array, which: Sequence[int] | None = N
     refused = tuple(chosen[axes.refused].tolist())
     moving = ~axes.refused & (np.sum(axes.slopes**2, axis=0) > LEAST)
     data, unseen, jitter = np.zeros((problem.samples, p)), np.empty((p, 0)), np.zeros(0)
+    roughness = np.zeros(p)
     if moving.any():
         here, axes = chosen[moving], axes.only(moving)
         own, combinations = _agreed(problem, vector, here, axes)
         data[:, here] = own / units(vector)[here]
         unseen = np.zeros((p, combinations.shape[1]))
         unseen[here] = combinations
-        order = np.argsort(axes.jitter.sum(axis=0))
+        roughness[here] = axes.jitter.sum(axis=0)
+        order = np.argsort(roughness[here])
         jitter = axes.jitter[:, order[len(order) // 2]]
     priors = [i for i, free in enumerate(problem.free) if free.prior is not None]
     rows = np.zeros((len(priors), p))
     for row, i in zip(rows, priors):
         row[i] = problem.free[i].scale / (problem.free[i].prior or 1.0)
     jitter = jitter if jitter.size else np.zeros(problem.samples)
-    return Information(np.vstack([data, rows]), unseen, jitter, refused)
+    return Information(np.vstack([data, rows]), unseen, jitter, roughness, refused)
 
 
 def _agreed(
