@@ -102,7 +102,8 @@ def test_smooth_errors_have_a_covariance() -> None:
 
 def told(slopes: Array) -> Information:
     """What smooth slopes tell, as they are."""
-    return Information(slopes, np.empty((slopes.shape[1], 0)), np.zeros(len(slopes)))
+    p = slopes.shape[1]
+    return Information(slopes, np.empty((p, 0)), np.zeros(len(slopes)), np.zeros(p))
 
 
 def test_a_parameter_that_moves_nothing_but_rounding_has_no_standard_error() -> None:

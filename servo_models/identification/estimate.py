@@ -80,13 +80,10 @@ class Spread:
     groups: tuple[tuple[int, ...], ...] = ()
 
 
-def spread(problem: Problem, vector: Array, told: Information | None = None) -> Spread:
-    """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,).
-
-    ``told`` is what the logs tell there, where that is known.
-    """
+def spread(problem: Problem, vector: Array) -> Spread:
+    """Return the uncertainty of an estimate; ``vector`` in scales, shape (p,)."""
     inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
-    told = told or information(problem, vector, inner)
+    told = information(problem, vector, inner)
     found = spread_of(problem, vector, told)
     errors = found.standard_errors / problem.scales
     grouped = {i for group in told.groups for i in group}

@@ -68,23 +68,20 @@ def fit(
     ]
     problem = Problem(model, logs, chosen, jobs=jobs or os.cpu_count() or 1)
     before = _nominal_responses(problem)
-    found, told = search(problem, kind, starts, seed, progress), None
+    tell = progress or (lambda _: None)
+    found = search(problem, kind, starts, seed, tell)
     if not found.interrupted:
-        found = _reweighted(problem, found, progress)
-        if found.widths is not None:
-            found, told = polished(problem, found)
-    if progress:
-        progress("standard errors")
-    vector = _on_bounds(problem, found.vector)
-    told = told if np.array_equal(vector, found.vector) else None
-    found = replace(found, vector=vector)
+        found = _reweighted(problem, found, tell)
+    if found.widths is not None and not found.interrupted:
+        found = polished(problem, found, seed, tell)
+    tell("standard errors")
+    found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)
     try:
-        uncertainty = spread(problem, found.vector, told)
+        uncertainty = spread(problem, found.vector)
     except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
-        if progress:
-            progress("finishing the standard errors; Ctrl-C again gives up")
-        uncertainty = spread(problem, found.vector, told)
+        tell("finishing the standard errors; Ctrl-C again gives up")
+        uncertainty = spread(problem, found.vector)
     odd = _outliers(model, logs)
     said = [*odd, *false_starts(problem.runs, values)]
     said += warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
@@ -155,7 +152,7 @@ def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
     return Problem(problem.model, problem.logs, [], sigma=problem.sigma).responses(np.empty(0))
 
 
-def _reweighted(problem: Problem, found: Found, progress: Progress | None) -> Found:
+def _reweighted(problem: Problem, found: Found, progress: Progress) -> Found:
     """Search again with each output weighted by its own error, which is maximum likelihood."""
     for name in problem.sigma:
         errors = [

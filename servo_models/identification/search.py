@@ -1,7 +1,8 @@
 """Search for the best parameters: least squares from several starts, or CMA-ES and then that.
 
 A least-squares search needs slopes; CMA-ES does not, and finds its way where an effect with
-a threshold has none.  Whatever ends a search, the best point seen so far is its result.
+a threshold has none, or a rough surface too many.  Whatever ends a search, the best point seen so
+far is its result.
 Sources: Branch, Coleman, Li, SIAM J. Sci. Comput. 21 (1999), trust region reflective;
 Hansen, The CMA evolution strategy: a tutorial (2016).
 """
@@ -10,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.identification.information import Information, information, moved
+from servo_models.identification.information import information, moved, units
 from servo_models.identification.problem import Problem
 from servo_models.identification.slopes import steps
 
@@ -31,15 +33,16 @@ GENERATIONS = 60
 RUNS = 3
 """Runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)."""
 
-POLISHED = 3
-"""Steps over dents, each of which has to lower the cost."""
-STRIDES = (0.25, 0.5, 0.75, 1.0, 1.25)
-"""Parts of such a step that are tried."""
-WORTHWHILE = 1.0
-"""Decrease of the squared errors that such a step promises, in their mean, from which it is tried:
-less is within the noise."""
-FLAT = 1e-6
-"""Share of the largest singular value of slopes below which they lead nowhere."""
+POLISHES = 2
+"""Runs of CMA-ES over the dents of a rough surface, each about the best point so far."""
+POLISH_GENERATIONS = 30
+POLISH_WIDTH = 0.1
+"""Standard deviation of a value, relative to it, where logs tell nothing of it."""
+POLISH_REACH = 3.0
+"""First step of such a run, in standard errors."""
+WORTHWHILE = 0.1
+"""Decrease of the squared errors, in their mean, below which a polish ends: less is within the
+noise."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def search(
     kind: str,
     starts: int,
     seed: int,
-    progress: Progress | None = None,
+    tell: Progress,
     smooth: bool = False,
 ) -> Found:
     """Minimise the problem's squared residuals.
@@ -78,10 +81,9 @@ def search(
         kind: ``"local"`` or ``"global"``.
         starts: local searches, the first from the nominal values.
         seed: of the other starts and of CMA-ES.
-        progress: is told a sentence about each stage.
+        tell: is told a sentence about each stage.
         smooth: the response is known to have slopes, so that nobody has to look.
     """
-    tell = progress or (lambda _: None)
     ends: list[tuple[float, Array, bool]] = []
     stopped = False
     widths: Array | None = None
@@ -90,7 +92,7 @@ def search(
         widths = None if smooth else steps(problem, _inside(problem, problem.start))
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
-            _evolve(problem, seed, tell)
+            _explore(problem, seed, tell)
             ends.append(descend(problem, problem.best[1], widths=widths))
         for count, start in enumerate(_starts(problem, starts, seed)):
             tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
@@ -105,28 +107,39 @@ def search(
     return Found(vector, cost, met and not stopped, stopped, costs, widths)
 
 
-def polished(problem: Problem, found: Found) -> tuple[Found, Information | None]:
+def polished(problem: Problem, found: Found, seed: int, tell: Progress) -> Found:
     """Return a better point than a search on a rough surface has found, or the same.
 
-    It ends in the first dent; slopes on which several widths agree lead on over dents.  What they
-    tell at the point comes second, where it is known.
+    Least squares end in the first dent.  CMA-ES goes on over the dents, in the region in which
+    slopes that several widths agree on say that the values may lie.
     """
+    try:
+        for run in range(POLISHES):
+            _polish(problem, seed + run, tell)
+    except KeyboardInterrupt:
+        found = replace(found, converged=False, interrupted=True)
     cost, vector = problem.best
-    told = None
-    for _ in range(POLISHED):
-        inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
-        errors = problem.latest(vector)
-        told = information(problem, vector, inner)
-        step = -np.linalg.lstsq(told.slopes, errors, rcond=FLAT)[0]
-        promised = float(np.sum((told.slopes @ step) ** 2)) / max(2.0 * cost, 1e-300)
-        if promised * problem.samples < WORTHWHILE:
-            break
-        points = [moved(problem, vector, np.asarray(part * step)) for part in STRIDES]
-        costs = problem.costs(points)
-        if not min(costs) < cost:
-            break
-        vector, cost, told = points[int(np.argmin(costs))], min(costs), None
-    return replace(found, vector=vector, cost=cost), told
+    return replace(found, vector=vector, cost=cost)
+
+
+def _polish(problem: Problem, seed: int, tell: Progress) -> None:
+    """One run of CMA-ES about the best point, over the values off their bounds."""
+    cost, vector = problem.best
+    inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
+    if not inner or cost == 0.0:
+        return
+    noise = 2.0 * cost / problem.samples
+    slopes = information(problem, vector, inner).slopes[:, inner]
+    widths = POLISH_WIDTH * units(vector)[inner]
+    precision = slopes.T @ slopes / noise + np.diag(widths**-2.0)
+    axes = np.zeros((len(vector), len(inner)))
+    axes[inner] = np.linalg.cholesky(np.linalg.inv(precision))
+
+    def point(way: Array) -> Array:
+        return moved(problem, vector, axes @ way)
+
+    options = {"maxiter": POLISH_GENERATIONS, "tolfun": WORTHWHILE * noise, "seed": seed + 1}
+    _evolve(problem, point, np.zeros(len(inner)), POLISH_REACH, options, tell)
 
 
 def _so_far(problem: Problem) -> str:
@@ -184,35 +197,56 @@ def _inside(problem: Problem, vector: Array) -> Array:
     return np.clip(vector, low + margin, high - margin)
 
 
-def _evolve(problem: Problem, seed: int, tell: Progress) -> None:
-    """CMA-ES over the box of plausible values, again with twice the population from elsewhere.
-
-    The problem remembers the best point.
-    """
-    import cma
-
+def _explore(problem: Problem, seed: int, tell: Progress) -> None:
+    """CMA-ES over the box of plausible values, again with twice the population from elsewhere."""
     low, high = _box(problem)
     p = len(problem.free)
     random = np.random.default_rng(seed)
-    middle = np.full(max(p, 2), 0.5)  # cma wants two dimensions; a second one may be idle
-    middle[:p] = np.clip((problem.start - low) / (high - low), 0.05, 0.95)
-    population = 8 + int(3.0 * np.log(p))
+    middle = np.clip((problem.start - low) / (high - low), 0.05, 0.95)
     for run in range(RUNS):
         options = {
             "bounds": [0.0, 1.0],
             "seed": seed + run + 1,
-            "verbose": -9,
-            "popsize": population * 2**run,
+            "popsize": _population(p) * 2**run,
             "maxiter": GENERATIONS,
             "tolfun": 1e-6,
         }
-        strategy = cma.CMAEvolutionStrategy(middle, 0.25, options)
-        while not strategy.stop():
-            points = strategy.ask()
-            vectors = [low + (high - low) * np.asarray(point)[:p] for point in points]
-            strategy.tell(points, problem.costs(vectors))
-            tell(f"global search {run + 1}, generation {strategy.countiter}{_so_far(problem)}")
-        middle = random.uniform(0.05, 0.95, max(p, 2))
+        _evolve(problem, lambda way: low + (high - low) * way, middle, 0.25, options, tell)
+        middle = random.uniform(0.05, 0.95, p)
+
+
+def _population(p: int) -> int:
+    return 8 + int(3.0 * np.log(p))
+
+
+def _evolve(
+    problem: Problem,
+    vector_of: Callable[[Array], Array],
+    middle: Array,
+    reach: float,
+    options: dict[str, Any],
+    tell: Progress,
+) -> None:
+    """One run of CMA-ES; the problem remembers the best point.
+
+    Args:
+        problem: whose costs count.
+        vector_of: maps a point of the search, shape (p,), to a vector [scales].
+        middle: where it begins, shape (p,).
+        reach: standard deviation of the first points.
+        options: of ``cma``.
+        tell: is told each generation.
+    """
+    import cma
+
+    p = len(middle)
+    begin = np.resize(middle, max(p, 2))  # cma wants two dimensions; a second one may be idle
+    every = {"popsize": _population(p), "verbose": -9, **options}
+    strategy = cma.CMAEvolutionStrategy(begin, reach, every)
+    while not strategy.stop():
+        points = strategy.ask()
+        strategy.tell(points, problem.costs([vector_of(np.asarray(one)[:p]) for one in points]))
+        tell(f"CMA-ES, generation {strategy.countiter}{_so_far(problem)}")
 
 
 def _box(problem: Problem) -> tuple[Array, Array]:
