@@ -159,7 +159,7 @@ def test_intervals_hold_the_truth_on_rough_responses() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_fit_on_a_rough_surface_leaves_no_more_than_the_truth(seed: int) -> None:
-    """Least squares end in a dent, where a held and rounded voltage left up to eight times as much."""
+    """Least squares end in a dent: a held and rounded voltage left up to eight times as much."""
     rough = {
         "command_quantisation.step": 0.5,
         "sample_hold.period": 1e-3,

@@ -69,6 +69,7 @@ def test_emps_is_met_on_the_run_with_pulses(diagnosed: Diagnosed) -> None:
     assert held_out(found, "drive") <= 0.15
 
 
+@pytest.mark.long
 def test_sg90_saturates_late_and_its_steps_show_no_dry_friction(diagnosed: Diagnosed) -> None:
     """A saturation of the drive and a limit of the supply do the same to these steps."""
     names = named(diagnosed("sg90_steps.toml"))
@@ -76,6 +77,7 @@ def test_sg90_saturates_late_and_its_steps_show_no_dry_friction(diagnosed: Diagn
     assert not names & {"coulomb_friction", "drive_dead_zone", "dead_band"}
 
 
+@pytest.mark.long
 def test_sg90_is_met_on_the_steps_held_out(diagnosed: Diagnosed) -> None:
     """A count of its gyro is 7.75 deg/s, see the description."""
     assert held_out(diagnosed("sg90_steps.toml"), "rate_reading") <= 4.5 * np.radians(7.75)
@@ -94,6 +96,7 @@ def test_what_differs_between_repeats_of_the_film_is_a_frame_that_drifts(
     assert period == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.long
 def test_wrist_roll_has_a_dead_zone_and_is_met_on_the_motions_held_out(
     diagnosed: Diagnosed,
 ) -> None:
@@ -107,6 +110,7 @@ def test_wrist_roll_has_a_dead_zone_and_is_met_on_the_motions_held_out(
     assert not told[frozenset(("error_dead_zone", "drive_dead_zone"))].telling
 
 
+@pytest.mark.long
 def test_xl330_has_friction_that_grows_with_its_load_and_is_not_closed(
     diagnosed: Diagnosed,
 ) -> None:
