@@ -391,7 +391,8 @@ def honest(value: str, error: str) -> bool:
     if not error or float(error) == 0.0:
         return True
     digits = len(re.sub(r"e.*|[-.]", "", value).lstrip("0"))
-    return digits <= 2 or _last_place(value) >= _last_place(error)
+    second = int(np.floor(np.log10(float(error)))) - 1
+    return digits <= 2 or _last_place(value) >= second
 
 
 def _last_place(text: str) -> int:
