@@ -176,7 +176,11 @@ def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
         level = float(np.median(values))
         if wire.rest:
             yield from _about_supply(model, log, wire, level)
-        elif wire.name in log.constants and abs(level) > MOST_LOAD * wire.scale:
+        elif (
+            wire.name in log.constants
+            and _is_declared(wire)
+            and abs(level) > MOST_LOAD * wire.scale
+        ):
             yield (
                 f"'{wire.name}' = {level:g} {wire.unit} is {abs(level) / wire.scale:.3g} times the"
                 f" full scale of '{model.actuator.name}', {wire.scale:g} {wire.unit}: give what"
@@ -369,7 +373,7 @@ def _beyond(model: Model, log: Log, answer: float) -> list[str]:
     for name in log.outputs:
         wire = wires[name]
         rate = next((w for w in wires.values() if w.unit == f"{wire.unit}/s"), None)
-        if wire.flag or rate is None:
+        if wire.flag or rate is None or not _is_declared(rate):
             continue
         values = _kept(log, name)
         times = log.times[_usual(log, name)]
@@ -380,6 +384,11 @@ def _beyond(model: Model, log: Log, answer: float) -> list[str]:
         if float(np.percentile(rates, 99.9)) > BEYOND * rate.scale:
             found.append(name)
     return found
+
+
+def _is_declared(wire: Wire) -> bool:
+    """Whether somebody has said how large a signal is at full scale; 1 in SI is nobody's word."""
+    return wire.scale != Wire.scale
 
 
 def _strangeness(plant: Plant, log: Log) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from plausible_logs import described, misread, mistakes, sane, with_outputs
+from test_own_actuator import write
 
 from servo_models.audit.outliers import outliers, outliers_of
 from servo_models.bounds import is_outside
@@ -82,6 +83,37 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
     assert "column 'c_angle_reading' ('angle_reading')" in said
     told = float(said.split("scale = ")[1].split()[0])
     assert told == pytest.approx(2.0 * np.pi / 4096.0, rel=0.1)
+
+
+def test_a_scale_that_nobody_declared_is_no_reason_for_a_doubt(run: Run, tmp_path: Path) -> None:
+    """An own actuator whose wires name no full scale, and its own log, faster than 3 rad/s."""
+    write(tmp_path)
+    times = 0.01 * np.arange(300)
+    goal = 3.0 * ((times // 1.0) % 2.0)
+    angle = simulate(model(str(tmp_path / "joint.py")), times, {"goal": goal})["angle"]
+    rows = "".join(f"{t},{u},{y}\n" for t, u, y in zip(times, goal, angle))
+    (tmp_path / "log.csv").write_text(f"t,u,y\n{rows}")
+    (tmp_path / "rig.toml").write_text(
+        'actuator = "joint.py"\n[[logs]]\nfile = "log.csv"\ntime = "t"\ninputs.goal = "u"\n'
+        'outputs.angle = "y"\n'
+    )
+    code, out, _ = run("check", tmp_path / "rig.toml")
+    assert "Warning" not in out
+    assert code == 0
+
+
+@pytest.mark.parametrize(("scale", "doubted"), [(0.06, True), (1.0, False)])
+def test_a_load_is_judged_by_a_full_scale_that_somebody_declared(
+    scale: float, doubted: bool
+) -> None:
+    """Nothing else of the plant changes: a load a hundred times the torque of the magnet."""
+    chosen, log = sane("torque_motor", "identified", 104)
+    plant = chosen.plant.rated(scales={"load_torque": scale})
+    (variant,) = [one for one in chosen.actuator.variants if one.name == chosen.variant]
+    actuator = replace(chosen.actuator, variants=(replace(variant, plant=plant),))
+    log = replace(log, constants={"load_torque": 6.0})
+    said = " ".join(implausible(described(replace(chosen, actuator=actuator), log)))
+    assert ("times the full scale" in said) == doubted
 
 
 @pytest.mark.parametrize("name", ["two_csv_files", "torque_motor"])
