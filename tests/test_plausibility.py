@@ -271,6 +271,32 @@ def test_outliers_are_those_put_in(name: str, variant: str, seed: int) -> None:
         assert found.row == row
 
 
+def test_no_position_answers_a_jump_by_twice_its_range() -> None:
+    """A speed may: it rests before and after."""
+    times = 0.01 * np.arange(400)
+    command = 1.0 * ((times // 0.5) % 2.0)
+    servo = model("smart_servo", "xl330")
+    simulated = simulate(servo, times, {"goal": command})
+    log = Log(
+        name="log",
+        path=Path("log.csv"),
+        sha256="",
+        times=times,
+        inputs={"goal": command},
+        outputs={name: simulated[name] for name in ("angle", "rate")},
+        channels={},
+        rows=np.arange(400),
+        held_out=np.zeros(400, dtype=bool),
+    )
+    jump = int(np.flatnonzero(np.diff(command))[2]) + 1
+    for output, found in (("angle", (jump,)), ("rate", ())):
+        odd = log.outputs[output].copy()
+        odd[jump] = 2.5 * np.ptp(odd)
+        changed = replace(log, outputs={output: odd})
+        rows = tuple(one.row for one in outliers_of(changed, servo.plant.wire[output]))
+        assert rows == found
+
+
 def test_steps_ramps_and_codes_have_no_outliers() -> None:
     times = np.arange(1000.0)
     for values in (

@@ -22,6 +22,8 @@ JUMP = 0.02  # of its range: a command that moves so far between two samples exc
 SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
 BEFORE, AFTER = 2, 5
 """Samples before and after such a jump at which a peak is an answer; stamps may be late."""
+POSITIONS = ("m", "rad")
+"""Units of what does not leap; rates, currents and voltages do."""
 NAMED = 3
 """Outliers of an output that a sentence names."""
 
@@ -65,11 +67,12 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
 def outliers_of(log: Log, wire: Wire) -> tuple[Outlier, ...]:
     """Return the outliers of an output that a fit would see, the largest first.
 
-    A peak beside a jump of a command is its answer.
+    A peak beside a jump of a command is its answer, unless a position cannot get there.
     """
     if wire.flag:
         return ()
-    off = outliers(log.outputs[wire.name], _answering(log))
+    values = log.outputs[wire.name]
+    off = outliers(values, _answering(log) & ~_out_of_reach(values, wire))
     found = [int(i) for i in np.flatnonzero((off != 0.0) & log.fitted)]
     found.sort(key=lambda i: -abs(off[i]))
     return tuple(Outlier(int(log.rows[i]), float(off[i])) for i in found)
@@ -86,6 +89,14 @@ def _answering(log: Log) -> Mask:
         for shift in range(-BEFORE, AFTER + 1):
             marked[np.clip(jumps + shift, 0, len(marked) - 1)] = True
     return marked
+
+
+def _out_of_reach(values: Array, wire: Wire) -> Mask:
+    """Mark positions outside the range of most others by more than that range."""
+    if wire.unit not in POSITIONS:
+        return np.zeros(len(values), dtype=bool)
+    low, high = np.percentile(values, [1.0, 99.0])
+    return np.asarray((values > 2.0 * high - low) | (values < 2.0 * low - high))
 
 
 def about_outliers(log: Log, wire: Wire) -> list[str]:
