@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -84,6 +85,26 @@ def test_a_small_file_that_unpacks_to_a_large_one_is_refused(
         read_columns(path)
     write(path, 1000)
     assert len(read_columns(path).numbers("t")) == 1000
+
+
+def test_lists_in_parquet_are_not_unpacked(tmp_path: Path, small: int) -> None:
+    """The size of a file by its rows and columns knows nothing of lists in its cells."""
+    path = tmp_path / "lists.parquet"
+    lists = np.zeros((1, 4 * small))
+    pl.DataFrame({"t": [1.0], "scan": lists}).write_parquet(path, compression="zstd")
+    columns = read_columns(path)
+    assert list(columns.numbers("t")) == [1.0]
+    with pytest.raises(UserError, match=r"'scan' holds List.*: give numbers"):
+        columns.numbers("scan")
+    assert sum(cells.estimated_size() for cells in columns.cells) < small
+
+
+def test_records_of_a_name_each_are_not_unpacked(tmp_path: Path, small: int) -> None:
+    """A table of them has as many cells as rows times names."""
+    path = tmp_path / "log.json"
+    path.write_text(json.dumps([{f"a{i}": 1} for i in range(400)]))
+    with pytest.raises(UserError, match=r"log\.json' would take 1\.2"):
+        read_columns(path)
 
 
 def hdf5(path: Path) -> h5py.File:

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.errors import UserError, did_you_mean
+from servo_models.files import check_size
 
 if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
+NUMBER = 8  # bytes
 
 
 @dataclass(frozen=True)
@@ -191,13 +193,17 @@ def _unicode(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def columns_of(records: Iterable[Any]) -> list[pl.Series]:
+def columns_of(source: Source, records: Iterable[Any]) -> list[pl.Series]:
     """Return the columns of a list of records, such as JSON objects.
 
     Inner objects are named by dots and items of lists by their index from 0: ``pose.q[3]``.
+
+    Raises:
+        UserError: records have so many names that a table of all of them would be too large.
     """
     rows = [dict(_leaves("", record)) for record in records]
     names = dict.fromkeys(name for row in rows for name in row)
+    check_size(source.path, float(len(rows)) * len(names) * NUMBER)
     return [column_of(name, [row.get(name) for row in rows]) for name in names]
 
 

@@ -35,7 +35,7 @@ def read(source: Source) -> Tables:
     lists = dict(_lists("", document))
     records = {name: found for name, found in lists.items() if _are_records(found)}
     if records:
-        return Tables({name: columns_of(records[name]) for name in source.wanted(records)})
+        return Tables({name: columns_of(source, records[name]) for name in source.wanted(records)})
     source.wanted([""])
     if not lists:
         raise UserError(

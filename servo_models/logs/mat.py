@@ -14,13 +14,12 @@ import numpy as np
 
 from servo_models.errors import UserError
 from servo_models.files import check_size
-from servo_models.logs.columns import Source, Tables, array_column, extra
+from servo_models.logs.columns import NUMBER, Source, Tables, array_column, extra
 
 if TYPE_CHECKING:
     import polars as pl
 
 SUFFIXES = (".mat",)
-NUMBER = 8  # bytes
 VERSION_73 = b"MATLAB 7.3"
 
 

@@ -61,7 +61,7 @@ def _columns(source: Source, items: list[Any], first: int) -> list[pl.Series]:
         records = [decoders[channel.id](message.data) for _, channel, message in items]
     except Exception as error:  # as many kinds as there are decoders
         raise source.damaged("MCAP") from error
-    return times + columns_of(records)
+    return times + columns_of(source, records)
 
 
 def _decoder(source: Source, schema: Any, channel: Any) -> Callable[[bytes], Any]:

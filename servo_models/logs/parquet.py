@@ -8,14 +8,13 @@ import os
 from collections.abc import Iterator
 
 from servo_models.files import check_size
-from servo_models.logs.columns import Source, Tables
+from servo_models.logs.columns import NUMBER, Source, Tables
 
 SUFFIXES = (".parquet",)
-NUMBER = 8  # bytes
 
 
 def read(source: Source) -> Tables:
-    """Read a Parquet file.
+    """Read a Parquet file; what is nested in its cells stays there.
 
     Raises:
         UserError: it is damaged.
@@ -25,12 +24,15 @@ def read(source: Source) -> Tables:
     source.wanted([""])
     try:
         with _no_stack():
-            columns = len(pl.read_parquet_schema(io.BytesIO(source.content)))
+            types = pl.read_parquet_schema(io.BytesIO(source.content))
             rows = pl.scan_parquet(io.BytesIO(source.content)).select(pl.len()).collect().item()
-            check_size(source.path, float(rows) * columns * NUMBER)
-            return Tables({"": pl.read_parquet(io.BytesIO(source.content)).get_columns()})
+            check_size(source.path, float(rows) * len(types) * NUMBER)
+            flat = [name for name, dtype in types.items() if not dtype.is_nested()]
+            frame = pl.read_parquet(io.BytesIO(source.content), columns=flat)
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         raise source.damaged("Parquet") from error
+    nested = pl.Series([], dtype=pl.List(pl.Null)).extend_constant(None, rows)
+    return Tables({"": [frame[name] if name in flat else nested.alias(name) for name in types]})
 
 
 @contextlib.contextmanager
