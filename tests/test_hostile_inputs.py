@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import subprocess
 import sys
 import unicodedata
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -107,6 +109,28 @@ def test_records_of_a_name_each_are_not_unpacked(tmp_path: Path, small: int) -> 
         read_columns(path)
 
 
+def test_a_structure_does_not_hide_its_size(tmp_path: Path, small: int) -> None:
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, {"s": {"t": np.zeros(small // 4)}}, do_compression=True)
+    with pytest.raises(UserError, match="would take 2 MB"):
+        read_columns(path)
+    scipy.io.savemat(path, {"s": {"t": np.arange(100.0)}}, do_compression=True)
+    assert len(read_columns(path).numbers("s.t")) == 100
+
+
+def test_a_variable_longer_than_it_says_is_damaged(tmp_path: Path, small: int) -> None:
+    """Source: MAT-File Format, version 5: a compressed element holds one with a tag of its own."""
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, {"s": {"t": np.zeros(small // 4)}}, do_compression=True)
+    content = path.read_bytes()
+    whole = bytearray(zlib.decompress(content[136:]))
+    whole[4:8] = struct.pack("<I", 100)
+    packed = zlib.compress(whole)
+    path.write_bytes(content[:128] + struct.pack("<II", 15, len(packed)) + packed)
+    with pytest.raises(UserError, match="is damaged or no MAT file"):
+        read_columns(path)
+
+
 def hdf5(path: Path) -> h5py.File:
     """A MAT file of version 7.3: an HDF5 file behind a block of 512 bytes that names it."""
     return h5py.File(path, "w", userblock_size=512)
@@ -133,6 +157,11 @@ def test_a_mat_file_with_its_values_elsewhere_is_refused(tmp_path: Path, small: 
     with hdf5(path) as file:
         file.create_dataset("t", data=np.zeros(1_000_000), compression="gzip")
     with pytest.raises(UserError, match="would take"):
+        read_columns(name_it(path))
+    with hdf5(path) as file:
+        for name in "abc":
+            file.create_dataset(name, data=np.zeros(small // 16), compression="gzip")
+    with pytest.raises(UserError, match=r"would take 1\.5"):
         read_columns(name_it(path))
     with hdf5(path) as file:
         file["t"] = np.arange(100.0)

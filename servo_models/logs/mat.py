@@ -7,6 +7,8 @@ would: ``data(:,2)``.  Fields of structures are named by dots.  Rows count from 
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".mat",)
 VERSION_73 = b"MATLAB 7.3"
+VERSION_4 = 0
+HEADER, TAG = 128, 8  # bytes
+COMPRESSED = 15
 
 
 def read(source: Source) -> Tables:
@@ -44,6 +49,8 @@ def _read_5(source: Source) -> list[tuple[str, Any]]:
     import scipy.io
 
     try:
+        if scipy.io.matlab.matfile_version(io.BytesIO(source.content))[0] != VERSION_4:
+            _check_unpacked(source)
         whole = scipy.io.whosmat(io.BytesIO(source.content))
         check_size(source.path, NUMBER * sum(float(np.prod(shape)) for _, shape, _ in whole))
         return list(scipy.io.loadmat(io.BytesIO(source.content), simplify_cells=True).items())
@@ -53,8 +60,31 @@ def _read_5(source: Source) -> list[tuple[str, Any]]:
         raise source.damaged("MAT") from error
 
 
+def _check_unpacked(source: Source) -> None:
+    """Refuse variables that unpack to too much: structures hide how large they are.
+
+    Source: MathWorks, MAT-File Format, version 5: what a compressed element unpacks to begins with
+    a tag that tells its size.
+    """
+    content, at, size = source.content, HEADER, 0
+    order = "<II" if content[HEADER - 2 : HEADER] == b"IM" else ">II"
+    while at + TAG <= len(content):
+        kind, length = struct.unpack_from(order, content, at)
+        packed = content[at + TAG : at + TAG + length]
+        at += TAG + length
+        if kind != COMPRESSED:
+            at += -length % TAG
+            continue
+        told = struct.unpack(order, zlib.decompressobj().decompress(packed, TAG))[1] + TAG
+        size += told
+        check_size(source.path, size)
+        if len(zlib.decompressobj().decompress(packed, told + 1)) > told:
+            raise source.damaged("MAT")
+
+
 def _read_73(source: Source) -> list[tuple[str, Any]]:
     h5py = extra("mat73", "h5py")
+    sizes = []
 
     def members(group: Any) -> dict[str, Any]:
         links = {key: group.get(key, getlink=True) for key in group if key != "#refs#"}
@@ -68,7 +98,8 @@ def _read_73(source: Source) -> list[tuple[str, Any]]:
             return members(item)
         if item.external or item.is_virtual:
             raise _elsewhere(source, item.name)
-        check_size(source.path, float(item.size) * item.dtype.itemsize)
+        sizes.append(float(item.size) * item.dtype.itemsize)
+        check_size(source.path, sum(sizes))
         if item.attrs.get("MATLAB_class") == b"char":
             return None
         return np.squeeze(item[()].T)  # MATLAB counts by columns, HDF5 by rows
