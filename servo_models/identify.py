@@ -14,8 +14,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from servo_models.description import Description, read_description
-from servo_models.errors import UserError, did_you_mean
+from servo_models.description import (
+    ELEMENTS,
+    SIMULATION,
+    TRANSFER_FUNCTION,
+    Description,
+    read_description,
+)
+from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.result import FIT, HELD_OUT, Identification
@@ -25,11 +31,6 @@ from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_err
 from servo_models.recording import hashes
 from servo_models.sheets import Sheet
 from servo_models.simulate import Model
-
-SIMULATION = "simulation"
-TRANSFER_FUNCTION = "transfer_function"
-ELEMENTS = "elements"
-METHODS = (SIMULATION, TRANSFER_FUNCTION, ELEMENTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +82,7 @@ def identify(
 
     Raises:
         UserError: see ``read_description``, ``identification.fit.fit``,
-            ``transfer.identify.identify_transfer`` and ``elements.identify_elements``; or an
-            unknown method.
+            ``transfer.identify.identify_transfer`` and ``elements.identify_elements``.
     """
     told = description if isinstance(description, Description) else read_description(description)
     method = method_of(told)
@@ -119,14 +119,7 @@ def identify(
 
 
 def method_of(told: Description) -> str:
-    """Return the way that a description asks for, by name or by what it holds.
-
-    Raises:
-        UserError: an unknown method.
-    """
-    if told.method and told.method not in METHODS:
-        cure = did_you_mean(told.method, METHODS)
-        raise UserError(f"'{told.path}', method: '{told.method}' is unknown; {cure}")
+    """Return the way that a description asks for, by name or by what it holds."""
     if told.method:
         return told.method
     if ELEMENTS in told.document:

@@ -84,8 +84,16 @@ class Section:
         """Return an inner table, empty where the key is not there."""
         found = self.content.get(key, {})
         if not isinstance(found, Mapping):
-            self.fail(key, f"no table; write [{self._dotted(key)}]")
+            self.fail(key, f"no table; write {key} = {{ ... }}")
         return Section(self.file, self._dotted(key), found)
+
+    def sections(self, key: str) -> list[Section]:
+        """Return a list of inner tables, empty where the key is not there."""
+        found = self.content.get(key, [])
+        if not (isinstance(found, list) and all(isinstance(entry, Mapping) for entry in found)):
+            self.fail(key, f"no list of tables; write [[{key}]]")
+        name = self._dotted(key)
+        return [Section(self.file, f"{name}[{k}]", entry) for k, entry in enumerate(found, 1)]
 
     def _dotted(self, key: str) -> str:
         return f"{self.name}.{key}" if self.name else key

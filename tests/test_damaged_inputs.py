@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from servo_models.errors import UserError
 from servo_models.files import read_regular
 from servo_models.logs import read_columns
 from servo_models.parameter_set import read_parameters
-from servo_models.toml_file import read_toml
+from servo_models.toml_file import Section, read_toml
 from servo_models.transfer.sweeps import raw_records, read_sweeps
 from servo_models.units import parse
 
@@ -193,3 +194,44 @@ def test_a_very_long_name_on_the_command_line(run: Run, command: list[str]) -> N
 def test_what_is_no_quantity_is_told_with_the_cure(text: str) -> None:
     with pytest.raises(UserError, match=r"; (write one|correct it|name one)"):
         parse(10**5000 if text == "thousands" else text, "rad")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("sweeps = 1", "sweeps: no list of tables"),
+        ("sweeps = [1]", "sweeps: no list of tables"),
+        ("elements = 1", "elements: no table"),
+        ("elements = []", "elements: no table"),
+        ('method = "x"', "method: 'x' is unknown; known: simulation, transfer_function, elements"),
+    ],
+)
+def test_what_a_command_does_not_use_is_refused_too(tmp_path: Path, line: str, words: str) -> None:
+    """A check or a diagnosis reads neither sweeps nor elements, and asks for no method."""
+    path = tmp_path / "rig.toml"
+    path.write_text(f'actuator = "sg90"\n{line}\n')
+    with pytest.raises(UserError, match=re.escape(words)):
+        read_description(path)
+
+
+def test_a_cure_can_be_written(tmp_path: Path) -> None:
+    """TOML does not know [logs[1].held_out]."""
+    path = tmp_path / "rig.toml"
+    path.write_text('actuator = "sg90"\n[[logs]]\nfile = "rig.toml"\nconstants = 1\n')
+    with pytest.raises(UserError, match=r"write constants = \{ "):
+        Section(path, "logs[1]", read_toml(path).content["logs"][0]).section("constants")
+
+
+@pytest.mark.parametrize("line", ['params = ""', 'params = "no.toml"', 'params = "a\\u0000b"'])
+def test_a_parameter_file_is_told_with_where_it_is_named(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(f"{line}\n")
+    with pytest.raises(UserError, match=r"rig\.toml', params: cannot read"):
+        read_description(path)
+
+
+def test_a_log_without_a_name_is_told_with_where_it_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text('actuator = "sg90"\n[[logs]]\nfile = ""\ntime = "t"\noutputs.angle = "a"\n')
+    with pytest.raises(UserError, match=r"rig\.toml', logs\[1\]\.file: no file"):
+        read_description(path)

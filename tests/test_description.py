@@ -129,7 +129,7 @@ def test_short_forms(tmp_path: Path) -> None:
 
 def test_parameters_and_their_uncertainty(tmp_path: Path) -> None:
     head = HEAD + (
-        'free = ["torque_constant", "null_shift"]\nmethod = "least squares"\n'
+        'free = ["torque_constant", "null_shift"]\nmethod = "simulation"\n'
         '[parameters]\ntorque_constant = 6.0\nnull_shift.angle = "0.5 deg"\n'
         '"transport_delay.time" = "1.1 ms"\n'
         '[uncertainty]\ntorque_constant = "10 %"\nnull_shift.angle = "0.1 deg"\n'
@@ -137,7 +137,7 @@ def test_parameters_and_their_uncertainty(tmp_path: Path) -> None:
     )
     found = describe(tmp_path, head=head)
     assert found.free == ("torque_constant", "null_shift")
-    assert found.method == "least squares"
+    assert found.method == "simulation"
     given_ = {
         "torque_constant": 6.0,
         "null_shift.angle": 0.5 * DEGREE,

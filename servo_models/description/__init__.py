@@ -14,7 +14,7 @@ from servo_models.actuator import Actuator, unknown
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.description.log import read_log
 from servo_models.description.values import named, quantity, setting
-from servo_models.errors import UserError
+from servo_models.errors import UserError, did_you_mean
 from servo_models.logs import read_columns
 from servo_models.parameter_set import ParameterSet, read_parameters
 from servo_models.recording import Log
@@ -34,6 +34,8 @@ KEYS = (
 )
 RECORDS = ("sweeps", "elements")
 """Records other than logs, which those who use them read from ``Description.document``."""
+SIMULATION, TRANSFER_FUNCTION, ELEMENTS = METHODS = ("simulation", "transfer_function", "elements")
+"""Ways of an identification."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,9 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     """
     document = read_toml(Path(path))
     document.check_keys((*KEYS, *RECORDS))
+    document.sections("sweeps")  # of a wrong type they are refused even where nobody uses them
+    document.section("elements")
+    method = _method(document)
     chosen, parameters = _model(document, trust)
     uncertainty = _uncertainty(document.section("uncertainty"), chosen)
     return Description(
@@ -93,7 +98,7 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         uncertainty=uncertainty,
         logs=_logs(document, chosen),
         free=_free(document, chosen),
-        method=document.text("method") or None,
+        method=method,
         bounds=_bounds(document.section("bounds"), chosen, uncertainty),
     )
 
@@ -125,7 +130,10 @@ def _model(document: Section, trust: bool) -> tuple[Model, dict[str, float]]:
 def _known_before(document: Section, trust: bool) -> ParameterSet | None:
     if "params" not in document:
         return None
-    return read_parameters(document.file.parent / document.text("params"), trust)
+    try:
+        return read_parameters(document.file.parent / document.text("params"), trust)
+    except UserError as error:
+        document.fail("params", error)
 
 
 def _actuator(document: Section, known: ParameterSet | None, trust: bool) -> Actuator:
@@ -192,6 +200,13 @@ def _bounds(
     return found
 
 
+def _method(document: Section) -> str | None:
+    given = document.text("method")
+    if given and given not in METHODS:
+        document.fail("method", f"'{given}' is unknown; {did_you_mean(given, METHODS)}")
+    return given or None
+
+
 def _free(document: Section, chosen: Model) -> tuple[str, ...]:
     known = {**chosen.plant.parameters, **chosen.plant.placements}
     for name in document.texts("free"):
@@ -201,15 +216,12 @@ def _free(document: Section, chosen: Model) -> tuple[str, ...]:
 
 
 def _logs(document: Section, chosen: Model) -> tuple[Log, ...]:
-    entries = document.content.get("logs", [])
-    if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
-        document.fail("logs", "no list of tables; write [[logs]]")
+    entries = document.sections("logs")
     if not entries and not any(key in document for key in RECORDS):
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read = functools.cache(read_columns)
     logs: list[Log] = []
-    for number, content in enumerate(entries, start=1):
-        entry = Section(document.file, f"logs[{number}]", content)
+    for entry in entries:
         log = read_log(entry, chosen, read)
         if log.name in (other.name for other in logs):
             entry.fail("name", f"a second log '{log.name}'; give each a name of its own")

@@ -80,8 +80,9 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     entry.check_keys(KEYS)
     if "file" not in entry:
         entry.fail("file", "missing; name the file of the log")
-    path = entry.file.parent / entry.text("file")
-    if not os.path.exists(path):  # which also takes a text that is no name at all
+    name = entry.text("file")
+    path = entry.file.parent / name
+    if not (name and os.path.exists(path)):  # a text that is no name at all has no file either
         entry.fail("file", f"no file '{path}'; name it as seen from the description")
     header = entry.content.get("header")
     if header is not None and not isinstance(header, bool):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def read_sweeps(
         UserError: an unknown key, signal or column, a unit that does not convert, fewer than
             ``LEAST_POINTS`` points, a frequency or gain that is not above 0.
     """
-    found = [_read(entry, base, plant, logs) for entry in _entries(document)]
+    found = [_read(entry, base, plant, logs) for entry in document.sections("sweeps")]
     names = [one.name for one in found]
     return tuple(
         replace(one, name=f"{one.name} ({k})") if names.count(one.name) > 1 else one
@@ -66,18 +66,10 @@ def read_sweeps(
     )
 
 
-def _entries(document: Section) -> list[Section]:
-    entries = document.content.get("sweeps", [])
-    if not (isinstance(entries, list) and all(isinstance(entry, Mapping) for entry in entries)):
-        document.fail("sweeps", "no list of tables; write [[sweeps]]")
-    return [
-        Section(document.file, f"sweeps[{k}]", entry) for k, entry in enumerate(entries, start=1)
-    ]
-
-
 def raw_records(document: Section) -> frozenset[str]:
     """Return the names of the logs that are records of a sweep, not of their own."""
-    return frozenset(name for entry in _entries(document) for name in entry.texts("logs"))
+    sweeps = document.sections("sweeps")
+    return frozenset(name for entry in sweeps for name in entry.texts("logs"))
 
 
 def _read(entry: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sweep:
