@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from servo_models.description import (
     ELEMENTS,
@@ -31,6 +33,9 @@ from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_err
 from servo_models.recording import hashes
 from servo_models.sheets import Sheet
 from servo_models.simulate import Model
+
+HARDLY = 0.7
+"""Error left over the standard deviation of a reading, from which a fit does not follow it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +120,11 @@ def identify(
         progress,
         told.bounds,
     )
-    return _by_simulation(told, found)
+    odd = tuple(_not_followed(found))
+    said = (*found.warnings, *odd)
+    return _by_simulation(
+        told, replace(found, warnings=said, believable=found.believable and not odd)
+    )
 
 
 def method_of(told: Description) -> str:
@@ -125,6 +134,18 @@ def method_of(told: Description) -> str:
     if ELEMENTS in told.document:
         return ELEMENTS
     return TRANSFER_FUNCTION if "sweeps" in told.document else SIMULATION
+
+
+def _not_followed(found: Identification) -> Iterator[str]:
+    """A sentence on each output whose motion the fitted model misses almost whole."""
+    for name in found.sigma:
+        own = [log.outputs[name][log.fitted] for log in found.logs if name in log.outputs]
+        if found.rms(name, FIT) > HARDLY * float(np.std(np.concatenate(own))):
+            yield (
+                f"the fitted model explains hardly anything of '{name}', so its values say nothing"
+                " of this log: check unit, scale and sign of the column, and that the log is of"
+                f" '{found.fitted.actuator.name}'"
+            )
 
 
 def _by_simulation(told: Description, found: Identification) -> Outcome:

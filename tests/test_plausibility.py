@@ -321,6 +321,15 @@ def test_a_fit_that_does_not_believe_itself_exits_1(run: Run, tmp_path: Path) ->
     assert "cannot be told apart" in " ".join(out.split())
 
 
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+def test_a_fit_that_does_not_follow_its_log_exits_1(run: Run, tmp_path: Path, unit: str) -> None:
+    """Radians described as degrees leave all of the error, and the estimate at its prior."""
+    code, out, _ = run("identify", record(tmp_path, unit=unit))
+    hardly = "explains hardly anything of 'angle_reading'" in " ".join(out.split())
+    assert hardly == (unit == "deg")
+    assert code == hardly
+
+
 def test_an_error_that_is_not_finite_is_refused(run: Run, tmp_path: Path) -> None:
     path = record(tmp_path, odd={200: 1e200})
     code, _, err = run("identify", path)
