@@ -13,6 +13,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from conftest import Run
+from test_own_actuator import write
 
 from servo_models.description import read_description
 from servo_models.errors import UserError
@@ -235,3 +236,28 @@ def test_a_log_without_a_name_is_told_with_where_it_is_named(tmp_path: Path) -> 
     path.write_text('actuator = "sg90"\n[[logs]]\nfile = ""\ntime = "t"\noutputs.angle = "a"\n')
     with pytest.raises(UserError, match=r"rig\.toml', logs\[1\]\.file: no file"):
         read_description(path)
+
+
+@pytest.mark.parametrize(
+    ("signal", "size", "words"),
+    [
+        ("outputs.angle", 1e308, r"log\.csv', row 3, column 'y': 1e\+308 rad is more than any"),
+        ("outputs.angle", 1e-310, r"log\.csv', column 'y' is constant over the log"),
+        ("inputs.voltage", 1e200, r"log\.csv', row 3, column 'y': input 'voltage' = "),
+        ("inputs.goal", 1e200, r"log\.csv', row 3, column 'y': 1e\+200 rad is more than any"),
+    ],
+)
+def test_sizes_whose_squares_no_number_holds(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder, signal: str, size: float, words: str
+) -> None:
+    rows = "".join(f"{0.01 * i},{i % 3},{size * (i % 2)}\n" for i in range(30))
+    (tmp_path / "log.csv").write_text(f"t,u,y\n{rows}")
+    path, own = tmp_path / "rig.toml", signal == "inputs.goal"
+    write(tmp_path)
+    path.write_text(
+        f'actuator = "{"joint.py" if own else "torque_motor"}"\n[[logs]]\nfile = "log.csv"\n'
+        f'time = "t"\n{signal} = "y"\n' + ('outputs.angle = "u"\n' if "inputs" in signal else "")
+    )
+    with pytest.raises(UserError, match=words):
+        read_description(path)
+    assert not recwarn.list

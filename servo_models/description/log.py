@@ -47,6 +47,8 @@ KEYS = (
 )
 SIGNAL_KEYS = ("column", "unit", "scale", "offset", "sign", "shift", "table")
 LEAST_SAMPLES = 16
+LARGEST, LEAST = 1e100, 1e-100
+"""Sizes [SI] of a signal outside of which its square is none that a number holds."""
 SAME_TIME = 1e-9
 """Instants closer than this [s] are one: times and shifts are rounded."""
 AT_REST = 1e-3
@@ -217,6 +219,7 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
             f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
             f" column's unit and scale{_unit_inside(mapped, values[held], wire)}"
         )
+    _check_size(mapped, own, values, wire)
     return values[held]
 
 
@@ -229,6 +232,16 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
         if not is_outside(ratio * values, wire).any()
     ]
     return f": in {units[0]} it would fit" if units else ""
+
+
+def _check_size(mapped: Mapped, clock: Clock, values: Array, wire: Wire) -> None:
+    bad = np.flatnonzero(np.abs(values) > LARGEST)
+    if len(bad):
+        place = clock.columns.where(mapped.column, int(clock.rows[bad[0]]))
+        raise UserError(
+            f"{place}: {values[bad[0]]:.4g} {wire.unit} is more than any signal has: correct the"
+            " number, or the column's unit and scale"
+        )
 
 
 def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
@@ -247,7 +260,8 @@ def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
 
 def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
     values = in_si(mapped, clock.numbers(mapped.column))
-    if not wire.flag and np.all(values == values[0]):
+    _check_size(mapped, clock, values, wire)
+    if not wire.flag and np.ptp(values) < LEAST:
         raise UserError(
             f"{clock.columns.where(mapped.column)} is constant over the log: output"
             f" '{wire.name}' says nothing; leave it out or record one that moves"
