@@ -76,6 +76,14 @@ def test_a_clock_that_jumps(tmp_path: Path, run: Run, command: str, row: int, ju
     assert f"time jumps by {jump:.3g} s" in err
 
 
+@pytest.mark.parametrize("step", [1e-16, 1e-200, 1e-320])
+def test_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run, step: float) -> None:
+    code, out, err = run("check", record(tmp_path, step * np.arange(ROWS)))
+    assert (code, out) == (2, "")
+    assert "log.csv', column 't' in s: rows are" in err
+    assert "correct the unit" in err
+
+
 def test_a_pause_is_no_jump(tmp_path: Path, run: Run) -> None:
     times = SANE.copy()
     times[70:] += 5.0

@@ -24,6 +24,8 @@ MOST_PER_ROW = 3e3
 """Internal steps of the model between two rows: more is a wrong unit."""
 SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
 SHORTER = ("ms", "us", "ns")
+SHORTEST = 1e-12
+"""Usual step [s] below which no clock of a log has ticked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +128,9 @@ def check_duration(clock: Clock, internal_step: float) -> None:
         internal_step: of the model [s].
 
     Raises:
-        UserError: one step of the times is longer than a thousand logs, or the steps hold so
-            many internal ones that a simulation would hardly end.  It names the row, or the unit
-            that makes sense.
+        UserError: the steps of the times are shorter than those of any clock; one is longer than
+            a thousand logs; or they hold so many internal ones that a simulation would hardly end.
+            It names the row, or the unit that makes sense.
     """
     since = clock.since
     steps = np.diff(since)
@@ -137,6 +139,11 @@ def check_duration(clock: Clock, internal_step: float) -> None:
     if not usual:
         return
     where = clock.columns.where
+    if usual < SHORTEST:
+        raise UserError(
+            f"{where(clock.column)} in {clock.unit}: rows are {usual:.3g} s apart, which no clock"
+            " tells apart; correct the unit or the column"
+        )
     if lasts > MOST_EMPTY * len(since) * usual:
         row = int(np.argmax(steps)) + 1
         raise UserError(
