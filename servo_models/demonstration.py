@@ -15,8 +15,14 @@ import numpy as np
 
 from servo_models import pictures
 from servo_models.actuator import Actuator, Wire
-from servo_models.catalogue import actuators
-from servo_models.explain import Place, display_unit, effect_name, in_display_unit, places
+from servo_models.explain import (
+    Place,
+    display_unit,
+    effect_name,
+    in_display_unit,
+    is_actuator,
+    places,
+)
 from servo_models.simulate import Result, model, simulate
 
 if TYPE_CHECKING:
@@ -148,11 +154,13 @@ def portrait(name: str) -> Figure:
     Raises:
         UserError: nobody knows that name.
     """
-    if name in actuators():
+    if is_actuator(name):
         chosen = model(name)
         times = np.linspace(0.0, chosen.stop_time, POINTS)
         result = simulate(chosen, times, dict([chosen.actuator.step]))
-        return pictures.response(result, chosen.plant, f"{name}, variant {chosen.variant}")
+        return pictures.response(
+            result, chosen.plant, f"{chosen.actuator.name}, variant {chosen.variant}"
+        )
     effect = effect_name(name)
     shown = demonstrate(effect)
     actuator = shown.place.actuator

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from servo_models.actuator import Actuator, Parameter, Placement, Plant, unknown
 from servo_models.block import RESERVED, Block
+from servo_models.catalogue import actuator as find_actuator
 from servo_models.catalogue import actuators, effects
 from servo_models.errors import UserError
 from servo_models.sheets import Sheet, Table
@@ -21,11 +22,16 @@ def explain(name: str) -> Sheet:
     """Return the data sheet of an actuator, an effect, or an effect at its place.
 
     Raises:
-        UserError: nobody knows that name.
+        UserError: nobody knows that name; see also ``catalogue.actuator``.
     """
-    if name in actuators():
-        return _actuator_sheet(actuators()[name])
+    if is_actuator(name):
+        return _actuator_sheet(find_actuator(name))
     return _effect_sheet(effect_name(name))
+
+
+def is_actuator(name: str) -> bool:
+    """Whether a name is that of an actuator, or of a file of your own that defines one."""
+    return name in actuators() or name.endswith(".py")
 
 
 def overview() -> Sheet:

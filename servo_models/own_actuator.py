@@ -46,7 +46,9 @@ def _run(path: Path, content: bytes) -> Actuator:
         exec(compile(text, str(path), "exec"), vars(module))  # the user's own file: see above
     except (Exception, SystemExit) as error:  # whatever a user's file may raise
         del sys.modules[name]
-        raise UserError(f"'{path}' does not run: {type(error).__name__}: {error}") from error
+        raise UserError(
+            f"'{path}' does not run: {type(error).__name__}: {error}; correct it"
+        ) from error
     found = getattr(module, "ACTUATOR", None)
     if not isinstance(found, Actuator):
         raise UserError(f"'{path}' defines no ACTUATOR: set it to an Actuator")

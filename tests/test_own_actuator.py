@@ -102,6 +102,16 @@ def test_a_file_that_ends_the_process_is_an_error(tmp_path: Path, end: str, run:
     code, out, err = run("simulate", path)
     assert (code, out) == (2, "")
     assert "mine.py' does not run: SystemExit" in err
+    assert "correct it" in err
+
+
+def test_a_file_is_explained_in_place_of_a_name(tmp_path: Path, run: Run) -> None:
+    path, drawn = write(tmp_path), tmp_path / "step.svg"
+    code, out, _ = run("explain", path, "--picture", drawn)
+    assert code == 0
+    assert "joint: A joint" in out
+    assert "time_constant" in out
+    assert "plain" in drawn.read_text()
 
 
 def test_declarations_that_do_not_fit_together_are_an_error(tmp_path: Path, run: Run) -> None:

@@ -14,7 +14,9 @@ from servo_models.errors import UserError
 def explain(
     name: Annotated[
         str | None,
-        typer.Argument(help="Name of an actuator or an effect.", autocompletion=complete_name),
+        typer.Argument(
+            help="An actuator, your own .py file, or an effect.", autocompletion=complete_name
+        ),
     ] = None,
     params: Params = None,
     trust: Trust = False,
