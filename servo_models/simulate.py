@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 LONGEST_RUN = 1e8
 """Internal steps in a run: some ten seconds of work.  More is a slip of a unit or of a clock."""
+SHORTEST = 1e-12
+"""Communication step [s] below which an internal step is not halved."""
 PLANTS = 64
 """Plants whose texts are kept, the latest ones: a person's own come and go."""
 CHANGED = 1e-3
@@ -259,7 +261,11 @@ def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[s
     output beyond a hundred full scales is told as well.
     """
     step = min(chosen.values["internal_step"], float(np.diff(times).max(initial=0.0)))
-    finer = {**chosen.values, "internal_step": 0.5 * step or chosen.values["internal_step"]}
+    if step > SHORTEST:
+        step *= 0.5
+    else:  # nothing moves meanwhile, and equations divide by the step
+        step = chosen.values["internal_step"]
+    finer = {**chosen.values, "internal_step": step}
     try:
         again = chosen.from_rest(np.array(list(finer.values())), times, inputs)
     except UserError as error:

@@ -167,6 +167,13 @@ def test_wrong_experiments(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("step", [1e-15, 1e-200, 1e-320])
+def test_a_run_that_is_over_at_once_is_at_rest(step: float) -> None:
+    found = simulate(LINEAR, step * np.arange(3), {"voltage": 1.0})
+    assert found["angle"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert found.warnings == ()
+
+
 def test_a_run_that_explodes_says_where_and_what_to_do() -> None:
     """A spring that softens without bound, pushed over its top."""
     soft = model(
