@@ -12,7 +12,7 @@ from servo_models.actuator import Actuator, unknown
 from servo_models.block import Block
 from servo_models.errors import UserError
 from servo_models.flatten import flatten
-from servo_models.own_actuator import check_trust, load_actuator
+from servo_models.own_actuator import check_trust, is_file, load_actuator
 
 
 def _modules(folder: str) -> dict[str, ModuleType]:
@@ -50,7 +50,7 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
     Raises:
         UserError: nobody knows that name; see ``own_actuator.load_actuator`` and ``check_trust``.
     """
-    if name.endswith(".py"):
+    if is_file(name):
         return _own(Path(name), named_in, trust)
     return of_catalogue(name)
 

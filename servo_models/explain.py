@@ -14,6 +14,7 @@ from servo_models.block import RESERVED, Block
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.catalogue import actuators, effects
 from servo_models.errors import UserError
+from servo_models.own_actuator import is_file
 from servo_models.sheets import Sheet, Table
 from servo_models.units import factor
 
@@ -31,7 +32,7 @@ def explain(name: str) -> Sheet:
 
 def is_actuator(name: str) -> bool:
     """Whether a name is that of an actuator, or of a file of your own that defines one."""
-    return name in actuators() or name.endswith(".py")
+    return name in actuators() or is_file(name)
 
 
 def overview() -> Sheet:

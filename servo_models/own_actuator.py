@@ -55,6 +55,11 @@ def _run(path: Path, content: bytes) -> Actuator:
     return replace(found, file=path)
 
 
+def is_file(name: str) -> bool:
+    """Whether an actuator is called by its Python file."""
+    return name.endswith(".py")
+
+
 def check_trust(code: Path, named_in: Path, trust: bool) -> None:
     """Refuse a Python file that another file names, unless it lies beside that or is trusted.
 

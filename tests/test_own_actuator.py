@@ -192,6 +192,18 @@ def test_a_file_elsewhere_is_run_only_if_trusted(tmp_path: Path, way: str, run: 
     assert runs(path) == 1
 
 
+def test_a_description_runs_no_file_elsewhere_by_way_of_its_parameters(tmp_path: Path) -> None:
+    path = write(tmp_path / "other")
+    parameters, _ = describe(tmp_path / "other", "joint.py")
+    _, description = describe(tmp_path / "rig", "joint.py")
+    named = f"params = '../other/{parameters.name}'"
+    description.write_text(description.read_text().replace("actuator = 'joint.py'", named))
+    with pytest.raises(UserError, match=r"'rig.toml' would run .*--trust"):
+        read_description(description)
+    assert runs(path) == 0
+    assert read_description(description, trust=True).actuator.file == path
+
+
 def test_an_fmu_names_no_file(
     tmp_path: Path, fmu_file: Callable[[str], Path], run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from servo_models.description.log import read_log
 from servo_models.description.values import named, quantity, setting
 from servo_models.errors import UserError, did_you_mean
 from servo_models.logs import read_columns
+from servo_models.own_actuator import check_trust, is_file
 from servo_models.parameter_set import ParameterSet, read_parameters
 from servo_models.recording import Log
 from servo_models.simulate import Model, model
@@ -130,8 +131,12 @@ def _model(document: Section, trust: bool) -> tuple[Model, dict[str, float]]:
 def _known_before(document: Section, trust: bool) -> ParameterSet | None:
     if "params" not in document:
         return None
+    path = document.file.parent / document.text("params")
     try:
-        return read_parameters(document.file.parent / document.text("params"), trust)
+        actuator = read_toml(path).text("actuator")
+        if is_file(actuator):
+            check_trust(path.parent / actuator, document.file, trust)
+        return read_parameters(path, trust)
     except UserError as error:
         document.fail("params", error)
 
