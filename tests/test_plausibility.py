@@ -14,6 +14,8 @@ from test_own_actuator import write
 from servo_models.audit.outliers import outliers, outliers_of
 from servo_models.bounds import is_outside
 from servo_models.description import read_description
+from servo_models.errors import UserError
+from servo_models.identify import identify
 from servo_models.plausibility import implausible, implausible_clocks
 from servo_models.recording import Log
 from servo_models.simulate import Model, model, simulate
@@ -330,8 +332,12 @@ def test_a_fit_that_does_not_follow_its_log_exits_1(run: Run, tmp_path: Path, un
     assert code == hardly
 
 
-def test_an_error_that_is_not_finite_is_refused(run: Run, tmp_path: Path) -> None:
-    path = record(tmp_path, odd={200: 1e200})
-    code, _, err = run("identify", path)
-    assert code == 2
-    assert "RMS error of 'angle_reading'" in err
+def test_an_error_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    """A description refuses such a reading, a log made in Python may hold it."""
+    told = read_description(record(tmp_path))
+    (log,) = told.logs
+    reading = log.outputs["angle_reading"].copy()
+    reading[200] = 1e200
+    odd = replace(told, logs=(replace(log, outputs={"angle_reading": reading}),))
+    with pytest.raises(UserError, match="RMS error of 'angle_reading'"):
+        identify(odd)
