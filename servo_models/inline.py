@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from servo_models.block import Block
 from servo_models.flat import local
 
-_BUILTINS = {"abs", "int", "float", "math"}
+_BUILTINS = {"abs": abs, "int": int, "float": float, "math": math}
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.While, ast.Return, ast.Pass)
 _EXPRESSIONS = (
     *(ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Tuple),
@@ -124,7 +124,8 @@ class _Rename(ast.NodeTransformer):
         self, block: Block, names: Mapping[str, str], owner: str, body: Sequence[ast.stmt]
     ) -> None:
         self.block = block
-        self.globals = block.function.__globals__
+        outer = inspect.getclosurevars(block.function)
+        self.seen = {**block.function.__globals__, **outer.nonlocals}
         self.stored = dict.fromkeys(
             node.id
             for statement in body
@@ -146,9 +147,10 @@ class _Rename(ast.NodeTransformer):
     def visit_Name(self, node: ast.Name) -> ast.expr:
         if node.id in self.names:
             return ast.Name(id=self.names[node.id], ctx=node.ctx)
-        if node.id in _BUILTINS:
+        builtin = _BUILTINS.get(node.id)
+        constant = self.seen.get(node.id, builtin)
+        if builtin is not None and constant is builtin:
             return ast.Name(id=f"_{node.id}", ctx=node.ctx)
-        constant = self.globals.get(node.id)
         if isinstance(constant, (int, float)) and math.isfinite(constant):
             return ast.Constant(value=constant)
         raise ValueError(

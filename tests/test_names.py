@@ -13,6 +13,8 @@ import keyword
 import linecache
 import math
 import re
+import types
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,12 +24,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servo_models.actuator import Plant, Wire, place
-from servo_models.block import Param
+from servo_models.block import Block, Param, block
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.diagnosis.where.alone import measured_name, opened
 from servo_models.effects.lag import lag
 from servo_models.flat import Flat, neutral_effects
 from servo_models.flatten import flatten
+from servo_models.inline import inline
 from servo_models.stepper import run_text, step_text
 
 GAIN = 1745.3
@@ -239,6 +242,46 @@ def test_a_name_that_no_text_can_hold_is_refused_by_name(name: str) -> None:
     ):
         with pytest.raises(ValueError, match=f"'{re.escape(name)}'.*name"):
             make()
+
+
+TWICE = 2.0
+FACTOR = 3.0
+
+
+def doubled() -> Block:
+    FACTOR = TWICE
+
+    @block("aim")
+    def decoder(pulse: float) -> float:
+        """Angle aimed at."""
+        return FACTOR * pulse
+
+    return decoder
+
+
+def printed(decoder: Block, pulse: float) -> float:
+    """What the text makes of a block for one value."""
+    lines = inline(decoder, {"pulse": "pulse"}, ["aim"], "decoder")
+    scope: dict[str, Any] = {"pulse": pulse}
+    exec("\n".join(lines), scope)
+    return float(scope["aim"])
+
+
+def test_a_constant_of_the_function_around_a_block_hides_that_of_the_file() -> None:
+    decoder = doubled()
+    assert printed(decoder, 5.0) == decoder(5.0) == 10.0
+
+
+@pytest.mark.parametrize("name", ["abs", "int", "float", "math"])
+def test_a_name_that_the_file_gives_another_meaning_is_not_that_of_python(name: str) -> None:
+    @block("aim")
+    def decoder(pulse: float) -> float:
+        """Angle aimed at."""
+        return float(abs(pulse)) + float(int(pulse)) + math.sqrt(pulse)
+
+    hidden = types.FunctionType(decoder.function.__code__, {**globals(), name: lambda value: value})
+    with pytest.raises(ValueError, match=f"block 'decoder' uses '{name}'"):
+        printed(replace(decoder, function=hidden), 4.0)
 
 
 @pytest.mark.parametrize("name", TIME)
