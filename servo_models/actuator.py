@@ -169,7 +169,11 @@ class Plant:
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
-        """All parameters by name, plant first, in chain order."""
+        """All parameters by name, plant first, in chain order.
+
+        Raises:
+            ValueError: two blocks declare one unlike each other.
+        """
         found = {name: Parameter(name, param, owner="") for name, param in self.constants.items()}
         blocks: list[Block | Placement] = [*self.chain]
         if self.projection:
@@ -182,7 +186,12 @@ class Plant:
                     found.setdefault(name, Parameter(name, known, owner=link.name))
             else:
                 for key, param in link.params.items():
-                    found.setdefault(key, Parameter(key, param, owner=""))
+                    if found.setdefault(key, Parameter(key, param, owner="")).param != param:
+                        raise ValueError(
+                            f"parameter '{key}' of block '{link.name}' is declared otherwise"
+                            " elsewhere: give it another name, or take that of the other block"
+                            " as a plain argument"
+                        )
         return dict(sorted(found.items(), key=lambda item: item[1].owner != ""))
 
     def rated(

@@ -245,16 +245,16 @@ def test_a_name_that_no_text_can_hold_is_refused_by_name(name: str) -> None:
 
 
 TWICE = 2.0
-FACTOR = 3.0
+factor = 3.0
 
 
 def doubled() -> Block:
-    FACTOR = TWICE
+    factor = TWICE
 
     @block("aim")
     def decoder(pulse: float) -> float:
         """Angle aimed at."""
-        return FACTOR * pulse
+        return factor * pulse
 
     return decoder
 
@@ -302,6 +302,37 @@ def test_time_is_no_wire(name: str) -> None:
 def test_a_name_of_two_things_is_refused(kind: str, name: str) -> None:
     with pytest.raises(ValueError, match=rf"\['{name}'\] mean two things"):
         flatten(declared(**{kind: name}), "servo")
+
+
+UNLIKE = {
+    "parameter 'gain' of block 'controller' is declared otherwise": ("bandwidth", "gain"),
+    "output or rate of a state: unknown wire 'angel'; did you mean 'angle'": (
+        'outputs=("STATE"',
+        'outputs=("angel"',
+    ),
+    "output or rate of a state: unknown wire 'pace'": ('"angle"), "speed"', '"angle"), "pace"'),
+    r"\['aim'\] mean two things": ("wires=(", 'wires=(Wire("aim", "1", "twice"), '),
+    r"the names \['aim'\] mean": ('"WIRE"),\n    const', '"WIRE", "aim"),\n    const'),
+    r"the names \['pulse'\] mean": ('outputs=("STATE"', 'outputs=("pulse"'),
+}
+
+
+@pytest.mark.parametrize("reason", UNLIKE)
+def test_declarations_that_contradict_each_other_are_refused(
+    reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old, new = UNLIKE[reason]
+    assert old in SOURCE
+    monkeypatch.setitem(globals(), "SOURCE", SOURCE.replace(old, new))
+    with pytest.raises(ValueError, match=reason):
+        flatten(declared(), "servo")
+
+
+def test_blocks_may_declare_one_parameter_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    alike = f'bandwidth: Annotated[float, Param("rad/s", "gain", {GAIN})],'
+    own = re.sub(r"bandwidth: Annot.*", alike, SOURCE).replace("bandwidth", "gain")
+    monkeypatch.setitem(globals(), "SOURCE", own)
+    assert flatten(declared(), "servo").params.count("gain") == 1
 
 
 def test_a_measured_wire_gets_a_name_that_the_author_has_not_used() -> None:
