@@ -288,6 +288,9 @@ class Actuator:
         stop_time, step_size: default experiment [s].
         step: name of the main input, size of its standard step in SI.
         file: that defines it, None for one of the catalogue.
+
+    Raises:
+        ValueError: a name that no FMU can have.
     """
 
     name: str
@@ -301,6 +304,9 @@ class Actuator:
     step: tuple[str, float]
     picture: str = ""
     file: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"actuator '{self.name}'")
 
     @property
     def key(self) -> str:
