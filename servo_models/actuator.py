@@ -290,7 +290,7 @@ class Actuator:
         file: that defines it, None for one of the catalogue.
 
     Raises:
-        ValueError: a name that no FMU can have.
+        ValueError: a name that no FMU can have, or an output without a ``Wire`` of its unit.
     """
 
     name: str
@@ -307,6 +307,10 @@ class Actuator:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"actuator '{self.name}'")
+        for plant in (self.plant, *(it.plant for it in self.variants if it.plant)):
+            for name in plant.outputs:
+                if name not in plant.wire:
+                    raise ValueError(unknown("output", name, plant.wire))
 
     @property
     def key(self) -> str:

@@ -127,6 +127,16 @@ def test_a_name_that_no_fmu_can_have_is_refused(name: str, tmp_path: Path, run: 
     assert {it.name for it in tmp_path.iterdir()} <= {"joint.py", "joint.ran"}
 
 
+def test_an_output_without_a_unit_is_refused(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('Wire("speed", "rad/s", "speed"),', ""))
+    assert run("simulate", path)[0] == 0
+    path.write_text(path.read_text().replace('outputs=("angle",)', 'outputs=("speed",)'))
+    code, out, err = run("simulate", path)
+    assert (code, out) == (2, "")
+    assert "joint.py' does not run: ValueError: unknown output 'speed'" in err
+
+
 @pytest.mark.parametrize("title", ["C:\\users", 'three quotes """', "of two\nlines", "plain"])
 def test_a_title_is_no_code(title: str, tmp_path: Path) -> None:
     path = write(tmp_path)
