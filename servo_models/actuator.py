@@ -290,7 +290,8 @@ class Actuator:
         file: that defines it, None for one of the catalogue.
 
     Raises:
-        ValueError: a name that no FMU can have, or an output without a ``Wire`` of its unit.
+        ValueError: a name that no FMU can have, an output without a ``Wire`` of its unit, or a
+            standard step of what is no input.
     """
 
     name: str
@@ -311,6 +312,9 @@ class Actuator:
             for name in plant.outputs:
                 if name not in plant.wire:
                     raise ValueError(unknown("output", name, plant.wire))
+            inputs = {wire.name: wire for wire in plant.inputs}
+            if self.step[0] not in inputs:
+                raise ValueError(f"standard step: {unknown('input', self.step[0], inputs)}")
 
     @property
     def key(self) -> str:

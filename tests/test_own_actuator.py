@@ -137,6 +137,14 @@ def test_an_output_without_a_unit_is_refused(tmp_path: Path, run: Run) -> None:
     assert "joint.py' does not run: ValueError: unknown output 'speed'" in err
 
 
+def test_a_standard_step_of_no_input_is_refused(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('step=("goal"', 'step=("gaol"'))
+    code, out, err = run("build", path, "--out", tmp_path / "built")
+    assert (code, out) == (2, "")
+    assert "ValueError: standard step: unknown input 'gaol'; did you mean 'goal'" in err
+
+
 @pytest.mark.parametrize("title", ["C:\\users", 'three quotes """', "of two\nlines", "plain"])
 def test_a_title_is_no_code(title: str, tmp_path: Path) -> None:
     path = write(tmp_path)
