@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -73,7 +73,8 @@ class Placement:
     bounds and default of single parameters.
 
     Raises:
-        ValueError: a name that no effect can have.
+        ValueError: a name that no effect can have, or ``reads`` or ``params`` of what the effect
+            has not.
     """
 
     name: str
@@ -84,6 +85,15 @@ class Placement:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"effect '{self.name}'")
+        for argument in self.reads:
+            if argument not in self.effect.wires:
+                raise ValueError(self._has_not("argument", argument, self.effect.wires))
+        for key in self.params:
+            if key not in self.effect.params:
+                raise ValueError(self._has_not("parameter", key, self.effect.params))
+
+    def _has_not(self, kind: str, name: str, known: Iterable[str]) -> str:
+        return unknown(kind, name, dict.fromkeys(known), f"effect '{self.name}'")
 
     def wire_of(self, argument: str) -> str:
         if argument in self.effect.acts_on:
@@ -94,6 +104,7 @@ class Placement:
 def place(
     name: str,
     effect: Block,
+    /,  # an effect may have arguments of these names
     *on: str,
     params: Mapping[str, Param] | None = None,
     **reads: str,

@@ -15,7 +15,7 @@ import math
 import re
 import types
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servo_models.actuator import Plant, Wire, place
-from servo_models.block import Block, Param, block
+from servo_models.block import Block, Param, block, effect
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.diagnosis.where.alone import measured_name, opened
 from servo_models.effects.lag import lag
@@ -333,6 +333,29 @@ def test_blocks_may_declare_one_parameter_alike(monkeypatch: pytest.MonkeyPatch)
     own = re.sub(r"bandwidth: Annot.*", alike, SOURCE).replace("bandwidth", "gain")
     monkeypatch.setitem(globals(), "SOURCE", own)
     assert flatten(declared(), "servo").params.count("gain") == 1
+
+
+@effect("signal", source="a test")
+def shifted(
+    signal: float,
+    name: float,
+    effect: float,
+    share: Annotated[float, Param("1", "share", switch=True)],
+) -> float:
+    """A signal and two more."""
+    return signal + share * (name + 2.0 * effect)
+
+
+def test_an_effect_may_call_its_arguments_as_place_does() -> None:
+    placed = place("shift", shifted, "aim", name="angle", effect="speed")
+    assert [placed.wire_of(it) for it in shifted.wires] == ["aim", "angle", "speed"]
+
+
+def test_what_a_placement_says_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="unknown argument 'nam' in effect 'shift'; did you mean"):
+        place("shift", shifted, "aim", nam="angle")
+    with pytest.raises(ValueError, match="unknown parameter 'shar' in effect 'shift'"):
+        place("shift", shifted, "aim", params={"shar": Param("1", "share")})
 
 
 def test_a_measured_wire_gets_a_name_that_the_author_has_not_used() -> None:
