@@ -301,8 +301,8 @@ class Actuator:
         file: that defines it, None for one of the catalogue.
 
     Raises:
-        ValueError: a name that no FMU can have, an output without a ``Wire`` of its unit, or a
-            standard step of what is no input.
+        ValueError: a name that no FMU can have, an output without a ``Wire`` of its unit, a
+            standard step of what is no input, or an uncertainty of what is no parameter.
     """
 
     name: str
@@ -319,13 +319,17 @@ class Actuator:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"actuator '{self.name}'")
-        for plant in (self.plant, *(it.plant for it in self.variants if it.plant)):
-            for name in plant.outputs:
-                if name not in plant.wire:
-                    raise ValueError(unknown("output", name, plant.wire))
+        for variant in self.variants:
+            plant = variant.plant or self.plant
             inputs = {wire.name: wire for wire in plant.inputs}
-            if self.step[0] not in inputs:
-                raise ValueError(f"standard step: {unknown('input', self.step[0], inputs)}")
+            for kind, names, known in (
+                ("output", plant.outputs, plant.wire),
+                ("input of the standard step", self.step[:1], inputs),
+                ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
+            ):
+                for name in names:
+                    if name not in known:
+                        raise ValueError(unknown(kind, name, known))
 
     @property
     def key(self) -> str:

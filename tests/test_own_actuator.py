@@ -142,7 +142,16 @@ def test_a_standard_step_of_no_input_is_refused(tmp_path: Path, run: Run) -> Non
     path.write_text(path.read_text().replace('step=("goal"', 'step=("gaol"'))
     code, out, err = run("build", path, "--out", tmp_path / "built")
     assert (code, out) == (2, "")
-    assert "ValueError: standard step: unknown input 'gaol'; did you mean 'goal'" in err
+    assert "ValueError: unknown input of the standard step 'gaol'; did you mean 'goal'" in err
+
+
+def test_an_uncertainty_of_no_parameter_is_refused(tmp_path: Path, run: Run) -> None:
+    _, description = describe(tmp_path, "joint.py")
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('{}, "")', '{}, "", uncertainty={"time": 0.3})'))
+    code, out, err = run("check", description)
+    assert (code, out) == (2, "")
+    assert "unknown parameter with an uncertainty 'time'; did you mean 'time_constant'" in err
 
 
 @pytest.mark.parametrize("title", ["C:\\users", 'three quotes """', "of two\nlines", "plain"])
