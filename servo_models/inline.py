@@ -189,7 +189,7 @@ class _Rename(ast.NodeTransformer):
             return ast.Constant(value=constant)
         raise ValueError(
             f"block '{self.block.name}' uses '{node.id}' (line {node.lineno} of its source);"
-            " a block may use its arguments, module constants, abs, int, float and math"
+            " a block may use its arguments, constants and Python's own abs, int, float and math"
         )
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
