@@ -287,8 +287,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             if owner in self.dropped and owner not in dropped:
                 self.x[i] = rest[i]
         self.dropped = dropped
-        internal_step = parameters[self.content.flat.params.index("internal_step")]
-        self.longest = MOST_SUB_STEPS * internal_step
+        self.longest = MOST_SUB_STEPS * self.step.internal_step
         self.stale = False
 
     def advance(self, x: list[float], time: float, size: float) -> None:

@@ -32,7 +32,7 @@ def slave_source(model: Model) -> tuple[str, str]:
     """
     head = "\n\n".join(
         [
-            f'"""{model.actuator.title}, variant {model.variant}: generated, do not edit."""',
+            repr(f"{model.actuator.title}, variant {model.variant}: generated, do not edit."),
             _FUTURE,
             _OLDEST,
             _pasted(flat),

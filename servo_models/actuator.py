@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -73,7 +73,8 @@ class Placement:
     bounds and default of single parameters.
 
     Raises:
-        ValueError: a name that no effect can have.
+        ValueError: a name that no effect can have, or ``reads`` or ``params`` of what the effect
+            has not.
     """
 
     name: str
@@ -84,6 +85,15 @@ class Placement:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"effect '{self.name}'")
+        for argument in self.reads:
+            if argument not in self.effect.wires:
+                raise ValueError(self._has_not("argument", argument, self.effect.wires))
+        for key in self.params:
+            if key not in self.effect.params:
+                raise ValueError(self._has_not("parameter", key, self.effect.params))
+
+    def _has_not(self, kind: str, name: str, known: Iterable[str]) -> str:
+        return unknown(kind, name, dict.fromkeys(known), f"effect '{self.name}'")
 
     def wire_of(self, argument: str) -> str:
         if argument in self.effect.acts_on:
@@ -94,6 +104,7 @@ class Placement:
 def place(
     name: str,
     effect: Block,
+    /,  # an effect may have arguments of these names
     *on: str,
     params: Mapping[str, Param] | None = None,
     **reads: str,
@@ -169,7 +180,11 @@ class Plant:
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
-        """All parameters by name, plant first, in chain order."""
+        """All parameters by name, plant first, in chain order.
+
+        Raises:
+            ValueError: two blocks declare one unlike each other.
+        """
         found = {name: Parameter(name, param, owner="") for name, param in self.constants.items()}
         blocks: list[Block | Placement] = [*self.chain]
         if self.projection:
@@ -182,7 +197,12 @@ class Plant:
                     found.setdefault(name, Parameter(name, known, owner=link.name))
             else:
                 for key, param in link.params.items():
-                    found.setdefault(key, Parameter(key, param, owner=""))
+                    if found.setdefault(key, Parameter(key, param, owner="")).param != param:
+                        raise ValueError(
+                            f"parameter '{key}' of block '{link.name}' is declared otherwise"
+                            " elsewhere: give it another name, or take that of the other block"
+                            " as a plain argument"
+                        )
         return dict(sorted(found.items(), key=lambda item: item[1].owner != ""))
 
     def rated(
@@ -279,6 +299,10 @@ class Actuator:
         stop_time, step_size: default experiment [s].
         step: name of the main input, size of its standard step in SI.
         file: that defines it, None for one of the catalogue.
+
+    Raises:
+        ValueError: a name that no FMU can have, an output without a ``Wire`` of its unit, a
+            standard step of what is no input, or an uncertainty of what is no parameter.
     """
 
     name: str
@@ -292,6 +316,20 @@ class Actuator:
     step: tuple[str, float]
     picture: str = ""
     file: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"actuator '{self.name}'")
+        for variant in self.variants:
+            plant = variant.plant or self.plant
+            inputs = {wire.name: wire for wire in plant.inputs}
+            for kind, names, known in (
+                ("output", plant.outputs, plant.wire),
+                ("input of the standard step", self.step[:1], inputs),
+                ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
+            ):
+                for name in names:
+                    if name not in known:
+                        raise ValueError(unknown(kind, name, known))
 
     @property
     def key(self) -> str:

@@ -10,7 +10,7 @@ several times a step and must not pile up.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from servo_models.actuator import Placement, Plant, unknown
@@ -26,14 +26,31 @@ def flatten(plant: Plant, name: str) -> Flat:
     """Return the lines and the layout of ``plant``.
 
     Raises:
-        ValueError: a block reads a wire that nothing defines before it, or two things
-            would have the same name in the text.
+        ValueError: a block reads a wire that nothing defines before it, an output or the rate
+            of a state is no wire, or two things would have the same name.
     """
     links = [_Link.of(link) for link in plant.chain]
     top = _levels(plant, links)
+    _check_declared(plant, top)
     flat = _Flattener(plant, links, top).flat(name)
     _check_names(plant, links, flat)
     return flat
+
+
+def _check_declared(plant: Plant, levels: Mapping[str, int]) -> None:
+    """Refuse outputs and rates that are no wires, and wires and variables declared twice."""
+    for name in (*plant.outputs, *(state.rate for state in plant.states)):
+        if name not in levels:
+            raise ValueError(f"output or rate of a state: {unknown('wire', name, levels)}")
+    wires = [*plant.inputs, *plant.wires, *(state.wire for state in plant.states)]
+    _once([wire.name for wire in wires])
+    _once([wire.name for wire in plant.inputs] + [*plant.outputs])
+
+
+def _once(names: Sequence[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"the names {twice} mean two things")
 
 
 def _check_names(plant: Plant, links: Iterable[_Link], flat: Flat) -> None:
@@ -44,9 +61,7 @@ def _check_names(plant: Plant, links: Iterable[_Link], flat: Flat) -> None:
     seen += [START + state.name for state in plant.states] + list(RESERVED)
     if plant.projection and "dt" in plant.projection.wires:
         seen.append("dt")
-    twice = sorted({name for name in seen if seen.count(name) > 1})
-    if twice:
-        raise ValueError(f"plant '{flat.name}': the names {twice} mean two things")
+    _once(seen)
     if "internal_step" not in flat.params:
         raise ValueError(f"plant '{flat.name}' has no 'internal_step' among its constants")
 

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from servo_models.block import Block
 from servo_models.flat import local
 
-_BUILTINS = {"abs", "int", "float", "math"}
+_BUILTINS = {"abs": abs, "int": int, "float": float, "math": math}
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.While, ast.Return, ast.Pass)
 _EXPRESSIONS = (
     *(ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Tuple),
@@ -45,6 +45,7 @@ def inline(block: Block, names: Mapping[str, str], targets: Sequence[str], owner
     body = function.body[1:]  # the docstring comes first, block.py insists on it
     _check_subset(block, body)
     rename = _Rename(block, names, owner, body)
+    _set_after(block, body, set(rename.stored) - set(names))
     lines = [f"{rename.names[name]} = {names[name]}" for name in rename.stored if name in names]
     for statement in _tail_form(body, targets, block):
         lines += ast.unparse(ast.fix_missing_locations(rename.visit(statement))).splitlines()
@@ -64,6 +65,39 @@ def _check_subset(block: Block, body: Sequence[ast.stmt]) -> None:
             left = node.left
             if not (isinstance(left, ast.Call) and ast.unparse(left.func) == "int"):
                 raise ValueError(f"block '{block.name}' takes % of a float: take it of an int()")
+
+
+def _set_after(block: Block, body: Sequence[ast.stmt], unset: set[str]) -> set[str]:
+    """Return which local variables of ``unset`` may still have no value after ``body``.
+
+    Raises:
+        ValueError: one of them is read, where Python would stop but the text would find what
+            it held at another time.
+    """
+    for statement in body:
+        if isinstance(statement, ast.If | ast.While):
+            _check_set(block, statement.test, unset)
+            inside = _set_after(block, statement.body, unset)
+            other = _set_after(block, statement.orelse, unset)
+            unset = inside | other if isinstance(statement, ast.If) else unset
+        else:
+            _check_set(block, statement, unset)
+            unset = unset - {n.id for n in ast.walk(statement) if isinstance(n, ast.Name)}
+        if isinstance(statement, ast.Return):
+            return set()  # nothing follows
+    return unset
+
+
+def _check_set(block: Block, tree: ast.AST, unset: set[str]) -> None:
+    stored_only = not isinstance(tree, ast.AugAssign)
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Name) or node.id not in unset:
+            continue
+        if not (stored_only and isinstance(node.ctx, ast.Store)):
+            raise ValueError(
+                f"block '{block.name}' reads '{node.id}' (line {node.lineno} of its source), which"
+                " may have no value there: give it one before"
+            )
 
 
 def _tail_form(body: Sequence[ast.stmt], targets: Sequence[str], block: Block) -> list[ast.stmt]:
@@ -124,7 +158,8 @@ class _Rename(ast.NodeTransformer):
         self, block: Block, names: Mapping[str, str], owner: str, body: Sequence[ast.stmt]
     ) -> None:
         self.block = block
-        self.globals = block.function.__globals__
+        outer = inspect.getclosurevars(block.function)
+        self.seen = {**block.function.__globals__, **outer.nonlocals}
         self.stored = dict.fromkeys(
             node.id
             for statement in body
@@ -146,14 +181,15 @@ class _Rename(ast.NodeTransformer):
     def visit_Name(self, node: ast.Name) -> ast.expr:
         if node.id in self.names:
             return ast.Name(id=self.names[node.id], ctx=node.ctx)
-        if node.id in _BUILTINS:
+        builtin = _BUILTINS.get(node.id)
+        constant = self.seen.get(node.id, builtin)
+        if builtin is not None and constant is builtin:
             return ast.Name(id=f"_{node.id}", ctx=node.ctx)
-        constant = self.globals.get(node.id)
         if isinstance(constant, (int, float)) and math.isfinite(constant):
             return ast.Constant(value=constant)
         raise ValueError(
             f"block '{self.block.name}' uses '{node.id}' (line {node.lineno} of its source);"
-            " a block may use its arguments, module constants, abs, int, float and math"
+            " a block may use its arguments, constants and Python's own abs, int, float and math"
         )
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:

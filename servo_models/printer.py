@@ -292,7 +292,7 @@ class Printer:
         for j in range(STAGES):
             test = f"if _k == {j}:" if j == 0 else f"elif _k == {j}:" if j < 4 else "else:"
             cut = self.cut() if j == 1 else []  # a clock may just have been set, at 0
-            text += [test, *indent([*cut, *self.move(j)])]
+            text += [test, *indent([*cut, *self.move(j)] or ["pass"])]  # without states
         chunks = zip(self.flat.stage, self.kept(self.slopes), self.kept(at_ends))
         for needed, group in itertools.groupby(chunks, key=lambda entry: entry[1]):
             lines = list(self.lines(chunk for chunk, _, kept in group if kept))

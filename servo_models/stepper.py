@@ -87,7 +87,7 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
 
     ``start()`` returns the state at rest; ``step(x, u, t, size)`` advances ``x`` in place
     and returns ``(code, outputs)``, with the codes of ``run_text``.  A size of 0 only
-    evaluates the outputs.
+    evaluates the outputs.  ``step.internal_step`` is what effects make of it.
     """
     text = Printer(flat, dropped=set(dropped), guarded=False)
     step = [
@@ -105,6 +105,7 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
         *indent([start]),
         "def _step(_x, _u, _t, _size):",
         *indent(step),
+        "_step.internal_step = internal_step",
         "return _start, _step",
     ]
     return "\n".join([*HEAD, "def make(_p):", *indent(body), ""])

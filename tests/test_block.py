@@ -88,9 +88,61 @@ def forgetful(u: float) -> float:
     return u
 
 
+@block("y")
+def one_branch(u: float) -> float:
+    """Has a value in one branch only."""
+    if u > 1.0:
+        half = 0.5 * u
+    return half
+
+
+@block("y")
+def perhaps_never(u: float) -> float:
+    """Has a value if the loop is entered."""
+    while u > 1.0:
+        rest = u
+        u = u - 1.0
+    return rest
+
+
+@block("y")
+def adding(u: float) -> float:
+    """Adds to nothing."""
+    if u > 1.0:
+        total += u  # type: ignore[has-type,used-before-def]  # noqa: F821
+    else:
+        total = u
+    return total
+
+
+@block("y")
+def every_branch(u: float) -> float:
+    """Has a value in every branch from which it is read."""
+    if u > 1.0:
+        half = 0.5 * u
+    elif u > 0.0:
+        return u
+    else:
+        half = u
+    while half > 1.0:
+        more = half - 1.0
+        half = more
+    return half
+
+
+@pytest.mark.parametrize("u", [-1.0, 0.5, 1.5, 9.0])
+def test_a_variable_with_a_value_in_every_branch_is_fine(u: float) -> None:
+    scope = {"u": u, "y": 0.0}
+    exec("\n".join(inline(every_branch, {"u": "u"}, ["y"], "owner")), scope)
+    assert scope["y"] == every_branch(u)
+
+
 @pytest.mark.parametrize(
     ("bad", "sentence"),
     [
+        (one_branch, "'one_branch' reads 'half' .line 6"),
+        (perhaps_never, "'perhaps_never' reads 'rest'"),
+        (adding, "'adding' reads 'total'"),
         (power, "write the product"),
         (early, "return at its end"),
         (reaching, "uses 'OUTSIDE'"),

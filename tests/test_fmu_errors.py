@@ -20,6 +20,7 @@ from fmpy.fmi1 import FMICallException
 from fmu_host import Host
 
 from servo_models.errors import UserError
+from servo_models.simulate import model
 from servo_models.validation.subject import Subject
 
 Files = Callable[[str], Path]
@@ -309,6 +310,16 @@ def test_a_call_out_of_order_is_named(
 
 def test_a_step_that_would_not_end_is_refused(host: Host) -> None:
     refused(host, lambda: host.fmu.doStep(1e-3, 1e9), "1000000 internal steps", "that is 100 s")
+
+
+def test_internal_steps_are_counted_as_an_effect_shortens_them(fmu_folder: Files) -> None:
+    """0.13 rad a step of the resonance of 1e-4 rad/(N.m) and two inertias [kg.m2]."""
+    values = {"gear_compliance.compliance": 1e-4, "gear_compliance.inertia": 1e-5}
+    own = model("torque_motor").values["rotor_inertia"]
+    longest = 1e6 * 0.13 * math.sqrt(1e-4 / (1.0 / 1e-5 + 1.0 / own))
+    with Host(fmu_folder("torque_motor")) as host:
+        host.start({"voltage": 10.0, **values})
+        refused(host, lambda: host.fmu.doStep(0.0, 99.0), f"that is {longest:g} s")
 
 
 Damage = Callable[[dict[str, Any]], object]

@@ -29,8 +29,8 @@ SHARE = {
     "a renamed output": "has not the variables of actuator 'joint' ('angles', 'reading')",
     "a wrong GUID": "the GUID is not that of this description",
     "a wrong bound": "Real has max 400.0, not 4.0",
-    "a library that is a text": "its library cannot be loaded",
-    "no library of this system": "it has no library binaries/",
+    "a library that is a text": "has a library that cannot be loaded",
+    "no library of this system": "has no library binaries/",
 }
 """Cases of which each is told in its own way, and what is told."""
 REFUSED = {

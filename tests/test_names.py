@@ -13,7 +13,9 @@ import keyword
 import linecache
 import math
 import re
-from typing import Any
+import types
+from dataclasses import replace
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -22,12 +24,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servo_models.actuator import Plant, Wire, place
-from servo_models.block import Param
+from servo_models.block import Block, Param, block, effect
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.diagnosis.where.alone import measured_name, opened
 from servo_models.effects.lag import lag
 from servo_models.flat import Flat, neutral_effects
 from servo_models.flatten import flatten
+from servo_models.inline import inline
 from servo_models.stepper import run_text, step_text
 
 GAIN = 1745.3
@@ -241,6 +244,46 @@ def test_a_name_that_no_text_can_hold_is_refused_by_name(name: str) -> None:
             make()
 
 
+TWICE = 2.0
+factor = 3.0
+
+
+def doubled() -> Block:
+    factor = TWICE
+
+    @block("aim")
+    def decoder(pulse: float) -> float:
+        """Angle aimed at."""
+        return factor * pulse
+
+    return decoder
+
+
+def printed(decoder: Block, pulse: float) -> float:
+    """What the text makes of a block for one value."""
+    lines = inline(decoder, {"pulse": "pulse"}, ["aim"], "decoder")
+    scope: dict[str, Any] = {"pulse": pulse}
+    exec("\n".join(lines), scope)
+    return float(scope["aim"])
+
+
+def test_a_constant_of_the_function_around_a_block_hides_that_of_the_file() -> None:
+    decoder = doubled()
+    assert printed(decoder, 5.0) == decoder(5.0) == 10.0
+
+
+@pytest.mark.parametrize("name", ["abs", "int", "float", "math"])
+def test_a_name_that_the_file_gives_another_meaning_is_not_that_of_python(name: str) -> None:
+    @block("aim")
+    def decoder(pulse: float) -> float:
+        """Angle aimed at."""
+        return float(abs(pulse)) + float(int(pulse)) + math.sqrt(pulse)
+
+    hidden = types.FunctionType(decoder.function.__code__, {**globals(), name: lambda value: value})
+    with pytest.raises(ValueError, match=f"block 'decoder' uses '{name}'"):
+        printed(replace(decoder, function=hidden), 4.0)
+
+
 @pytest.mark.parametrize("name", TIME)
 def test_time_is_no_wire(name: str) -> None:
     with pytest.raises(ValueError, match=f"'{name}' is time itself"):
@@ -259,6 +302,60 @@ def test_time_is_no_wire(name: str) -> None:
 def test_a_name_of_two_things_is_refused(kind: str, name: str) -> None:
     with pytest.raises(ValueError, match=rf"\['{name}'\] mean two things"):
         flatten(declared(**{kind: name}), "servo")
+
+
+UNLIKE = {
+    "parameter 'gain' of block 'controller' is declared otherwise": ("bandwidth", "gain"),
+    "output or rate of a state: unknown wire 'angel'; did you mean 'angle'": (
+        'outputs=("STATE"',
+        'outputs=("angel"',
+    ),
+    "output or rate of a state: unknown wire 'pace'": ('"angle"), "speed"', '"angle"), "pace"'),
+    r"\['aim'\] mean two things": ("wires=(", 'wires=(Wire("aim", "1", "twice"), '),
+    r"the names \['aim'\] mean": ('"WIRE"),\n    const', '"WIRE", "aim"),\n    const'),
+    r"the names \['pulse'\] mean": ('outputs=("STATE"', 'outputs=("pulse"'),
+}
+
+
+@pytest.mark.parametrize("reason", UNLIKE)
+def test_declarations_that_contradict_each_other_are_refused(
+    reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old, new = UNLIKE[reason]
+    assert old in SOURCE
+    monkeypatch.setitem(globals(), "SOURCE", SOURCE.replace(old, new))
+    with pytest.raises(ValueError, match=reason):
+        flatten(declared(), "servo")
+
+
+def test_blocks_may_declare_one_parameter_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    alike = f'bandwidth: Annotated[float, Param("rad/s", "gain", {GAIN})],'
+    own = re.sub(r"bandwidth: Annot.*", alike, SOURCE).replace("bandwidth", "gain")
+    monkeypatch.setitem(globals(), "SOURCE", own)
+    assert flatten(declared(), "servo").params.count("gain") == 1
+
+
+@effect("signal", source="a test")
+def shifted(
+    signal: float,
+    name: float,
+    effect: float,
+    share: Annotated[float, Param("1", "share", switch=True)],
+) -> float:
+    """A signal and two more."""
+    return signal + share * (name + 2.0 * effect)
+
+
+def test_an_effect_may_call_its_arguments_as_place_does() -> None:
+    placed = place("shift", shifted, "aim", name="angle", effect="speed")
+    assert [placed.wire_of(it) for it in shifted.wires] == ["aim", "angle", "speed"]
+
+
+def test_what_a_placement_says_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="unknown argument 'nam' in effect 'shift'; did you mean"):
+        place("shift", shifted, "aim", nam="angle")
+    with pytest.raises(ValueError, match="unknown parameter 'shar' in effect 'shift'"):
+        place("shift", shifted, "aim", params={"shar": Param("1", "share")})
 
 
 def test_a_measured_wire_gets_a_name_that_the_author_has_not_used() -> None:

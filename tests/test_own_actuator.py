@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
+from fmu_src.source import slave_source
 from servo_models.description import read_description
 from servo_models.errors import UserError
 from servo_models.parameter_set import read_parameters
@@ -122,6 +124,53 @@ def test_declarations_that_do_not_fit_together_are_an_error(tmp_path: Path, run:
         assert code == 2
         assert f"{path}'" in err
         assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["../up", "my servo", "2x", "a.b", "class", "", "nul\0"])
+def test_a_name_that_no_fmu_can_have_is_refused(name: str, tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('name="joint"', f"name={name!r}"))
+    code, out, err = run("build", path, "--out", tmp_path / "built")
+    assert (code, out) == (2, "")
+    assert "joint.py' does not run: ValueError: actuator '" in err
+    assert len(err.splitlines()) == 1
+    assert {it.name for it in tmp_path.iterdir()} <= {"joint.py", "joint.ran"}
+
+
+def test_an_output_without_a_unit_is_refused(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('Wire("speed", "rad/s", "speed"),', ""))
+    assert run("simulate", path)[0] == 0
+    path.write_text(path.read_text().replace('outputs=("angle",)', 'outputs=("speed",)'))
+    code, out, err = run("simulate", path)
+    assert (code, out) == (2, "")
+    assert "joint.py' does not run: ValueError: unknown output 'speed'" in err
+
+
+def test_a_standard_step_of_no_input_is_refused(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('step=("goal"', 'step=("gaol"'))
+    code, out, err = run("build", path, "--out", tmp_path / "built")
+    assert (code, out) == (2, "")
+    assert "ValueError: unknown input of the standard step 'gaol'; did you mean 'goal'" in err
+
+
+def test_an_uncertainty_of_no_parameter_is_refused(tmp_path: Path, run: Run) -> None:
+    _, description = describe(tmp_path, "joint.py")
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('{}, "")', '{}, "", uncertainty={"time": 0.3})'))
+    code, out, err = run("check", description)
+    assert (code, out) == (2, "")
+    assert "unknown parameter with an uncertainty 'time'; did you mean 'time_constant'" in err
+
+
+@pytest.mark.parametrize("title", ["C:\\users", 'three quotes """', "of two\nlines", "plain"])
+def test_a_title_is_no_code(title: str, tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('title="A joint"', f"title={title!r}"))
+    chosen = model(str(path))
+    text = ast.parse(slave_source(chosen)[1])
+    assert (ast.get_docstring(text, clean=False) or "").startswith(f"{chosen.actuator.title}, ")
 
 
 PARAMETERS = "actuator = '{name}'\n"

@@ -286,6 +286,29 @@ def test_an_author_may_call_a_wire_target(tmp_path: Path, run: Run) -> None:
     assert "blocks as plain functions: as it is" in out
 
 
+def test_whatever_a_block_raises_is_a_failed_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise TypeError("float expected")
+
+    monkeypatch.setattr("servo_models.validation.plain_rows.integrate", fails)
+    row = row_of(on(""), tmp_path)
+    assert row.passed is False
+    assert row.note == "a block fails: TypeError: float expected"
+
+
+def test_an_own_actuator_that_does_not_fit_together_is_refused(tmp_path: Path, run: Run) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text(TARGET)
+    assert run("build", mine, "--out", tmp_path)[0] == 0
+    mine.write_text(TARGET.replace("chain=(command, loop)", "chain=(loop, command)"))
+    code, _, err = run("validate", tmp_path / "second_order.fmu", "--actuator", mine)
+    assert code == 2
+    assert "mine.py': unknown wire 'target' in block 'loop'" in err
+    assert len(err.splitlines()) == 1
+
+
 @block("swing", "torque")
 def two_wells(
     angle: float, speed: float, goal: float, coin: Annotated[float, Memory()]

@@ -20,7 +20,7 @@ from servo_models.compiled import plain_make
 from servo_models.effects.sample_hold import sample_hold
 from servo_models.flat import neutral_effects, trouble
 from servo_models.flatten import flatten
-from servo_models.stepper import step_text
+from servo_models.stepper import run_text, step_text
 
 H = 1e-3
 
@@ -77,6 +77,25 @@ def test_output_after_commit_is_output_before(effect: Block, data: st.DataObject
     arguments |= dict(zip(effect.memory, at_the_end[wires:]))
     again = effect(**{**arguments, **({"elapsed": 0.0} if "elapsed" in arguments else {})})
     assert again[:wires] == at_the_end[:wires]
+
+
+# A plant without states.
+
+
+@block("doubled")
+def doubling(u: float) -> float:
+    """Answers at once."""
+    return 2.0 * u
+
+
+def test_a_plant_may_have_no_states() -> None:
+    flat = flatten(small_plant(doubling, outputs=("doubled",)), "gain")
+    scope: dict[str, Any] = {}
+    exec(run_text(flat), scope)
+    inputs, out = np.array([[1.0], [3.0], [5.0]]), np.empty((3, 1))
+    times = np.array([0.0, 3.0 * H, 3.0 * H])
+    assert scope["run"](np.array([H]), np.zeros(flat.size), times, inputs, out) == (0, 3)
+    assert out.ravel().tolist() == [2.0, 2.0, 6.0]
 
 
 # Sub-steps.

@@ -64,9 +64,9 @@ def validate(
     servo-models validate fmus/sg90.fmu --report report.html --junit junit.xml
     """
     from servo_models import formats
+    from servo_models.catalogue import actuator as find_actuator
     from servo_models.cli.console import progress, show
     from servo_models.files import check_writable
-    from servo_models.own_actuator import load_actuator
     from servo_models.parameter_set import read_parameters
     from servo_models.validate import validate as run
 
@@ -78,7 +78,7 @@ def validate(
     subjects: list[Any] = [*(fmus or ())]
     if params:
         subjects.append(read_parameters(params, trust).model())
-    own = load_actuator(actuator) if actuator else None
+    own = find_actuator(str(actuator)) if actuator else None
     limits = Limits(timeout, memory, unpacked)
     with progress("validating") as on_progress:
         try:

@@ -74,13 +74,13 @@ class Fmu:
         folder, suffix = PLATFORMS.get(sys.platform, ("linux64", ".so"))
         path = self.folder / "binaries" / folder / (about["identifier"] + suffix)
         if not path.is_file():
-            raise RefusedError(f"it has no library {path.relative_to(self.folder).as_posix()}")
+            raise RefusedError(f"has no library {path.relative_to(self.folder).as_posix()}")
         try:
             self.library = ctypes.CDLL(str(path))
             self.library.fmi2Instantiate.restype = ctypes.c_void_p
         except (OSError, AttributeError) as error:
             reason = str(error).replace(str(self.folder), "").strip("/: ")
-            raise RefusedError(f"its library cannot be loaded: {reason}") from error
+            raise RefusedError(f"has a library that cannot be loaded: {reason}") from error
 
 
 class Instance:
@@ -108,9 +108,7 @@ class Instance:
             1,
         )
         if not made:
-            raise RefusedError(
-                self.heard[0] if self.heard else "it gives no instance and no reason"
-            )
+            raise RefusedError(self.heard[0] if self.heard else "no instance, and no reason")
         self.component = ctypes.c_void_p(made)
         zero = ctypes.c_double(0.0)
         self.call("SetupExperiment", 0, zero, ctypes.c_double(begin), 0, zero)

@@ -82,8 +82,10 @@ def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
             integrate(chosen.plant, chosen.values, times, inputs, finer) for finer in (1, FINER)
         )
         found = [run(chosen, times, inputs) for run in (Model.run, subject.run)]
-    except (UserError, ArithmeticError, ValueError) as error:
-        reason = str(error) if isinstance(error, UserError) else f"a block fails: {error}"
+    except UserError as error:
+        return failure(MODEL, where, str(error), subject.name)
+    except Exception as error:  # a block is anybody's Python
+        reason = f"a block fails: {type(error).__name__}: {error}"
         return failure(MODEL, where, reason, subject.name)
     value, limit, until = _compared(coarse, fine, found, chosen.values["internal_step"])
     quantity = "largest difference of any output"
