@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 LONGEST_RUN = 1e8
 """Internal steps in a run: some ten seconds of work.  More is a slip of a unit or of a clock."""
+MOST_TRIED = 10
+"""Changed parameters of a run that fails, up to which each is put back alone to name its part."""
 SHORTEST = 1e-12
 """Communication step [s] below which an internal step is not halved."""
 PLANTS = 64
@@ -175,15 +177,15 @@ class Model:
     def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:
         """Clause about the parameters without each of which a run that fails would succeed."""
         own = self.actuator.values(self.variant)
+        changed = [name for name, value in self.values.items() if value != own[name]]
         blamed = []
-        for name, value in self.values.items():
-            if value != own[name]:
-                vector = np.array(list({**self.values, name: own[name]}.values()))
-                with contextlib.suppress(UserError):
-                    self._ran(vector, begin.copy(), times, inputs)
-                    unit = self.plant.parameters[name].param.unit
-                    instead = f"{own[name]:g} {unit}".removesuffix(" 1")
-                    blamed.append(f"with '{name}' = {instead} instead of {value:g} it runs")
+        for name in changed if len(changed) <= MOST_TRIED else ():
+            vector = np.array(list({**self.values, name: own[name]}.values()))
+            with contextlib.suppress(UserError):
+                self._ran(vector, begin.copy(), times, inputs)
+                unit = self.plant.parameters[name].param.unit
+                instead = f"{own[name]:g} {unit}".removesuffix(" 1")
+                blamed.append(f"with '{name}' = {instead} instead of {self.values[name]:g} it runs")
         return f" ({'; '.join(blamed)})" if blamed else ""
 
 

@@ -20,7 +20,7 @@ from plants.bench import step_constant
 from servo_models.actuator import Actuator, Plant, State, Variant, Wire
 from servo_models.block import Block, Param, block
 from servo_models.errors import UserError
-from servo_models.simulate import Array, Model, Result, model, simulate
+from servo_models.simulate import MOST_TRIED, Array, Model, Result, model, simulate
 
 COARSE = 5e-3
 """Internal step [s] of the plants below."""
@@ -273,6 +273,28 @@ def test_a_refusal_on_the_command_line_is_one_line(run: Run) -> None:
 
 
 Files = Callable[[str], Path]
+
+
+def test_a_refusal_of_many_changes_tries_none_of_them_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A run may take seconds, and each change would be another one: 74 of them took 12 s."""
+    every = model("linear_drive").values
+    moved = {name: 0.999 * value for name, value in every.items() if value > 0.0}
+    assert len(moved) > MOST_TRIED
+    tried = model("linear_drive", None, {**moved, "mass": 0.1, "viscous_coefficient": 1e4})
+    runs = []
+    once = Model._ran
+
+    def counted(self: Model, *args: Array) -> Array:
+        runs.append(self)
+        return once(self, *args)
+
+    monkeypatch.setattr(Model, "_ran", counted)
+    with pytest.raises(UserError, match="too fast") as refused:
+        simulate(tried, 4e-3 * np.arange(100), {"reference": 0.01})
+    assert len(runs) == 1
+    assert "it runs" not in str(refused.value)
 
 
 def test_an_fmu_refuses_at_the_first_step_what_is_too_fast(fmu_folder: Files) -> None:
