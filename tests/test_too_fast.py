@@ -280,7 +280,7 @@ def test_a_refusal_of_many_changes_tries_none_of_them_alone(
 ) -> None:
     """A run may take seconds, and each change would be another one: 74 of them took 12 s."""
     every = model("linear_drive").values
-    moved = {name: 0.999 * value for name, value in every.items() if value > 0.0}
+    moved = {n: 0.999 * v for n, v in every.items() if v > 0.0 and n != "internal_step"}
     assert len(moved) > MOST_TRIED
     tried = model("linear_drive", None, {**moved, "mass": 0.1, "viscous_coefficient": 1e4})
     runs = []
