@@ -456,7 +456,10 @@ def trial(names: list[str], count: int, damaged: int, seed: int) -> int:
             found = kills(name, count, rng, bench)
             moments = bench.expected.moments
             print(
-                f"{name}: {bench.killed} of {count} killed, {moments} moments, {len(found)} faults"
+                f"{name}: {bench.killed} of {count} killed, {moments} moments, {len(found)} faults",
+                *found,
+                sep="\n",
+                flush=True,
             )
             faults += found
         if damaged:
@@ -465,9 +468,8 @@ def trial(names: list[str], count: int, damaged: int, seed: int) -> int:
             shutil.copytree(folder / "case" / "cache", own)
             told, found = caches(damaged, random.Random(f"{seed} caches"), bench, own)
             print(f"{damaged} damaged caches, {len(found)} faults: {dict(sorted(told.items()))}")
+            print(*found, sep="\n")
             faults += found
-    for fault in faults:
-        print(fault)
     return len(faults)
 
 
