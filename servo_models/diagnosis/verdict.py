@@ -76,7 +76,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
     hunting = unrepeatable(taken)
     left = taken.left.without(hunting)
-    lacking = missing(left, gap, len(taken.effects)) or bool(not_followed(taken, TOLERANCE))
+    lacking = missing(left, gap, len(taken.effects)) or bool(not_followed(taken, tolerance))
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)
