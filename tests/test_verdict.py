@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.belief import probabilities
 from servo_models.diagnosis.search.causes import Causes, find_causes
-from servo_models.diagnosis.verdict import EFFECTS, OUTSIDE, PARAMETERS, decide
+from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
 from tests.test_search_of_causes import made
 
 
@@ -75,3 +75,13 @@ def test_an_output_that_is_not_followed_counts_from_the_tolerance_that_was_asked
     before = replace(one.evidence, unseen=10.0 * noise)
     verdict = decide(Causes(before, left, [], [], [], left, {}), tolerance)
     assert (verdict.kind, verdict.rest) == (kind, 0.0)
+
+
+def test_unless_asked_the_search_and_the_verdict_allow_the_same_gap() -> None:
+    """What a verdict calls no gap, no search explains before."""
+    motion = float(np.std(made({})[0].logs[0].outputs["angle"]))
+    bench, _ = made({}, noise=motion)
+    assert 0.0 < bench.unfitted().evidence.rms < 2.0
+    causes = find_causes(bench)
+    assert decide(causes).kind == NO_GAP
+    assert not causes.fitted
