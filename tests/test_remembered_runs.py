@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,3 +52,16 @@ def test_what_is_remembered_cannot_be_changed() -> None:
     outputs = run.outputs({})
     outputs[:] = 0.0  # a copy, and the caller's own
     assert np.any(run.outputs({}))
+
+
+def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() -> None:
+    """The next one may lie where the last one did."""
+    chosen = model("torque_motor", "measured")
+    for volts in np.linspace(1.0, 10.0, 20):
+        one = log(np.full(len(TIMES), volts))
+        run = prepared(chosen, one)
+        np.testing.assert_array_equal(run.simulate({}), chosen.run(run.times, run.inputs))
+        gone = weakref.ref(one)
+        del one, run
+        gc.collect()
+        assert gone() is None
