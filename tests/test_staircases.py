@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_search_of_causes import made
 
 from servo_models.diagnosis.fitting.stepwise import shifted
 from servo_models.diagnosis.search.fits import beside
@@ -20,7 +21,6 @@ from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.recording import Log
 from servo_models.simulate import Array, model, simulate
-from tests.test_search_of_causes import made
 
 
 @given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))
