@@ -120,6 +120,17 @@ def _memory(phi: Array, r: Array) -> Array:
     return np.asarray(lfiltic([1.0], [1.0, *-phi], r[order::-1][:order]))
 
 
+def scatter(slopes: Array, covariance: Array) -> Array:
+    """Return J' R J for slopes J, shape (n, p), and the R of an autocovariance, shape (p, p)."""
+    n = len(slopes)
+    kernel = np.concatenate([covariance[:0:-1], covariance])
+    size = 2 ** int(np.ceil(np.log2(n + len(kernel))))
+    spectrum = np.fft.rfft(kernel, size)[:, None] * np.fft.rfft(slopes, size, axis=0)
+    spread_out = np.fft.irfft(spectrum, size, axis=0)
+    first = len(covariance) - 1
+    return np.asarray(slopes.T @ spread_out[first : first + n])
+
+
 def inflation(residuals: Array) -> float:
     """Return by how much correlation shrinks the number of independent residuals, at least 1."""
     r = autocovariance(residuals)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter, lsim
 from scipy.stats import binom
 
-from servo_models.noise import dependence, inflation, whiteness
+from servo_models.noise import dependence, inflation, scatter, whiteness
 
 
 def test_residual_tests_reject_noise_at_their_nominal_rate() -> None:
@@ -77,3 +78,11 @@ def test_correlated_noise_counts_as_fewer_samples() -> None:
     for k in range(1, len(noise)):
         noise[k] = r * noise[k - 1] + rng.standard_normal()
     assert inflation(noise) == pytest.approx((1.0 + r) / (1.0 - r), rel=0.25)
+
+
+@pytest.mark.parametrize("lags", [1, 7, 50])
+def test_the_scatter_of_slopes_is_their_product_with_the_whole_covariance(lags: int) -> None:
+    rng = np.random.default_rng(3)
+    slopes, covariance = rng.standard_normal((50, 3)), rng.standard_normal(lags)
+    whole = toeplitz(np.concatenate([covariance, np.zeros(50 - lags)]))
+    np.testing.assert_allclose(scatter(slopes, covariance), slopes.T @ whole @ slopes, rtol=1e-9)
