@@ -30,9 +30,10 @@ from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.confirm import confirm
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.search.causes import TOLERANCE
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
-from servo_models.diagnosis.verdict import NO_GAP, TOLERANCE
+from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.diagnosis.where import Breakdown, where
 from servo_models.files import write_whole
 

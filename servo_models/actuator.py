@@ -178,6 +178,14 @@ class Plant:
                 found[link.name] = (*found.get(link.name, ()), link)
         return found
 
+    def main_wire(self, effect: str) -> str:
+        """Return the declared wire on which an effect acts, the first where it acts on several.
+
+        A function of it for the internal step acts on no declared one.
+        """
+        wires = [wire for link in self.placements[effect] for wire in link.on]
+        return next((wire for wire in wires if wire in self.wire), wires[0])
+
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """All parameters by name, plant first, in chain order.

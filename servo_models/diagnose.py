@@ -15,9 +15,9 @@ from servo_models.diagnosis.fitting.nominal import nominal_parameters
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs, without_flags
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.causes import TOLERANCE, find_causes
 from servo_models.diagnosis.search.fits import Tell
-from servo_models.diagnosis.verdict import TOLERANCE, decide
+from servo_models.diagnosis.verdict import decide
 from servo_models.threads import one_blas_thread
 
 __all__ = ["Diagnosis", "diagnose"]

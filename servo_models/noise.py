@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 LAGS = 25
 ORDERS = 20
@@ -27,34 +28,56 @@ def correlations(one: Array, other: Array, lags: int) -> Array:
     return np.array([float(one[k:] @ other[: n - k]) / n for k in range(min(lags, n - 1) + 1)])
 
 
-def whiteness(residuals: Array) -> float:
-    """Return the probability of such autocorrelations if the residuals are white (Ljung-Box)."""
+def _span(seen: Mask) -> slice:
+    """From the first sample that is seen to the last."""
+    rows = np.flatnonzero(seen)
+    return slice(int(rows[0]), int(rows[-1]) + 1)
+
+
+def _pairs(residuals: Array, seen: Mask) -> tuple[Array, Array]:
+    """Autocorrelations of seen residuals, and how many pairs each is the sum of, by lag."""
+    span = _span(seen)
+    values = np.where(seen, residuals, 0.0)[span]
+    share = np.count_nonzero(seen) / len(values)
+    there = seen[span].astype(float)
+    counts = np.round(correlations(there, there, LAGS) * len(there))
+    return correlations(values, values, LAGS) / share, counts
+
+
+def whiteness(residuals: Array, seen: Mask | None = None) -> float:
+    """Return the probability of such autocorrelations if the residuals are white (Ljung-Box).
+
+    Of samples that are not ``seen``, shape (n,), nothing is known; they still take their time.
+    """
     from scipy.stats import chi2
 
-    n = len(residuals)
-    r = correlations(residuals, residuals, LAGS)
+    r, counts = _pairs(residuals, np.ones(len(residuals), dtype=bool) if seen is None else seen)
     if r[0] == 0.0:
         return 1.0
-    lags = np.arange(1, len(r))
-    statistic = n * (n + 2.0) * float(np.sum((r[1:] / r[0]) ** 2 / (n - lags)))
-    return float(chi2.sf(statistic, len(lags)))
+    n, met = counts[0], np.flatnonzero(counts[1:]) + 1
+    statistic = n * (n + 2.0) * float(np.sum((r[met] / r[0]) ** 2 / counts[met]))
+    return float(chi2.sf(statistic, len(met)))
 
 
-def dependence(residuals: Array, given: Array) -> float:
+def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> float:
     """Return the probability of such correlations with past inputs if there is none.
 
-    The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.
+    The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.  The input is
+    known at samples that are not ``seen``, shape (n,), the residuals are not.
     """
     from scipy.stats import norm
 
-    u = given - np.mean(given)
-    both = correlations(residuals, u, LAGS)
-    own, drive = autocovariance(residuals), correlations(u, u, len(residuals) // 4)
+    seen = np.ones(len(residuals), dtype=bool) if seen is None else seen
+    span = _span(seen)
+    values, u = np.where(seen, residuals, 0.0)[span], given[span] - np.mean(given[span])
+    both = correlations(values, u, LAGS)
+    # zeros where nothing is seen count in both: so many pairs fewer in the variance of the sum
+    own, drive = autocovariance(values), correlations(u, u, len(values) // 4)
     k = min(len(own), len(drive))
     variance = own[0] * drive[0] + 2.0 * float(own[1:k] @ drive[1:k])
     if variance <= 0.0:
         return 1.0
-    largest = float(np.max(np.abs(both))) * np.sqrt(len(residuals) / variance)
+    largest = float(np.max(np.abs(both))) * np.sqrt(len(values) / variance)
     return float(min(1.0, 2.0 * len(both) * norm.sf(largest)))
 
 
@@ -95,6 +118,17 @@ def _memory(phi: Array, r: Array) -> Array:
 
     order = len(phi)
     return np.asarray(lfiltic([1.0], [1.0, *-phi], r[order::-1][:order]))
+
+
+def scatter(slopes: Array, covariance: Array) -> Array:
+    """Return J' R J for slopes J, shape (n, p), and the R of an autocovariance, shape (p, p)."""
+    n = len(slopes)
+    kernel = np.concatenate([covariance[:0:-1], covariance])
+    size = 2 ** int(np.ceil(np.log2(n + len(kernel))))
+    spectrum = np.fft.rfft(kernel, size)[:, None] * np.fft.rfft(slopes, size, axis=0)
+    spread_out = np.fft.irfft(spectrum, size, axis=0)
+    first = len(covariance) - 1
+    return np.asarray(slopes.T @ spread_out[first : first + n])
 
 
 def inflation(residuals: Array) -> float:

@@ -131,6 +131,12 @@ def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
         assert all(name.startswith("servo_models.blind.generator.") for name in own), path.name
 
 
+def test_the_tests_know_each_other_by_one_name() -> None:
+    """A bare ``pytest`` knows no ``tests.test_x``, and it would be loaded beside ``test_x``."""
+    for path in ROOT.glob("tests/**/*.py"):
+        assert not {name for name in imported(path) if name.startswith("tests.")}, path.name
+
+
 TRAVELLERS = ("flat", "printer", "stepper")
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import norm
+from test_diagnose_cli import DESCRIPTION, describe
+from test_search_of_causes import made
 
 from servo_models.description import read_description
 from servo_models.diagnosis.candidates import candidates
@@ -21,8 +23,6 @@ from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
 from servo_models.simulate import Array
-from tests.test_diagnose_cli import DESCRIPTION, describe
-from tests.test_search_of_causes import made
 
 
 @pytest.mark.parametrize("effects", [{}, {"coulomb_friction.level": 2e-3}])

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from test_search_of_causes import made
 
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.conditions import carried_over, conditions
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.recording import Log
 from servo_models.simulate import Array, simulate
-from tests.test_search_of_causes import made
 
 RESISTANCES = (1500.0, 3600.0, 9000.0)
 

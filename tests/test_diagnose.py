@@ -16,6 +16,7 @@ from test_diagnose_cli import DESCRIPTION, describe
 from threadpoolctl import threadpool_info
 
 from servo_models.audit import Floor
+from servo_models.catalogue import actuators
 from servo_models.description import read_description
 from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.confirm import Confirmation, confirm
@@ -348,3 +349,20 @@ def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
 )
 def test_names_are_listed_as_one_reads_them(names: list[str], read: str) -> None:
     assert words.listed(iter(names)) == read
+
+
+def test_an_effect_is_told_on_a_wire_that_a_user_knows() -> None:
+    """Its function for the internal step comes first, and is no place in the actuator."""
+    for name in ("torque_motor", "sg90", "smart_servo"):
+        found: Any = SimpleNamespace(model=model(name))
+        assert words.placed(found, ["gear_compliance"]) == "gear_compliance on 'angle'"
+
+
+def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on() -> None:
+    for actuator in actuators().values():
+        plant = actuator.plant
+        for name, placements in plant.placements.items():
+            wires = [wire for link in placements for wire in link.on]
+            wire = plant.main_wire(name)
+            assert wire in plant.wire
+            assert not [it for it in wires[: wires.index(wire)] if it in plant.wire]

@@ -13,8 +13,9 @@ import pytest
 
 from servo_models.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
+from servo_models.diagnosis.search.causes import TOLERANCE
 from servo_models.diagnosis.telling.cautions import cautions
-from servo_models.diagnosis.verdict import OUTSIDE, TOLERANCE
+from servo_models.diagnosis.verdict import OUTSIDE
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs" / "diagnosis"
 

@@ -191,13 +191,13 @@ def test_what_is_left_and_no_noise_is_told(found: Diagnosis) -> None:
 
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
     page = Page(text)
-    place = found.model.plant.placements
+    wire = {name: found.model.plant.main_wire(name) for name in found.causes.reach}
     reasons = words.ruled_out(found)
     for name in found.causes.reach:
         rows = [
             row
             for row in _cells(page, name.replace("_", " "))
-            if row[1] == place[name][0].on[0].replace("_", " ")
+            if row[1] == wire[name].replace("_", " ")
         ]
         assert [row[2] for row in rows] == ([reasons[name]] if name in reasons else [])
     named = {*found.verdict.members, *found.causes.taken.effects}

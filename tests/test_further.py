@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_search_of_causes import made
 
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
@@ -20,7 +21,6 @@ from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Array, model, simulate
-from tests.test_search_of_causes import made
 
 THREE = {
     "coulomb_friction.level": 1.5e-3,

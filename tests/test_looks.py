@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
+from test_search_of_causes import made
 
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
@@ -24,7 +25,6 @@ from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.identification.problem import free_parameter
 from servo_models.recording import Channel, Log
 from servo_models.simulate import Array, model, simulate
-from tests.test_search_of_causes import made
 
 
 @given(seed=st.integers(0, 10_000), twins=st.booleans(), shut=st.booleans())

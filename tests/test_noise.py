@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lsim
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter, lsim
 from scipy.stats import binom
 
-from servo_models.noise import dependence, inflation, whiteness
+from servo_models.noise import dependence, inflation, scatter, whiteness
 
 
 def test_residual_tests_reject_noise_at_their_nominal_rate() -> None:
@@ -33,6 +34,43 @@ def test_residual_tests_see_correlation_and_what_the_input_left() -> None:
     assert dependence(white + 0.3 * np.roll(u, 3), u) < 1e-6
 
 
+SEEN = np.arange(2200) % 44 < 22
+"""Stretches of 22 samples, with as many held out between them."""
+
+
+def test_residual_tests_keep_their_nominal_rate_across_samples_held_out() -> None:
+    """What stands at samples that are not seen is nobody's business, infinite errors too."""
+    u = np.sign(np.sin(np.arange(len(SEEN)) / 20.0))
+    runs, level = 400, 0.05
+    noise = [np.random.default_rng(k).standard_normal(len(SEEN)) for k in range(runs)]
+    white = [np.where(SEEN, e, np.inf) for e in noise]
+    slow = [np.where(SEEN, lfilter([1.0], [1.0, -0.6], e), np.nan) for e in noise]
+    most = binom.ppf(1.0 - 1e-4, runs, level)
+    found = [whiteness(e, SEEN) for e in white]
+    assert binom.ppf(1e-4, runs, level) <= sum(it < level for it in found) <= most
+    for errors in (white, slow):
+        assert sum(dependence(e, u, SEEN) < level for e in errors) <= most
+
+
+def test_residual_tests_count_time_across_samples_held_out() -> None:
+    """Neighbours of two stretches are 23 samples apart, not one."""
+    rng, seen = np.random.default_rng(0), np.tile(SEEN, 4)
+    white, u = rng.standard_normal((2, len(seen)))
+    echo = white + 0.9 * np.roll(white, 20)
+    assert whiteness(echo, seen) < 1e-6
+    assert dependence(white + 0.2 * np.roll(u, 23), u, seen) < 1e-6
+
+
+@pytest.mark.parametrize("held_out", [slice(0, 0), slice(0, 300), slice(1700, None)])
+def test_a_record_seen_in_one_stretch_is_that_stretch(held_out: slice) -> None:
+    errors, u = np.random.default_rng(2).standard_normal((2, 2200))
+    errors += np.roll(errors, 1)
+    seen = np.ones(len(errors), dtype=bool)
+    seen[held_out] = False
+    assert whiteness(errors, seen) == whiteness(errors[seen])
+    assert dependence(errors, u, seen) == dependence(errors[seen], u[seen])
+
+
 def test_correlated_noise_counts_as_fewer_samples() -> None:
     """An AR(1) process of correlation r has (1 + r) / (1 - r) samples to each independent one."""
     rng, r = np.random.default_rng(1), 0.8
@@ -40,3 +78,11 @@ def test_correlated_noise_counts_as_fewer_samples() -> None:
     for k in range(1, len(noise)):
         noise[k] = r * noise[k - 1] + rng.standard_normal()
     assert inflation(noise) == pytest.approx((1.0 + r) / (1.0 - r), rel=0.25)
+
+
+@pytest.mark.parametrize("lags", [1, 7, 50])
+def test_the_scatter_of_slopes_is_their_product_with_the_whole_covariance(lags: int) -> None:
+    rng = np.random.default_rng(3)
+    slopes, covariance = rng.standard_normal((50, 3)), rng.standard_normal(lags)
+    whole = toeplitz(np.concatenate([covariance, np.zeros(50 - lags)]))
+    np.testing.assert_allclose(scatter(slopes, covariance), slopes.T @ whole @ slopes, rtol=1e-9)

@@ -1,7 +1,12 @@
-"""Simulations that are remembered: the same as new ones, whoever asks, and nobody's to change."""
+"""Simulations that go on at once, and those that are remembered: the same as new ones, whoever
+asks, and nobody's to change."""
 
 from __future__ import annotations
 
+import gc
+import subprocess
+import sys
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,3 +55,28 @@ def test_what_is_remembered_cannot_be_changed() -> None:
     outputs = run.outputs({})
     outputs[:] = 0.0  # a copy, and the caller's own
     assert np.any(run.outputs({}))
+
+
+def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() -> None:
+    """The next one may lie where the last one did."""
+    chosen = model("torque_motor", "measured")
+    for volts in np.linspace(1.0, 10.0, 20):
+        one = log(np.full(len(TIMES), volts))
+        run = prepared(chosen, one)
+        np.testing.assert_array_equal(run.simulate({}), chosen.run(run.times, run.inputs))
+        gone = weakref.ref(one)
+        del one, run
+        gc.collect()
+        assert gone() is None
+
+
+NESTED = """
+from servo_models.identification.problem import map_on
+def sums(n): return sum(map_on(2, lambda k: n * k, range(5)))
+assert list(map_on(2, sums, range(8))) == [10 * n for n in range(8)]
+"""
+
+
+def test_tasks_that_have_tasks_of_their_own_do_not_wait_for_each_other() -> None:
+    """In a process of its own: threads that wait for each other cannot be ended otherwise."""
+    subprocess.run([sys.executable, "-c", NESTED], check=True, timeout=30)

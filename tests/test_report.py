@@ -24,6 +24,7 @@ from servo_models.report.paper import DIGITS
 from servo_models.report.parts import number
 from servo_models.report.style import PALETTE
 from servo_models.simulate import model, simulate
+from servo_models.validation.paper_sg90 import PRINTED_TIMES, TIME_CONSTANT
 from servo_models.validation.rows import (
     IMPLEMENTATION,
     MODEL,
@@ -205,10 +206,10 @@ def test_marks_of_the_sg90_tell_the_truth() -> None:
     for ending, k_f in sg90.COEFFICIENTS.items():
         run = sg90._step(f"linear{ending}", stop=60.0)
         share_ = run["angle"] / run["angle"][-1]
-        reached[k_f] = float(np.interp(sg90.PRINTED_TIMES[k_f], run.times, share_))
-    assert reached[0.18] == pytest.approx(sg90.REACHED, abs=0.005)
-    assert reached[0.1] == pytest.approx(sg90.REACHED, abs=0.005)
-    assert reached[0.05] < sg90.REACHED - 0.05
+        reached[k_f] = float(np.interp(PRINTED_TIMES[k_f], run.times, share_))
+    assert reached[0.18] == pytest.approx(TIME_CONSTANT, abs=0.005)
+    assert reached[0.1] == pytest.approx(TIME_CONSTANT, abs=0.005)
+    assert reached[0.05] < TIME_CONSTANT - 0.05
 
 
 def test_figures_of_both_servos_are_those_of_their_responses() -> None:

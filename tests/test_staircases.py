@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_search_of_causes import made
 
 from servo_models.diagnosis.fitting.stepwise import shifted
 from servo_models.diagnosis.search.fits import beside
@@ -16,8 +18,9 @@ from servo_models.diagnosis.search.pairing import stairs_seen
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortened, shortlist
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
-from servo_models.simulate import Array, model
-from tests.test_search_of_causes import made
+from servo_models.identification.problem import Problem, free_parameter
+from servo_models.recording import Log
+from servo_models.simulate import Array, model, simulate
 
 
 @given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))
@@ -143,6 +146,27 @@ def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
         (after,) = problem.costs([vector])
         vector = shifted(problem, vector)
     assert after < 1.1 * least
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_delay_is_moved_by_samples_of_every_log_that_jumps(order: int) -> None:
+    """Those of the slow log are too coarse for what the fast one shows."""
+    name, nominal = "transport_delay.time", model("sg90", "linear")
+    rig = replace(nominal, values={**nominal.values, name: 0.01})
+
+    def measured(step: float) -> Log:
+        rows = np.arange(240)
+        inputs = {"pulse_width": np.repeat([1.5e-3, 1.6e-3, 1.4e-3, 1.7e-3], 60)}
+        outputs = {"motor_voltage": simulate(rig, step * rows, inputs)["motor_voltage"]}
+        return Log("", Path(), "", step * rows, inputs, outputs, {}, rows, rows < 0)
+
+    logs = [measured(step) for step in (0.02, 0.0025)][::order]
+    free = free_parameter(nominal.plant.parameters[name], 0.0175, None)
+    problem = Problem(nominal, logs, [free])
+    vector: Array | None = problem.start
+    while vector is not None:
+        found, vector = vector, shifted(problem, vector)
+    assert problem.values(found)[name] == pytest.approx(0.01, abs=1e-4)
 
 
 def test_only_a_staircase_has_many_sizes_to_be_searched() -> None:

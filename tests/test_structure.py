@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from test_search_of_causes import made
 
 from servo_models.audit.sensor import difference_noise
 from servo_models.diagnosis.fitting.evidence import Evidence
@@ -195,3 +198,13 @@ def test_the_more_is_left_the_more_is_missing(
     # many effects imitate anything: whatever they surely leave is missing, and nothing else is
     assert missing(left, gap, 3) == missing(left, 0.0, 1) == sure(left)
     assert missing(left, gap, 2) == missing(left, gap)
+
+
+def test_what_is_remembered_of_a_log_does_not_keep_it_alive() -> None:
+    bench, _ = made({})
+    one = bench.unfitted()
+    gone = weakref.ref(bench.logs[0])
+    assert one.left.total > 0.0
+    del bench, one
+    gc.collect()
+    assert gone() is None

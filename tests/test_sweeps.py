@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from test_transfer import DT, EQUATION_12, MOTOR, log
 
 from servo_models import UserError, model, simulate
 from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
@@ -22,7 +23,6 @@ from servo_models.transfer import (
     read_sweeps,
     sweep_of_sines,
 )
-from tests.test_transfer import DT, EQUATION_12, MOTOR, log
 
 SWEEP = """
 [[sweeps]]

@@ -29,6 +29,7 @@ from servo_models.transfer import (
 )
 from servo_models.transfer.evidence import Point
 from servo_models.transfer.fit import Fit, fit
+from servo_models.transfer.scores import score
 from servo_models.transfer.soundness import pole_trouble, surplus_zero
 from servo_models.transfer.starts import starts
 from servo_models.transfer_pictures import bode, responses
@@ -195,6 +196,27 @@ def test_offset_and_held_out_samples_do_not_move_the_estimate() -> None:
     ]
     assert found[0].numerator == pytest.approx(found[1].numerator, rel=1e-6)
     assert found[0].denominator == pytest.approx(found[1].denominator, rel=1e-6)
+
+
+def test_residuals_are_judged_at_their_own_times_where_samples_are_held_out() -> None:
+    """What is left comes 23 samples after the input, and stretches have 22 samples."""
+    rng, times = np.random.default_rng(0), 0.01 * np.arange(8800.0)
+    noise, u = rng.standard_normal((2, len(times)))
+    y = lsim(([3.0], [1.0, 2.0]), u, times, interp=False)[1] + 0.05 * noise
+    hidden = np.arange(len(times)) % 44 >= 22
+    function = TransferFunction.of([3.0], [1.0, 2.0])
+    clean, late = (
+        score(function, [Record("r", times, u, it, hidden)])
+        for it in (y, y + 0.01 * np.roll(u, 23) + 0.05 * np.roll(noise, 20))
+    )
+    assert clean.independent is not None
+    assert late.independent is not None
+    assert clean.independent > 1e-3
+    assert late.independent < 1e-6
+    assert clean.white is not None
+    assert late.white is not None
+    assert clean.white > 1e-3
+    assert late.white < 1e-6
 
 
 @pytest.fixture(scope="module")

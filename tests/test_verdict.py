@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_search_of_causes import made
 
 from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.belief import probabilities
 from servo_models.diagnosis.search.causes import Causes, find_causes
-from servo_models.diagnosis.verdict import EFFECTS, decide
-from tests.test_search_of_causes import made
+from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
 
 
 def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None:
@@ -60,3 +60,28 @@ def test_no_effect_is_surer_than_sure(parts: list[float]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verdicts, "chances_of", lambda *_: shares / shares.sum())
         assert max(decide(causes, tolerance=0.0).chances.values()) <= 1.0
+
+
+@pytest.mark.parametrize(("tolerance", "kind"), [(1.0, OUTSIDE), (2.0, PARAMETERS)])
+def test_an_output_that_is_not_followed_counts_from_the_tolerance_that_was_asked_for(
+    tolerance: float, kind: str
+) -> None:
+    """A fit leaves noise of 1.5 floors, which is all that the output moves by."""
+    motion = float(np.std(made({})[0].logs[0].outputs["angle"]))
+    bench, _ = made({}, noise=motion / 1.5)
+    one = bench.unfitted()
+    noise = 1.5 * np.random.default_rng(0).standard_normal(len(one.evidence.errors))
+    left = replace(one, evidence=replace(one.evidence, errors=noise, unseen=noise))
+    before = replace(one.evidence, unseen=10.0 * noise)
+    verdict = decide(Causes(before, left, [], [], [], left, {}), tolerance)
+    assert (verdict.kind, verdict.rest) == (kind, 0.0)
+
+
+def test_unless_asked_the_search_and_the_verdict_allow_the_same_gap() -> None:
+    """What a verdict calls no gap, no search explains before."""
+    motion = float(np.std(made({})[0].logs[0].outputs["angle"]))
+    bench, _ = made({}, noise=motion)
+    assert 0.0 < bench.unfitted().evidence.rms < 2.0
+    causes = find_causes(bench)
+    assert decide(causes).kind == NO_GAP
+    assert not causes.fitted

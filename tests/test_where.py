@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,13 +19,13 @@ from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where import Bin, Breakdown, where
-from servo_models.diagnosis.where.alone import by_block
+from servo_models.diagnosis.where.alone import by_block, opened
 from servo_models.diagnosis.where.breakdown import plain
 from servo_models.diagnosis.where.regimes import _between, _digits
 from servo_models.diagnosis.where.samples import moving_input
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.recording import Channel, Log
-from servo_models.simulate import Model, model, simulate
+from servo_models.simulate import PLANTS, Model, model, simulate
 
 Array = NDArray[np.float64]
 STEP = 1e-3
@@ -250,6 +252,18 @@ def test_windows_of_time_count_from_the_files_first_row() -> None:
     (time,) = [one for one in places if one.dimension == "time"]
     assert (time.bins[0].low, time.bins[-1].high) == (7.0, 7.0 + TIMES[-1])
     assert sum(one.count for one in time.bins) == len(TIMES)
+
+
+def test_plants_whose_wires_were_replaced_are_not_kept_for_ever() -> None:
+    """A person's own come and go."""
+    plant = replace(model("torque_motor").plant)
+    gone = weakref.ref(plant)
+    assert opened(plant, ("angle",)) is opened(plant, ("angle",))
+    for _ in range(PLANTS):
+        plant = replace(plant)
+        opened(plant, ("angle",))
+    gc.collect()
+    assert gone() is None
 
 
 def test_the_blocks_of_a_loop_are_told_apart() -> None:

@@ -79,10 +79,10 @@ def diagnose(
     from servo_models.diagnose import diagnose as run
     from servo_models.diagnosis.confirm import confirm
     from servo_models.diagnosis.experiments.experiment import next_experiments
+    from servo_models.diagnosis.search.causes import TOLERANCE
     from servo_models.diagnosis.telling.document import document, github
     from servo_models.diagnosis.telling.parameters import parameter_set
     from servo_models.diagnosis.telling.sheet import diagnosis_sheet
-    from servo_models.diagnosis.verdict import TOLERANCE
     from servo_models.diagnosis.where import where
     from servo_models.files import write_whole
     from servo_models.interchange import finite_json

@@ -141,8 +141,8 @@ def _candidate(
     switches: list[Parameter],
     parameters: list[Parameter],
 ) -> Candidate:
-    placement = model.plant.placements[name][0]
-    effect, wire = placement.effect.name, placement.on[0]
+    effect = model.plant.placements[name][0].effect.name
+    wire = model.plant.main_wire(name)
     shape = [
         p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
     ]
@@ -185,8 +185,8 @@ def _sizes(
     shape: Sequence[Parameter],
 ) -> list[Settings]:
     """Settings of an effect to look at first."""
-    placement, switch = plant.placements[name][0], switches[0]
-    effect, wire = placement.effect.name, placement.on[0]
+    effect, switch = plant.placements[name][0].effect.name, switches[0]
+    wire = plant.main_wire(name)
     inertia = _inertia(name, shape)
     if ripple_of(name, shape):
         return ripples(switch, shape, plant, logs)

@@ -80,7 +80,7 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
     after = explanation.evidence.rms
     return Claim(
         name=name,
-        wire=model.plant.placements[name][0].on[0],
+        wire=model.plant.main_wire(name),
         probability=verdict.chances.get(name, 0.0),
         in_set=name in verdict.members,
         taken=name in causes.taken.effects,

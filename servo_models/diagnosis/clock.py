@@ -75,7 +75,7 @@ def answers(found: Explanation, effect: str) -> Answers | None:
     """
     problem = found.problem
     plant = problem.model.plant
-    wire = plant.placements[effect][0].on[0]
+    wire = plant.main_wire(effect)
     period = found.values[f"{effect}.period"]
     if wire not in {it.name for it in plant.inputs}:
         return None
@@ -95,7 +95,7 @@ def _delay_before(found: Explanation, effect: str, wire: str) -> float:
     for name, (placement, *_) in plant.placements.items():
         if name == effect:
             break
-        if placement.effect.name == "transport_delay" and placement.on[0] == wire:
+        if placement.effect.name == "transport_delay" and plant.main_wire(name) == wire:
             total += values[f"{name}.time"]
     return total
 

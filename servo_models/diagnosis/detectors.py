@@ -71,11 +71,12 @@ def detection(found: Explanation, name: str) -> Detection | None:
         found: a fit with the effect on.
         name: of the effect.
     """
-    placement = found.problem.model.plant.placements[name][0]
-    if placement.effect.name == "sample_hold":
+    plant = found.problem.model.plant
+    effect = plant.placements[name][0].effect.name
+    if effect == "sample_hold":
         return answers(found, name)
-    if placement.effect.name == "quantisation":
-        return _codes(found, name, placement.on[0])
+    if effect == "quantisation":
+        return _codes(found, name, plant.main_wire(name))
     return None
 
 

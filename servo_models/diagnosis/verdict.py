@@ -12,7 +12,7 @@ from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.structure import missing, sure
 from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.repeatability import unrepeatable
-from servo_models.diagnosis.search.causes import Causes
+from servo_models.diagnosis.search.causes import TOLERANCE, Causes
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,6 @@ EFFECTS = "effects"
 OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
 
-TOLERANCE = 2.0
-"""Gap in noise floors that counts as none."""
 FEW = 3
 """Explanations that a set may hold and still say something."""
 
@@ -76,7 +74,7 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
     hunting = unrepeatable(taken)
     left = taken.left.without(hunting)
-    lacking = missing(left, gap, len(taken.effects)) or bool(not_followed(taken, TOLERANCE))
+    lacking = missing(left, gap, len(taken.effects)) or bool(not_followed(taken, tolerance))
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.identification.problem import Problem
-from servo_models.noise import autocovariance
+from servo_models.noise import autocovariance, scatter
 
 Array = NDArray[np.float64]
 
@@ -33,19 +33,8 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float 
             continue
         for _ in log.outputs:
             part = slice(start, start + kept)
-            middle = middle + more * _scatter(jacobian[part], residuals[part])
+            own = autocovariance(residuals[part])
+            middle = middle + more * scatter(jacobian[part], own)
             start += kept
     freedom = count / max(count - jacobian.shape[1], 1)
     return np.asarray(freedom * inverse @ middle @ inverse)
-
-
-def _scatter(slopes: Array, errors: Array) -> Array:
-    """J' R J for the slopes of one record and the covariance R of its errors, shape (p, p)."""
-    covariance = autocovariance(errors)
-    n = len(slopes)
-    kernel = np.concatenate([covariance[:0:-1], covariance])
-    size = 2 ** int(np.ceil(np.log2(n + len(kernel))))
-    spectrum = np.fft.rfft(kernel, size)[:, None] * np.fft.rfft(slopes, size, axis=0)
-    spread_out = np.fft.irfft(spectrum, size, axis=0)
-    first = len(covariance) - 1
-    return np.asarray(slopes.T @ spread_out[first : first + n])

@@ -8,6 +8,7 @@ Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -36,12 +37,21 @@ REFUSED, LARGEST = 1e3, 1e100
 the measured range where that is more than 1: no motion at all leaves less."""
 
 
-_workers = functools.cache(ThreadPoolExecutor)
+_thread = threading.local()
+
+
+@functools.cache
+def _workers(jobs: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(jobs, initializer=setattr, initargs=(_thread, "is_worker", True))
 
 
 def map_on(jobs: int, simulate: Callable[[T], S], tasks: Iterable[T]) -> Iterator[S]:
-    """Return ``map`` of a function over tasks, on so many threads: compiled runs go on together."""
-    return map(simulate, tasks) if jobs == 1 else _workers(jobs).map(simulate, tasks)
+    """Return ``map`` of a function over tasks, on so many threads: compiled runs go on together.
+
+    A task does tasks of its own itself: all threads may be waiting for such ones.
+    """
+    alone = jobs == 1 or hasattr(_thread, "is_worker")
+    return map(simulate, tasks) if alone else _workers(jobs).map(simulate, tasks)
 
 
 @dataclass(frozen=True)

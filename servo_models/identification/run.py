@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
+from weakref import ref
 
 import numpy as np
 from cachetools import LRUCache, cached
@@ -97,7 +98,8 @@ class Run:
 
 @cached(
     LRUCache(REMEMBERED, getsizeof=lambda found: found.nbytes),
-    key=lambda run, vector: (run.log, run.model.plant, vector.tobytes()),
+    # a dead log equals itself only, so that no other one is given what was its own
+    key=lambda run, vector: (ref(run.log), ref(run.model.plant), vector.tobytes()),
     lock=Lock(),
 )
 def _simulated(run: Run, vector: Array) -> Array:

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from servo_models.report.parts import Section
 from servo_models.report.style import SERIES, Picture, colour, drawing, label, picture
 from servo_models.simulate import Result, model, simulate
+from servo_models.validation.paper_sg90 import PRINTED_OVERSHOOT, PRINTED_TIMES, TIME_CONSTANT
 from servo_models.validation.rows import Validation
 
 TITLE = "SG90 of the paper: step responses"
 COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}
 """Feedback coefficient K_f by the ending of the variant's name."""
-
-PRINTED_TIMES = {0.18: 2.6, 0.1: 4.6, 0.05: 7.5}
-"""Time constant T_SA [s] printed for each K_f (SG90 paper sec. 6)."""
-
-PRINTED_OVERSHOOT = 0.0484
-REACHED = 1.0 - math.exp(-2.0)
-"""Share of the final angle at T_SA; with it two of the three printed times come out."""
-
 SHOWN = 15.0
 STEP = 2.0e-3
 
@@ -50,7 +41,7 @@ def _linear() -> Picture:
             axes.plot(run.times[shown], share[shown], color=colour(series))
             axes.plot(
                 PRINTED_TIMES[k_f],
-                REACHED,
+                TIME_CONSTANT,
                 "x" if k_f == 0.05 else "o",
                 color=colour(series),
                 markerfacecolor="none",
@@ -58,13 +49,13 @@ def _linear() -> Picture:
                 markeredgewidth=1.6,
             )
         axes.axhline(1.0 + PRINTED_OVERSHOOT, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
-        axes.axhline(REACHED, color=colour("muted"), lw=0.8, ls=(0, (1, 2)))
+        axes.axhline(TIME_CONSTANT, color=colour("muted"), lw=0.8, ls=(0, (1, 2)))
         label(axes, (3.4, 1.0 + PRINTED_OVERSHOOT), "K_f = 0.18", "blue", (0, 9))
         label(axes, (SHOWN, 1.0 + PRINTED_OVERSHOOT), "4.84 %", "muted", (0, 7), "right")
         label(axes, (3.4, 0.71), "K_f = 0.1", "orange", (6, 0))
         label(axes, (4.0, 0.45), "K_f = 0.05", "green", (6, 0))
         label(axes, (SHOWN, 0.6), "cross: 7.5 s, not reproducible", "green", (0, 0), "right")
-        label(axes, (0.0, REACHED), "86.5 %", "muted", (4, 7))
+        label(axes, (0.0, TIME_CONSTANT), "86.5 %", "muted", (4, 7))
         axes.set(xlabel="time [s]", ylabel="angle / final angle", xlim=(0, SHOWN), ylim=(0, 1.2))
         return picture(
             figure,

@@ -9,6 +9,7 @@ from servo_models.reference.torque_motor import DELAY, EQ_12
 from servo_models.report.parts import Section, quantity
 from servo_models.report.style import Picture, colour, drawing, label, picture
 from servo_models.simulate import Result, model, simulate
+from servo_models.sine_test import SineTest
 from servo_models.validation.rows import Validation
 
 Real = NDArray[np.float64]
@@ -98,19 +99,10 @@ def _sine(hertz: float, periods: int, points: int = 400) -> Result:
     return simulate(model("torque_motor", "identified", NO_STOPS), grid, {"voltage": voltage})
 
 
-def _response(hertz: float, points: int = 400) -> complex:
-    """Angle per voltage [rad/V] of the simulation at ``hertz``, after it has settled.
-
-    The input is held between communication points, so its fundamental is that of a
-    staircase: late by half a step and lower by sinc.
-    """
-    settle = int(np.ceil(0.15 * hertz)) + 1
-    run = _sine(hertz, settle + 1, points)
-    wave = np.exp(-2j * np.pi * np.arange(points) / points)
-    angle = run["angle"][-points - 1 : -1] @ wave
-    voltage = run.inputs["voltage"][-points - 1 : -1] @ wave
-    staircase = np.sinc(1.0 / points) * np.exp(-1j * np.pi / points)
-    return complex(angle / (voltage * staircase))
+def _response(hertz: float) -> complex:
+    """Angle per voltage [rad/V] of the simulation at ``hertz``, 40 V peak, after it has settled."""
+    chosen = model("torque_motor", "identified", NO_STOPS)
+    return SineTest(chosen, "voltage", "angle", 40.0).response(hertz)
 
 
 def _eq_12(hertz: Real) -> Complex:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.noise import autocovariance, whiteness
+from servo_models.noise import autocovariance, scatter, whiteness
 from servo_models.transfer.evidence import Evidence, Point, Record
 from servo_models.transfer.functions import Structure, TransferFunction
 
@@ -187,7 +187,7 @@ def _with_uncertainty(problem: _Problem, x: Array) -> Fit:
         weighted, relative = slopes / level, error / level
         information += weighted.T @ weighted
         if isinstance(one, Record) and whiteness(relative) < 0.01:
-            spread += weighted.T @ _correlated(weighted, autocovariance(relative))
+            spread += scatter(weighted, autocovariance(relative))
         else:
             spread += weighted.T @ weighted
     inverse = np.linalg.pinv(information, hermitian=True)
@@ -200,13 +200,3 @@ def _with_uncertainty(problem: _Problem, x: Array) -> Fit:
     order = [*range(m)[::-1], *range(m, m + n)[::-1], *range(m + n, len(x))]
     si = (covariance * np.outer(scale, scale))[np.ix_(order, order)]
     return Fit(point.function(), structure, si, tuple(map(float, problem.noise)))
-
-
-def _correlated(columns: Array, covariance: Array) -> Array:
-    """The symmetric Toeplitz matrix of an autocovariance, times columns."""
-    from scipy.signal import fftconvolve
-
-    kernel = np.concatenate([covariance[:0:-1], covariance])[:, None]
-    return np.asarray(fftconvolve(columns, kernel, mode="full", axes=0))[
-        len(covariance) - 1 : len(covariance) - 1 + len(columns)
-    ]

@@ -64,8 +64,7 @@ def score(function: TransferFunction, evidence: Sequence[Evidence]) -> Score:
         out = one.rows_held_out
         fitted[one.name], hidden[one.name] = error[~out], error[out]
         if isinstance(one, Record) and not np.all(out):
-            rest = error[~out]
-            chances.append((whiteness(rest), dependence(rest, one.given[~out])))
+            chances.append((whiteness(error, ~out), dependence(error, one.given, ~out)))
     white = min((chance for chance, _ in chances), default=None)
     independent = min((chance for _, chance in chances), default=None)
     return Score(

@@ -14,6 +14,7 @@ from servo_models.linear_model import transfer_function
 from servo_models.linearise import linearise
 from servo_models.reference import torque_motor as reference
 from servo_models.simulate import model, simulate
+from servo_models.sine_test import SineTest
 from servo_models.validation.cases import grid
 from servo_models.validation.cases.torque_motor import NO_STOPS
 from servo_models.validation.paper import figure, not_reproducible
@@ -229,22 +230,9 @@ def _waveforms() -> list[Row]:
 
 
 def _gain(frequency: float, output: str) -> complex:
-    """Complex gain from the held voltage to an output, over the last periods of a sine.
-
-    The fundamental of a sine held for steps of h is smaller by sinc(pi f h) and later by
-    h / 2, which is divided out.
-    """
-    period, per_period = 1.0 / frequency, 1000
-    step = period / per_period
-    periods = math.ceil(0.15 * frequency) + 2
-    times = step * np.arange(periods * per_period + 1, dtype=float)
-    turns = np.exp(2j * math.pi * frequency * times)
+    """Complex gain [SI] from the voltage to an output, at 40 V peak."""
     chosen = model("torque_motor", IDENTIFIED, NO_STOPS)
-    curve = simulate(chosen, times, {"voltage": 40.0 * turns.imag})[output]
-    last = slice(-2 * per_period - 1, -1)
-    fundamental = 2.0 * np.mean(curve[last] * np.conj(turns[last])) * 1j
-    held = np.sinc(frequency * step) * cmath.exp(-1j * math.pi * frequency * step)
-    return complex(fundamental / (40.0 * held))
+    return SineTest(chosen, "voltage", output, 40.0).response(frequency)
 
 
 def _decibel(gain: complex) -> float:

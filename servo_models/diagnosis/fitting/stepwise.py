@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.sizes import JUMP_PARTS, PHASE, STEPWISE
 from servo_models.identification.problem import Problem
+from servo_models.recording import ROUNDING
 
 Array = NDArray[np.float64]
 
@@ -89,11 +90,11 @@ def past_an_edge(
     Where a reading jumps, a search ends on the edge of a stair: each step that moves the delay as
     well falls off it, and the others would go on.
     """
-    delays, sample = delays_of(problem), _jumping(problem)
-    if not delays or not sample or len(delays) == len(vector):
+    delays, samples = delays_of(problem), _jumping(problem)
+    if not delays or not samples or len(delays) == len(vector):
         return None
     found = []
-    for move in (0.0, -0.5 * sample, 0.5 * sample):
+    for move in (0.0, *(half * sample for sample in samples for half in (-0.5, 0.5))):
         begin = vector.copy()
         begin[delays] += move / problem.scales[delays]
         begin = np.clip(begin, *problem.bounds)
@@ -138,7 +139,7 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
     the next tick, and the delay is such a staircase too.
     """
-    moves = [it * _jumping(problem) for it in SAMPLES]
+    moves = [it * sample for sample in _jumping(problem) for it in SAMPLES]
     moves += [it * period for period in _periods(problem, vector) for it in PARTS]
     trials = []
     for i in delays_of(problem):
@@ -179,11 +180,14 @@ def _periods(problem: Problem, vector: Array) -> list[float]:
     return [values[name] for name in holds if known[name].param.switch and values[name] > 0.0]
 
 
-def _jumping(problem: Problem) -> float:
-    """Sampling interval [s] of a reading that jumps, 0 if none does."""
+def _jumping(problem: Problem) -> list[float]:
+    """Sampling intervals [s] of readings that jump, those once that only rounding tells apart."""
+    found: list[float] = []
     for log in problem.logs:
         for values in log.outputs.values():
             change = np.max(np.abs(np.diff(values)), initial=0.0)
             if change > JUMP * np.ptp(values) > 0.0:
-                return float(np.median(np.diff(log.times)))
-    return 0.0
+                step = float(np.median(np.diff(log.times)))
+                if not any(abs(step - it) <= ROUNDING * it for it in found):
+                    found.append(step)
+    return found

@@ -23,8 +23,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from threading import Lock
+from weakref import ref
 
 import numpy as np
+from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from servo_models.audit.steps import reading_step
@@ -146,7 +149,7 @@ def _readings(problem: Problem, evidence: Evidence) -> Iterator[tuple[Array, flo
                 yield errors, (step / floor) ** 2 / 12.0, min(most / floor, LOUDEST)
 
 
-@lru_cache(maxsize=64)
+@cached(LRUCache(64), key=lambda log, name: (ref(log), name), lock=Lock())
 def _codes(log: Log, name: str) -> tuple[float, float]:
     """Step of a reading [SI], and how loud noise may be for its codes to be as sharp as they are.
 

@@ -31,6 +31,8 @@ from servo_models.diagnosis.search.pairing import LESS, halves_of, lookalikes
 from servo_models.diagnosis.search.reach import Reach, reaches
 from servo_models.diagnosis.search.screening import Sight, promising, sights_of
 
+TOLERANCE = 2.0
+"""Gap in noise floors that counts as none."""
 QUIET = 4
 """Effects that are fitted where nominal parameters leave noise only."""
 FINALISTS, NEARLY = 3, 1.5
@@ -85,7 +87,7 @@ def find_causes(
     bench: Bench,
     left_out: Iterable[str] = (),
     tell: Tell | None = None,
-    tolerance: float = 0.0,
+    tolerance: float = TOLERANCE,
 ) -> Causes:
     """Explain a gap by nominal parameters, by one effect, or by several.
 

@@ -141,7 +141,7 @@ def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
 
 
 def _imitated(found: Diagnosis, one: Imitated) -> dict[str, Any]:
-    wire = found.model.plant.placements[one.name][0].on[0]
+    wire = found.model.plant.main_wire(one.name)
     return {"name": one.name, "block": wire, "up_to": one.moved}
 
 

@@ -193,7 +193,7 @@ def _imitated(
     found: Diagnosis, experiments: Sequence[Experiment]
 ) -> Iterator[tuple[str, str, str, str]]:
     for one in found.imitated:
-        wire = found.model.plant.placements[one.name][0].on[0]
+        wire = found.model.plant.main_wire(one.name)
         yield one.name, wire, f"{one.moved:.3g}", words.shown_by(one, experiments)
 
 

@@ -128,8 +128,8 @@ def listed(names: Iterable[str]) -> str:
 
 def placed(found: Diagnosis, effects: Iterable[str]) -> str:
     """Return effects with the wires on which they act."""
-    where = found.model.plant.placements
-    return listed(f"{name} on '{where[name][0].on[0]}'" for name in effects)
+    plant = found.model.plant
+    return listed(f"{name} on '{plant.main_wire(name)}'" for name in effects)
 
 
 def change(found: Diagnosis) -> str:

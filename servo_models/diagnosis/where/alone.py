@@ -24,7 +24,7 @@ from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import WORSE, Array, Breakdown, Sums, tabulate
 from servo_models.errors import UserError
 from servo_models.identification.run import Run
-from servo_models.simulate import Model, flat_of
+from servo_models.simulate import PLANTS, Model, flat_of
 
 MOMENTS = (0.0, 0.5, 1.0)
 """Moments between two samples at which a wire held between them may have been measured: a
@@ -46,7 +46,7 @@ def replaced(
     return measured
 
 
-@functools.cache
+@functools.lru_cache(maxsize=PLANTS)
 def opened(plant: Plant, names: tuple[str, ...]) -> Plant:
     """Return a plant with a switch on each wire by which what is behind takes it as measured.
 

@@ -19,14 +19,14 @@ def section(found: Diagnosis, experiments: Sequence[Experiment]) -> Section | No
     """Return what parameters that explain the gap may hide; None for nothing."""
     if not found.imitated:
         return None
-    place = found.model.plant.placements
+    plant = found.model.plant
     lines = tuple(
         Line(
             (
                 words(one.name),
                 number(one.moved, 3),
                 shown_by(one, experiments),
-                words(place[one.name][0].on[0]),
+                words(plant.main_wire(one.name)),
             )
         )
         for one in found.imitated

@@ -50,8 +50,8 @@ def section(found: Diagnosis) -> Section | None:
 
 
 def _line(found: Diagnosis, name: str, reason: str) -> Line:
-    placement, *_ = found.model.plant.placements[name]
-    module = inspect.getmodule(placement.effect.function)
+    plant = found.model.plant
+    module = inspect.getmodule(plant.placements[name][0].effect.function)
     about = (inspect.getdoc(module) or "").partition("\n")[0]
     reach = number(found.causes.reach[name].shown, 2)
-    return Line((words(name), words(placement.on[0]), reason, reach, about))
+    return Line((words(name), words(plant.main_wire(name)), reason, reach, about))
