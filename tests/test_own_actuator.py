@@ -8,6 +8,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import numpy as np
+import one_input
 import pytest
 from conftest import Run
 
@@ -114,6 +115,18 @@ def test_a_file_is_explained_in_place_of_a_name(tmp_path: Path, run: Run) -> Non
     assert "joint: A joint" in out
     assert "time_constant" in out
     assert "plain" in drawn.read_text()
+
+
+def test_one_input_is_enough(tmp_path: Path, run: Run) -> None:
+    path = one_input.write(tmp_path)
+    for words in (
+        ["explain", path, "--variant", "plain", "--picture", tmp_path / "step.svg"],
+        ["simulate", path, "--plot", tmp_path / "run.svg"],
+        ["figures", path, "--at", "goal=1"],
+        ["build", path, "--out", tmp_path],
+    ):
+        code, _, err = run(*words)
+        assert (code, err) == (0, ""), words
 
 
 def test_declarations_that_do_not_fit_together_are_an_error(tmp_path: Path, run: Run) -> None:
