@@ -168,6 +168,14 @@ def test_a_standard_step_of_no_input_is_refused(tmp_path: Path, run: Run) -> Non
     assert "ValueError: unknown input of the standard step 'gaol'; did you mean 'goal'" in err
 
 
+def test_an_actuator_without_a_variant_is_refused(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('(Variant("plain", "", {}, ""),)', "()"))
+    code, out, err = run("simulate", path)
+    assert (code, out) == (2, "")
+    assert "joint.py' does not run: ValueError: actuator 'joint' has no variant: give it one" in err
+
+
 def test_an_uncertainty_of_no_parameter_is_refused(tmp_path: Path, run: Run) -> None:
     _, description = describe(tmp_path, "joint.py")
     path = write(tmp_path)
