@@ -53,6 +53,21 @@ def test_validate_exits_by_the_verdict(run: Run, verdict: Callable[..., None]) -
     assert err == ""
 
 
+def test_brief_is_the_verdict_then_counts_then_what_failed(
+    run: Run, verdict: Callable[..., None]
+) -> None:
+    long = Row(MODEL, "sg90", "printed", "a " * 30 + "long case", "angle", 1.0, 0.5, "1", False)
+    verdict(GOOD, GOOD, BAD, NAMED, long)
+    code, out, err = run("validate", "--brief")
+    assert code == 1
+    lines = out.splitlines()
+    assert lines[0] == "FAILED: 2 of 4 figures are outside their limits."
+    assert "2 of 2 0 of 2 1 not reproducible" in " ".join(out.split())
+    assert "why: so" in " ".join(out.split())
+    assert max(map(len, lines)) <= 80
+    assert err == "2 of 2: half way\n"
+
+
 def test_json_is_all_there_is_on_stdout(run: Run, verdict: Callable[..., None]) -> None:
     endless = Row(MODEL, "sg90", "printed", "step", "rate", float("inf"), 1.0, "1", False)
     verdict(GOOD, BAD, NAMED, endless)
