@@ -61,10 +61,15 @@ def overview() -> Sheet:
     )
     return Sheet(
         "Actuators and effects",
-        tuple(warning for actuator in actuators().values() for warning in warnings(actuator)),
+        (),
         (
             Table("Actuators", ("actuator", "variant", ""), variants),
             Table("Effects", ("effect", "", "on"), found),
+            Table(
+                "Warnings",
+                ("",),
+                tuple((it,) for actuator in actuators().values() for it in warnings(actuator)),
+            ),
         ),
     )
 

@@ -107,12 +107,12 @@ def github(validation: Validation) -> Iterator[str]:
 
 
 def write_junit(validation: Validation, path: Path) -> None:
-    """Write a validation as JUnit XML: one suite a claim, unjudged rows skipped.
+    """Write a validation as JUnit XML: one suite a claim, unjudged rows skipped, times [s].
 
     Raises:
         UserError: the folder cannot be written.
     """
-    root = ElementTree.Element("testsuites", name="servo-models")
+    root = ElementTree.Element("testsuites", name="servo-models", time=_time(validation.rows))
     for claim in CLAIMS:
         rows = validation.of(claim)
         suite = ElementTree.SubElement(
@@ -122,6 +122,7 @@ def write_junit(validation: Validation, path: Path) -> None:
             tests=str(len(rows)),
             failures=str(sum(row.passed is False for row in rows)),
             skipped=str(sum(row.passed is None for row in rows)),
+            time=_time(rows),
         )
         for row in rows:
             case = ElementTree.SubElement(
@@ -129,6 +130,7 @@ def write_junit(validation: Validation, path: Path) -> None:
                 "testcase",
                 classname=f"{claim}.{row.actuator}.{row.variant}",
                 name=f"{row.case}: {row.quantity}",
+                time=_time([row]),
             )
             if row.passed is False:
                 ElementTree.SubElement(case, "failure", message=_reason(row))
@@ -136,6 +138,10 @@ def write_junit(validation: Validation, path: Path) -> None:
                 ElementTree.SubElement(case, "skipped", message=_reason(row))
     ElementTree.indent(root)
     write_whole(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _time(rows: Iterable[Row]) -> str:
+    return f"{sum(row.seconds for row in rows):.3f}"
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -62,6 +62,9 @@ def test_list_names_everything_and_warns(run: Run) -> None:
             assert variant.name in out
             assert variant.warning in " ".join(out.split())
     assert all(name in out for name in effects())
+    lines = [line for line in out.splitlines() if line]
+    assert lines[:2] == ["Actuators and effects", "Actuators"]
+    assert lines[-3] == "Warnings"
 
 
 @pytest.mark.parametrize(

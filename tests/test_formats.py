@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -100,6 +101,16 @@ def test_junit_counts_and_explains(run: Run, verdict: Callable[..., None], tmp_p
     failure = suites[1].find("testcase/failure")
     assert failure is not None
     assert "why: so" in str(failure.get("message"))
+
+
+def test_junit_carries_times(run: Run, verdict: Callable[..., None], tmp_path: Path) -> None:
+    verdict(replace(GOOD, seconds=1.25), replace(BAD, seconds=0.5), replace(BAD, seconds=0.25))
+    path = tmp_path / "junit.xml"
+    run("validate", "--junit", path)
+    root = ElementTree.parse(path).getroot()
+    assert root.get("time") == "2.000"
+    assert [suite.get("time") for suite in root] == ["1.250", "0.750", "0.000"]
+    assert [case.get("time") for case in root.iter("testcase")] == ["1.250", "0.500", "0.250"]
 
 
 def test_a_paper_figure_stands_beside_what_was_printed(

@@ -225,6 +225,8 @@ def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPa
     assert all(label.startswith("sg90") for _, _, label in told[:-1])
     assert {row.claim for row in result.rows} == {IMPLEMENTATION, MODEL, PAPER}
     assert result.passed
+    assert all(row.seconds > 0.0 for row in result.rows)
+    assert "seconds" not in result.as_dict()["rows"][0]  # the same figures, the same document
     again = json.loads(json.dumps(result.as_dict(), allow_nan=False))
     assert again["passed"] is True
     assert len(again["rows"]) == len(result.rows)
