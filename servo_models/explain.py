@@ -6,7 +6,7 @@ import ast
 import inspect
 import itertools
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from servo_models.actuator import Actuator, Parameter, Placement, Plant, unknown
@@ -32,7 +32,7 @@ def explain(name: str, variant: str | None = None) -> Sheet:
             ``catalogue.actuator``.
     """
     if is_actuator(name):
-        return _actuator_sheet(find_actuator(name), variant)
+        return actuator_sheet(find_actuator(name), variant)
     effect = effect_name(name)
     if variant:
         raise UserError(f"'{name}' is an effect and has no variants: leave out '{variant}'")
@@ -150,7 +150,7 @@ def _effect_sheet(name: str) -> Sheet:
     parameters = tuple(
         (place.actuator.name, *row)
         for place in found
-        for row in _parameter_rows(place.parameters, place.actuator)
+        for row in _parameter_rows(place.parameters, place.actuator.values())
     )
     return Sheet(
         name,
@@ -166,7 +166,15 @@ def _effect_sheet(name: str) -> Sheet:
     )
 
 
-def _actuator_sheet(actuator: Actuator, variant: str | None) -> Sheet:
+def actuator_sheet(
+    actuator: Actuator, variant: str | None = None, values: Mapping[str, float] | None = None
+) -> Sheet:
+    """Return the data sheet of an actuator.
+
+    Args:
+        variant: whose equations are shown; None for the default one.
+        values: [SI] of all parameters, None for those of the variant.
+    """
     plant = actuator.plant_of(variant)
     own = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]
@@ -176,7 +184,8 @@ def _actuator_sheet(actuator: Actuator, variant: str | None) -> Sheet:
         for role, names in (("input", [w.name for w in plant.inputs]), ("output", plant.outputs))
         for wire in (plant.wire[name] for name in names)
     )
-    values = f"values of variant '{actuator.variant(variant).name}'"
+    whose = "start values" if values else f"values of variant '{actuator.variant(variant).name}'"
+    shown = values or actuator.values(variant)
     return Sheet(
         f"{actuator.name}: {actuator.title}",
         (actuator.about, f"Source: {actuator.source}.", *warnings(actuator)),
@@ -189,15 +198,15 @@ def _actuator_sheet(actuator: Actuator, variant: str | None) -> Sheet:
                 tuple(_chain_rows(plant)),
             ),
             Table(
-                f"Parameters, {values}",
+                f"Parameters, {whose}",
                 _PARAMETER_COLUMNS,
-                tuple(_parameter_rows(own, actuator, variant)),
+                tuple(_parameter_rows(own, shown)),
             ),
             *_uncertainties(actuator),
             Table(
-                f"Parameters of effects, {values}; while those marked * are 0 it does nothing",
+                f"Parameters of effects, {whose}; while those marked * are 0 it does nothing",
                 _PARAMETER_COLUMNS,
-                tuple(_parameter_rows(placed, actuator, variant)),
+                tuple(_parameter_rows(placed, shown)),
             ),
         ),
     )
@@ -215,10 +224,8 @@ _PARAMETER_COLUMNS = ("parameter", "value", "from", "to", "unit", "")
 
 
 def _parameter_rows(
-    parameters: Iterable[Parameter], actuator: Actuator, variant: str | None = None
+    parameters: Iterable[Parameter], values: Mapping[str, float]
 ) -> Iterator[tuple[str, ...]]:
-    """Rows with the values of a variant, by default of the first one."""
-    values = actuator.values(variant)
     for parameter in parameters:
         param = parameter.param
         yield (
