@@ -1,4 +1,4 @@
-"""Build the FMUs, check, simulate and validate them, print the tables and write the report.
+"""Build the FMUs, check, simulate and validate them, print the verdict and write the report.
 
 Works on a machine with nothing but Python: it sets itself up in ``.venv`` first.
 """
@@ -24,7 +24,12 @@ def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", metavar="DIR", default="fmus", help="folder of FMUs and report")
+    parser.add_argument(
+        "--out",
+        metavar="PATH",
+        default="fmus",
+        help="folder of FMUs and report, or the file .fmu of one actuator, with its report beside",
+    )
     parser.add_argument("--actuator", metavar="NAME", help="build this one only")
     parser.add_argument("--variant", metavar="NAME", help="parameter set of that actuator")
     parser.add_argument(
@@ -49,9 +54,11 @@ def main() -> int:
     """Build, then validate what was built; return the exit code."""
     chosen = options()
     bootstrap.ensure("", needs="pythonfmu")
-    from servo_models.catalogue import actuator, actuators
+    from servo_models.build import path_of
+    from servo_models.catalogue import actuators
     from servo_models.cli import main as command
-    from servo_models.parameter_set import read_parameters
+    from servo_models.cli.options import chosen_model
+    from servo_models.simulate import model
 
     build = ["build", "--out", chosen.out]
     build += [chosen.actuator] if chosen.actuator else []
@@ -62,15 +69,17 @@ def main() -> int:
         build += ["--set", setting]
     if code := command(build):
         return code
-    params = read_parameters(chosen.params, chosen.trust) if chosen.params else None
-    named = params.actuator if params else chosen.actuator
-    chosen_one = actuator(named) if named else None
-    names = [chosen_one.name] if chosen_one else list(actuators())
-    own = ["--actuator", str(chosen_one.file)] if chosen_one and chosen_one.file else []
-    folder = Path(chosen.out)
-    report = folder / "report.html"
-    fmus = [str(folder / f"{name}.fmu") for name in names]
-    code = command(["validate", *fmus, *own, "--report", str(report)])
+    if chosen.actuator or chosen.params:
+        params = Path(chosen.params) if chosen.params else None
+        one = chosen_model(chosen.actuator, chosen.variant, chosen.set, params, chosen.trust)
+        fmus = [path_of(one, chosen.out)]
+        own = ["--actuator", str(one.actuator.file)] if one.actuator.file else []
+        report = fmus[0].with_suffix(".html")
+    else:
+        fmus = [path_of(model(name), chosen.out) for name in actuators()]
+        own = []
+        report = Path(chosen.out) / "report.html"
+    code = command(["validate", *map(str, fmus), *own, "--brief", "--report", str(report)])
     if code != bootstrap.COULD_NOT_RUN:
         print(f"report: {report}")
     return code

@@ -6,8 +6,8 @@ parameters that is exactly degenerate, known from the equations of the plant: ``
 each how its members scale, and every case confirms that so scaled they change no output.  The
 others free parameters that the log determines.
 
-Told are, for each actuator and command: how often value +- 1.96 standard errors holds the truth,
-how wide that is over the scatter of the estimates, how many groups are told, how many other
+The table gives, for each actuator and command: how often value +- 1.96 standard errors holds the
+truth, how wide that is over the scatter of the estimates, how many groups are told, how many other
 parameters are called degenerate, and how many printed values have digits beyond their error.
 
 Run: ``python benchmarks/study_certainty.py [--logs 200] [--diagnoses 40] [--seed 50000]``.  Seeds

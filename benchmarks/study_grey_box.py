@@ -2,7 +2,7 @@
 
 Each rig is a torque motor whose constants are scattered about the paper's, recorded in noise:
 voltage steps and a sine sweep in time.  The third order with delay is fitted to the records,
-and its coefficients become physical constants with standard errors.  Told are the shares of
+and its coefficients become physical constants with standard errors.  The table gives the shares of
 rigs in which value +- 1.96 standard errors holds the true constant, with R, J and K_s known
 exactly and known to 1 %.
 

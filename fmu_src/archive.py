@@ -9,8 +9,11 @@ from pathlib import Path
 import pythonfmu
 
 from fmu_src.description import BUILT, model_description
+from fmu_src.documentation import index_html
 from fmu_src.source import slave_source
 from servo_models.simulate import Model
+
+ICON = Path(__file__).with_name("model.png")
 
 
 def write_fmu(model: Model, path: Path) -> None:
@@ -37,6 +40,8 @@ def _entries(model: Model) -> dict[str, bytes]:
         "modelDescription.xml": model_description(model, name, tool),
         "resources/slavemodule.txt": name.encode(),
         f"resources/{name}.py": source.encode(),
+        "documentation/index.html": index_html(model).encode(),
+        "model.png": ICON.read_bytes(),
     }
     for file in package.glob("*.py"):
         entries[f"resources/pythonfmu/{file.name}"] = file.read_bytes()

@@ -44,7 +44,7 @@ def model_description(model: Model, slave_name: str, tool: str) -> bytes:
     every = variables(model)
     root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=actuator.name)
     root.set("guid", slave_name)
-    root.set("description", _about(model))
+    root.set("description", described(model))
     root.set("generationTool", tool)
     root.set("generationDateAndTime", "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z".format(*BUILT))
     root.set("variableNamingConvention", "structured")
@@ -93,7 +93,8 @@ def direct_inputs(flat: Flat) -> list[list[int]]:
     return [sorted(reach.get(name, ())) for name in flat.outputs]
 
 
-def _about(model: Model) -> str:
+def described(model: Model) -> str:
+    """Return in a few sentences what the FMU of ``model`` is and where its values come from."""
     variant = model.actuator.variant(model.variant)
     text = f"{model.actuator.title}, variant {variant.name}: {variant.about}."
     text += f" Source: {variant.source}."

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from servo_models.actuator import Parameter, Wire
+from servo_models.bounds import is_outside
 from servo_models.simulate import Model
 
 
@@ -34,16 +37,27 @@ class Variable:
 
 
 def variables(model: Model) -> list[Variable]:
-    """Return inputs, outputs, parameters; the index of each is its value reference."""
+    """Return inputs, outputs, parameters; the index of each is its value reference.
+
+    The main input starts at its standard step, if that is inside its bounds, and the others at
+    rest: in a host that sets no input something moves.
+    """
     plant = model.plant
     return [
-        *(_of_wire(wire, "input") for wire in plant.inputs),
+        *(_of_wire(wire, "input", start_of(wire, model)) for wire in plant.inputs),
         *(_of_wire(plant.wire[name], "output") for name in plant.outputs),
         *(_of_parameter(p, model.values[name]) for name, p in plant.parameters.items()),
     ]
 
 
-def _of_wire(wire: Wire, causality: str) -> Variable:
+def start_of(wire: Wire, model: Model) -> float:
+    """Return the start value of an input [SI]."""
+    name, value = model.actuator.step
+    stepped = wire.name == name and not is_outside(np.array([value]), wire).any()
+    return value if stepped else float(wire.rest)
+
+
+def _of_wire(wire: Wire, causality: str, start: float | None = None) -> Variable:
     return Variable(
         wire.name,
         wire.about,
@@ -51,7 +65,7 @@ def _of_wire(wire: Wire, causality: str) -> Variable:
         wire.unit,
         wire.display,
         wire.scale,
-        start=float(wire.rest) if causality == "input" else None,
+        start=start,
         low=wire.low,
         high=wire.high,
         flag=wire.flag and causality == "output",  # the slave takes Real only

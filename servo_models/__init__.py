@@ -3,16 +3,25 @@
 The names below are imported when first used, so that importing the package costs nothing.
 A function that shares its module's name, such as ``simulate``, is the function here; reach
 into its module with ``from servo_models.simulate import flat_of``.
+
+Example:
+    >>> import servo_models as sm
+    >>> servo = sm.model("sg90", "measured", {"backlash.half_width": "0.5 deg"})
+    >>> response = sm.simulate(servo, [0.0, 0.5, 1.0], {"pulse_width": 2.0e-3})
+    >>> response["angle"].shape  # rad; SI everywhere inside
+    (3,)
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.metadata
 import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from servo_models.build import build
     from servo_models.catalogue import actuator
     from servo_models.check import check
@@ -85,14 +94,20 @@ __all__ = [
 class _Package(ModuleType):
     """This package; the import of a submodule does not hide the public name it shares."""
 
+    def __dir__(self) -> list[str]:
+        return [*__all__, "__version__", *(name for name in super().__dir__() if name[0] == "_")]
+
     def __setattr__(self, name: str, value: Any) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
     def __getattr__(self, name: str) -> Any:
-        if name not in _HOME:
+        if name == "__version__":
+            found: Any = importlib.metadata.version("servo-models")
+        elif name in _HOME:
+            found = getattr(importlib.import_module(f"{self.__name__}.{_HOME[name]}"), name)
+        else:
             raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
-        found = getattr(importlib.import_module(f"{self.__name__}.{_HOME[name]}"), name)
         setattr(self, name, found)
         return found
 

@@ -109,7 +109,27 @@ def place(
     params: Mapping[str, Param] | None = None,
     **reads: str,
 ) -> Placement:
-    """Say on which wire an effect acts; see ``Placement``."""
+    """Say on which wires an effect acts, and where it stands in a chain.
+
+    Blocks before it in the chain read its wires as they were, those after it as it leaves them.
+
+    Args:
+        name: of the effect at this place; its parameters are ``name.key``.  Effects placed under
+            one name share the parameters of one key.
+        effect: from ``servo_models.effects`` or made by ``block.effect``.
+        on: the wires that it rewrites, as many and in the order of its ``acts_on``.  The plant
+            declares them: a unit ``"signal"`` becomes theirs.
+        params: in place of the effect's own, by key: whole ``Param``; with the unit ``"signal"``
+            its bounds and typical value are fractions of the wire's full scale, else SI.
+        reads: wires for its other arguments; one that is not named reads the wire, or the
+            parameter of the plant, that is called like it.
+
+    Raises:
+        ValueError: another number of wires; see also ``Placement``.
+
+    Example:
+        ``place("drive_dead_zone", dead_zone, "drive_voltage")``
+    """
     if len(on) != len(effect.acts_on):
         raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")
     return Placement(name, effect, on, reads, params or {})
@@ -134,15 +154,22 @@ class Parameter:
 class Plant:
     """A chain of blocks between wires; one plant equals itself only.
 
+    A block finds its arguments by name: inputs, states, parameters of the plant, and what blocks
+    before it in the chain give.  A name means one thing: a wire is given by one block, and no
+    wire, parameter or output has the name of another.  There may be any number of inputs; effects
+    are also shown under a constant load where one of them is called ``load_...``.
+
     Attributes:
         inputs: wires set from outside, held during a communication step.
-        wires: the other wires with a unit: outputs and those that effects act on.
+        wires: the other wires with a unit: outputs and those that effects act on.  A wire that
+            only blocks read needs no declaration, a state has its own.
         chain: plant blocks and placements in the order of evaluation.
         states: continuous states.
         projection: block applied to new states after each smooth sub-step, or None.
-        outputs: names of the wires offered outside.
-        constants: parameters of the plant that no block's signature declares, such as
-            ``internal_step``.
+        outputs: names of the wires offered outside, each declared, none of them an input; the
+            first is the one that pictures and figures are about.
+        constants: parameters of the plant that no block's signature declares; one of them is
+            ``internal_step`` [s], the longest step of the integration.
 
     Raises:
         ValueError: a wire or a parameter has a name that none can have.
@@ -299,18 +326,24 @@ class Variant:
 class Actuator:
     """An identified product: a plant and its variants.
 
+    A file of your own defines one as ``ACTUATOR``.  It may import and compute what it likes; a
+    block is read from its source, so it is a ``def`` in a file.
+
     Attributes:
-        name: one string everywhere.
-        title, about, source: for people.
+        name: one string everywhere, also in the FMU: letters, digits and single underscores
+            between them, beginning with a letter.
+        title, about, source: for people; may be empty.
         plant: what the variants without a plant of their own use.
-        variants: by name; the first one is the default.
+        variants: at least one; the first one is the default.  Their values are in SI; what
+            a variant does not name has the default of its ``Param``.
         stop_time, step_size: default experiment [s].
-        step: name of the main input, size of its standard step in SI.
+        step: name of the main input, its value [SI] in the standard step, to which it goes from
+            its ``rest``.
         file: that defines it, None for one of the catalogue.
 
     Raises:
-        ValueError: a name that no FMU can have, an output without a ``Wire`` of its unit, a
-            standard step of what is no input, or an uncertainty of what is no parameter.
+        ValueError: a name that no FMU can have, no variant, an output without a ``Wire`` of its
+            unit, a standard step of what is no input, or an uncertainty of what is no parameter.
     """
 
     name: str
@@ -327,6 +360,8 @@ class Actuator:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"actuator '{self.name}'")
+        if not self.variants:
+            raise ValueError(f"actuator '{self.name}' has no variant: give it one")
         for variant in self.variants:
             plant = variant.plant or self.plant
             inputs = {wire.name: wire for wire in plant.inputs}

@@ -1,5 +1,12 @@
 """What a block is: one plain Python function of floats whose signature is its data sheet.
 
+Rules of a block, which an error tells where one is broken: it has a docstring; its arguments and
+local variables have names of letters, digits and single underscores between them; its body is of
+assignments, ``if`` and ``while`` (no ``return`` inside it), arithmetic, comparisons, ``abs``,
+``int``, ``float``, ``math`` and numbers that are constants of the file; it has no ``**``, no ``%``
+of a float, no ``for``, no call of another function, and every variable has a value where it is
+read.
+
 A block reads wires (plain arguments), parameters (``Param``) and memory (``Memory``,
 ``Clock``, ``Mode``, ``Queue``, ``Fault``) and returns the new value of its wires followed by the
 new value of each memory, in the order of the signature.  It is pure: the stepper
@@ -35,6 +42,7 @@ RESERVED = ("now", "due", "elapsed")
 START = "start_"
 """``start_<state>`` is a reserved argument too."""
 
+_OF_SIGNAL = re.compile(rf"{SIGNAL}([./]\w+)?|1/{SIGNAL}")
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 
 
@@ -44,7 +52,7 @@ class Param:
 
     With unit ``"signal"`` the parameter has the unit of the wire acted on, and ``low``,
     ``high`` and ``typical`` are fractions of that wire's full scale; ``"signal/s"`` is
-    such a rate and ``"/signal"`` its inverse.
+    such a rate and ``"1/signal"`` its inverse, a fraction of the inverse of full scale.
 
     Attributes:
         unit: SI unit, e.g. ``"N.m/rad"``; ``"1"`` for a pure number.
@@ -55,6 +63,9 @@ class Param:
         typical: a moderate value that makes a switch's effect visible.
         display: unit a person wants to read it in, e.g. ``"deg"``.
         fixed: cannot be changed once a run has begun.
+
+    Raises:
+        ValueError: a unit with ``signal`` whose scale is not clear.
     """
 
     unit: str
@@ -66,6 +77,13 @@ class Param:
     typical: float = 0.0
     display: str | None = None
     fixed: bool = False
+
+    def __post_init__(self) -> None:
+        if SIGNAL in self.unit and not _OF_SIGNAL.fullmatch(self.unit):
+            raise ValueError(
+                f"parameter with unit '{self.unit}' ({self.about}): write 'signal', 'signal/s' or"
+                " '1/signal'"
+            )
 
 
 @dataclass(frozen=True)

@@ -28,3 +28,15 @@ def build(model: Model, path: str | Path) -> Path:
         raise UserError(f"'{target}' is no name for an FMU: let it end in .fmu")
     write_with(target, lambda part: write_fmu(model, part))
     return target
+
+
+def path_of(model: Model, out: str | Path) -> Path:
+    """Return where the FMU of ``model`` goes: the file ``out``, or one in the folder ``out``.
+
+    In a folder it is called like the actuator, and like the variant too unless that is the default
+    one: variants stand beside each other.
+    """
+    if Path(out).suffix == ".fmu":
+        return Path(out)
+    is_default = model.variant == model.actuator.default_variant
+    return Path(out) / f"{model.actuator.name}{'' if is_default else f'_{model.variant}'}.fmu"

@@ -143,7 +143,7 @@ def _log_tables(found: Audit, plant: Plant) -> Iterator[Table]:
         )
         for reading in found.readings
     )
-    heads = ("output", "from", "to", "unit", "step", "noise floor", "which comes from")
+    heads = ("output", "from", "to", "unit", "step", "noise floor", "origin of the floor")
     yield Table("Readings, with the noise floor as three methods see it", heads, outputs)
 
 
@@ -237,8 +237,8 @@ def _effects(found: Check) -> Iterator[tuple[str, str]]:
     hidden = [r for r in effects if r.moves >= NOTHING and not r.shown and not r.absorbed]
     yield "can be shown", _names(r.name for r in effects if r.shown)
     yield "cannot be shown", "; ".join(_hidden(found, r) for r in hidden) or "-"
-    yield "pass for free parameters", _names(r.name for r in effects if r.absorbed)
-    yield "move nothing measured", _names(still)
+    yield "imitated by free parameters", _names(r.name for r in effects if r.absorbed)
+    yield "change no measured output", _names(still)
     if found.excitation.refused:
         yield "cannot be simulated", _names(found.excitation.refused)
     for names in found.excitation.together:

@@ -38,7 +38,8 @@ HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)
 STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
 """Tried in turn, in typical values: a limit shows when it is low, the others when high."""
 LOADS = (0.0, 0.3)
-"""Constant load, tried in turn, in full scales: some effects show under load only."""
+"""Tried in turn, in full scales, where there is an input for a load: some effects show under
+load only."""
 VISIBLE = 0.02
 """Change of the output, as a part of its range, that the eye sees."""
 
@@ -86,6 +87,8 @@ def demonstrate(effect: str) -> Demonstration:
 def _runs(effect: str) -> Iterator[Demonstration]:
     for load in LOADS:
         for place in sorted(places(effect), key=_depth):
+            if load and not _load(place.actuator):
+                continue
             neutral = _neutral(place.actuator)
             without = _run(place.actuator, neutral, load)
             for strength in STRENGTHS:
@@ -113,14 +116,15 @@ def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Resul
     chosen = model(actuator, None, parameters)
     times = np.linspace(0.0, DURATION * chosen.stop_time, POINTS)
     command = rest + (value - rest) * np.interp(times / times[-1], BREAKS, HEIGHTS)
-    against = _load(actuator)
-    inputs = {name: command, against.name: np.full(POINTS, load * against.scale)}
+    inputs = {name: command}
+    if against := _load(actuator):
+        inputs[against.name] = np.full(POINTS, load * against.scale)
     return simulate(chosen, times, inputs)
 
 
-def _load(actuator: Actuator) -> Wire:
-    """The input that acts against the motion."""
-    return next(wire for wire in actuator.plant.inputs if wire.name.startswith("load_"))
+def _load(actuator: Actuator) -> Wire | None:
+    """The input that acts against the motion, None where an actuator has none of that name."""
+    return next((wire for wire in actuator.plant.inputs if wire.name.startswith("load_")), None)
 
 
 def _neutral(actuator: Actuator) -> dict[str, float]:
@@ -148,14 +152,18 @@ def _shown(place: Place, active: dict[str, float]) -> str:
     return ", ".join(texts)
 
 
-def portrait(name: str) -> Figure:
-    """Return the picture of an actuator, its standard step, or of an effect at work.
+def portrait(name: str, variant: str | None = None) -> Figure:
+    """Return the picture of an actuator's standard step, or of an effect at work.
+
+    Args:
+        name: as in ``explain``.
+        variant: of the actuator, by default the first one.
 
     Raises:
         UserError: nobody knows that name.
     """
     if is_actuator(name):
-        chosen = model(name)
+        chosen = model(name, variant)
         times = np.linspace(0.0, chosen.stop_time, POINTS)
         result = simulate(chosen, times, dict([chosen.actuator.step]))
         return pictures.response(
@@ -164,10 +172,10 @@ def portrait(name: str) -> Figure:
     effect = effect_name(name)
     shown = demonstrate(effect)
     actuator = shown.place.actuator
+    title = f"{effect} on {actuator.name}"
     wire = _load(actuator)
-    load = shown.without[wire.name][0]
-    words = f", {wire.name.replace('_', ' ')} {load:g} {wire.unit}"
-    title = f"{effect} on {actuator.name}" + (words if load else "")
+    if wire and (load := shown.without[wire.name][0]):
+        title += f", {wire.name.replace('_', ' ')} {load:g} {wire.unit}"
     return pictures.comparison(
         shown.without, shown.changed, actuator.plant, shown.signals, title, shown.values
     )

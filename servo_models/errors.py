@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import re
 import unicodedata
 from collections.abc import Iterable
 
 LONGEST = 1000
 """Characters of an error: of more the middle is left out."""
+MOST_MEANT = 4
+"""Names that are suggested at once."""
 
 
 class UserError(Exception):
@@ -35,11 +38,19 @@ def printable(text: str, longest: int) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the cure for an unknown name: the nearest known one, or all of them."""
+    """Return the cure for an unknown name: known ones that begin with it or have it as words,
+    else the nearest one, else all of them."""
     names = list(known)
-    close = [one for one in names if name and one.startswith(name)]
+    close = [one for one in names if name and one.startswith(name)][:1]
+    close = close or [one for one in names if f" {_words(name)} " in f" {_words(one)} "]
     close = close or difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if close:
-        return f"did you mean '{close[0]}'?"
+        meant = " or ".join(f"'{one}'" for one in close[:MOST_MEANT])
+        return f"did you mean {meant}?"
     shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     return f"known: {shown or 'none'}"
+
+
+def _words(name: str) -> str:
+    """``drive_dead_zone.half_width`` as words with spaces between them."""
+    return " ".join(re.findall(r"[a-z0-9]+", name.lower()))

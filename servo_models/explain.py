@@ -6,11 +6,12 @@ import ast
 import inspect
 import itertools
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from servo_models.actuator import Actuator, Parameter, Placement, Plant, unknown
 from servo_models.block import RESERVED, Block
+from servo_models.bounds import displayed
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.catalogue import actuators, effects
 from servo_models.errors import UserError
@@ -19,15 +20,23 @@ from servo_models.sheets import Sheet, Table
 from servo_models.units import factor
 
 
-def explain(name: str) -> Sheet:
+def explain(name: str, variant: str | None = None) -> Sheet:
     """Return the data sheet of an actuator, an effect, or an effect at its place.
 
+    Args:
+        name: of it, or the path of a file of your own that defines an actuator.
+        variant: of the actuator, whose values and equations are shown; default the first.
+
     Raises:
-        UserError: nobody knows that name; see also ``catalogue.actuator``.
+        UserError: nobody knows that name, or a variant of an effect; see also
+            ``catalogue.actuator``.
     """
     if is_actuator(name):
-        return _actuator_sheet(find_actuator(name))
-    return _effect_sheet(effect_name(name))
+        return actuator_sheet(find_actuator(name), variant)
+    effect = effect_name(name)
+    if variant:
+        raise UserError(f"'{name}' is an effect and has no variants: leave out '{variant}'")
+    return _effect_sheet(effect)
 
 
 def is_actuator(name: str) -> bool:
@@ -52,10 +61,15 @@ def overview() -> Sheet:
     )
     return Sheet(
         "Actuators and effects",
-        tuple(warning for actuator in actuators().values() for warning in warnings(actuator)),
+        (),
         (
             Table("Actuators", ("actuator", "variant", ""), variants),
             Table("Effects", ("effect", "", "on"), found),
+            Table(
+                "Warnings",
+                ("",),
+                tuple((it,) for actuator in actuators().values() for it in warnings(actuator)),
+            ),
         ),
     )
 
@@ -136,7 +150,7 @@ def _effect_sheet(name: str) -> Sheet:
     parameters = tuple(
         (place.actuator.name, *row)
         for place in found
-        for row in _parameter_rows(place.parameters, place.actuator)
+        for row in _parameter_rows(place.parameters, place.actuator.values())
     )
     return Sheet(
         name,
@@ -152,8 +166,16 @@ def _effect_sheet(name: str) -> Sheet:
     )
 
 
-def _actuator_sheet(actuator: Actuator) -> Sheet:
-    plant = actuator.plant
+def actuator_sheet(
+    actuator: Actuator, variant: str | None = None, values: Mapping[str, float] | None = None
+) -> Sheet:
+    """Return the data sheet of an actuator.
+
+    Args:
+        variant: whose equations are shown; None for the default one.
+        values: [SI] of all parameters, None for those of the variant.
+    """
+    plant = actuator.plant_of(variant)
     own = [parameter for parameter in plant.parameters.values() if not parameter.owner]
     placed = [parameter for parameter in plant.parameters.values() if parameter.owner]
     variants = tuple((v.name, v.about, v.source) for v in actuator.variants)
@@ -162,7 +184,8 @@ def _actuator_sheet(actuator: Actuator) -> Sheet:
         for role, names in (("input", [w.name for w in plant.inputs]), ("output", plant.outputs))
         for wire in (plant.wire[name] for name in names)
     )
-    values = f"values of variant '{actuator.default_variant}'"
+    whose = "start values" if values else f"values of variant '{actuator.variant(variant).name}'"
+    shown = values or actuator.values(variant)
     return Sheet(
         f"{actuator.name}: {actuator.title}",
         (actuator.about, f"Source: {actuator.source}.", *warnings(actuator)),
@@ -175,15 +198,15 @@ def _actuator_sheet(actuator: Actuator) -> Sheet:
                 tuple(_chain_rows(plant)),
             ),
             Table(
-                f"Parameters, {values}",
+                f"Parameters, {whose}",
                 _PARAMETER_COLUMNS,
-                tuple(_parameter_rows(own, actuator)),
+                tuple(_parameter_rows(own, shown)),
             ),
             *_uncertainties(actuator),
             Table(
-                f"Parameters of effects, {values}; while those marked * are 0 it does nothing",
+                f"Parameters of effects, {whose}; while those marked * are 0 it does nothing",
                 _PARAMETER_COLUMNS,
-                tuple(_parameter_rows(placed, actuator)),
+                tuple(_parameter_rows(placed, shown)),
             ),
         ),
     )
@@ -201,16 +224,14 @@ _PARAMETER_COLUMNS = ("parameter", "value", "from", "to", "unit", "")
 
 
 def _parameter_rows(
-    parameters: Iterable[Parameter], actuator: Actuator
+    parameters: Iterable[Parameter], values: Mapping[str, float]
 ) -> Iterator[tuple[str, ...]]:
-    """Rows with the values of the default variant."""
-    values = actuator.values()
     for parameter in parameters:
         param = parameter.param
-        numbers = (values[parameter.name], param.low, param.high)
         yield (
             parameter.name + ("*" if param.switch else ""),
-            *(in_display_unit(number, parameter) for number in numbers),
+            in_display_unit(values[parameter.name], parameter),
+            *(f"{bound:.6g}" for bound in displayed(param)),
             display_unit(parameter),
             param.about,
         )

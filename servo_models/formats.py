@@ -26,7 +26,8 @@ HEADINGS = {
 }
 NEAREST = "; of each case the figure nearest to its limit"
 
-
+BRIEF = ("FMU = simulation", "model = reference", "figures of its paper")
+"""Headings of the claims in a summary, in their order."""
 COLUMNS = ("verdict", "actuator", "variant", "case", "quantity", "value", "limit", "")
 
 
@@ -46,6 +47,26 @@ def text(validation: Validation, every: bool = False) -> Sheet:
     failed = tuple(_cells(row) for row in validation.failures)
     tables += [Table("Outside their limits", COLUMNS, failed)] if failed else []
     return Sheet("Validation", (), tuple(tables))
+
+
+def summary(validation: Validation) -> Sheet:
+    """Return the verdict, how many figures of each actuator pass, and what failed."""
+    names = dict.fromkeys(row.actuator for row in validation.rows)
+    counts = tuple(
+        (name, *(_count(validation.of(claim), name) for claim in CLAIMS)) for name in names
+    )
+    tables = [Table("Figures that pass", ("actuator", *BRIEF), counts)]
+    failed = tuple(_cells(row)[1:] for row in validation.failures)
+    tables += [Table("Outside their limits", COLUMNS[1:], failed)] if failed else []
+    return Sheet(sentence(validation), (), tuple(tables))
+
+
+def _count(rows: Sequence[Row], actuator: str) -> str:
+    own = [row for row in rows if row.actuator == actuator]
+    judged = [row for row in own if row.passed is not None]
+    named = sum(row.passed is None and row.claim == PAPER for row in own)
+    counts = [f"{sum(bool(row.passed) for row in judged)} of {len(judged)}"] if judged else []
+    return ", ".join([*counts, *([f"{named} not reproducible"] if named else [])])
 
 
 def _cases(rows: Sequence[Row]) -> Iterable[list[Row]]:
@@ -86,12 +107,12 @@ def github(validation: Validation) -> Iterator[str]:
 
 
 def write_junit(validation: Validation, path: Path) -> None:
-    """Write a validation as JUnit XML: one suite a claim, unjudged rows skipped.
+    """Write a validation as JUnit XML: one suite a claim, unjudged rows skipped, times [s].
 
     Raises:
         UserError: the folder cannot be written.
     """
-    root = ElementTree.Element("testsuites", name="servo-models")
+    root = ElementTree.Element("testsuites", name="servo-models", time=_time(validation.rows))
     for claim in CLAIMS:
         rows = validation.of(claim)
         suite = ElementTree.SubElement(
@@ -101,6 +122,7 @@ def write_junit(validation: Validation, path: Path) -> None:
             tests=str(len(rows)),
             failures=str(sum(row.passed is False for row in rows)),
             skipped=str(sum(row.passed is None for row in rows)),
+            time=_time(rows),
         )
         for row in rows:
             case = ElementTree.SubElement(
@@ -108,6 +130,7 @@ def write_junit(validation: Validation, path: Path) -> None:
                 "testcase",
                 classname=f"{claim}.{row.actuator}.{row.variant}",
                 name=f"{row.case}: {row.quantity}",
+                time=_time([row]),
             )
             if row.passed is False:
                 ElementTree.SubElement(case, "failure", message=_reason(row))
@@ -115,6 +138,10 @@ def write_junit(validation: Validation, path: Path) -> None:
                 ElementTree.SubElement(case, "skipped", message=_reason(row))
     ElementTree.indent(root)
     write_whole(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _time(rows: Iterable[Row]) -> str:
+    return f"{sum(row.seconds for row in rows):.3f}"
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from servo_models.actuator import Actuator, Plant, Wire, check_bounds, unknown
-from servo_models.bounds import is_outside, outside
+from servo_models.bounds import is_outside, on_bound, outside
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.compiled import compiled_run, plain_make
 from servo_models.errors import UserError
@@ -215,9 +215,10 @@ def model(
             )
         parameter = plant.parameters[name]
         try:
-            overrides[name] = parse(value, parameter.param.unit)
+            given = parse(value, parameter.param.unit)
         except UserError as error:
             raise UserError(f"parameter '{name}': {error}") from error
+        overrides[name] = on_bound(given, parameter.param)
         check_bounds(parameter, overrides[name])
     return Model(found, chosen, found.values(chosen, overrides), flat_of(plant, found.name))
 

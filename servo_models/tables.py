@@ -1,8 +1,8 @@
-"""Tables of signals in CSV or Parquet files: units at the border, every fault with its row.
+"""Tables of signals: units at the border, every fault with its row.
 
 One column ``time`` and one per signal.  A header is a name, ``voltage``, with values in SI,
-or a name and a unit, ``pulse_width [us]``.  Numbers are written with a decimal point and
-columns are separated by commas, whatever the country of the machine.
+or a name and a unit, ``pulse_width [us]``.  Read is whatever ``logs`` reads; written are CSV,
+with decimal points and commas between columns whatever the country of the machine, and Parquet.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from servo_models.actuator import Plant, Wire, unknown
 from servo_models.bounds import is_outside, outside
 from servo_models.errors import UserError
-from servo_models.files import read_regular, write_with
-from servo_models.logs import csv, parquet
-from servo_models.logs.columns import Columns, Source, Tables
+from servo_models.files import write_with
+from servo_models.logs import Columns, read_columns
 from servo_models.units import factor
 
 Array = NDArray[np.float64]
@@ -50,7 +49,7 @@ def read_inputs(path: Path, plant: Plant) -> tuple[Array, dict[str, Array]]:
 
 
 def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Array]]:
-    """Read times and signals from a ``.csv`` or ``.parquet`` file.
+    """Read times and signals from a file of any format of ``logs``.
 
     Args:
         path: the file.
@@ -72,10 +71,7 @@ def _read(
     path: Path, wires: Sequence[Wire], bounded: Collection[str]
 ) -> tuple[Array, dict[str, Array]]:
     """The same; signals that are ``bounded`` have to be inside the bounds of their wires."""
-    check_suffix(path)
-    source = Source(path, read_regular(path), header=True)
-    tables = _read_csv(source) if path.suffix.lower() == ".csv" else parquet.read(source)
-    columns = Columns(path, tuple(tables.cells[""]), tables.first_row)
+    columns = read_columns(path, header=True)
     known = {wire.name: wire for wire in (TIME, *wires)}
     signals: dict[str, Array] = {}
     for number, header in enumerate(columns.names, start=1):
@@ -89,10 +85,7 @@ def _read(
             _check_bounds(columns, number, known[name], signals[name])
     if "time" not in signals:
         raise UserError(f"'{path}' has no column 'time': add one, in seconds")
-    times = signals.pop("time")
-    if len(times) == 0:
-        raise UserError(f"'{path}' has a header but no rows: add at least one")
-    return times, signals
+    return signals.pop("time"), signals
 
 
 def write_signals(
@@ -117,7 +110,7 @@ def write_signals(
 
 
 def check_suffix(path: Path) -> None:
-    """Raise UserError unless ``path`` names a kind of table that we read and write."""
+    """Raise UserError unless ``path`` names a kind of table that is written."""
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"'{path}' is no table: use a name that ends in {' or '.join(SUFFIXES)}")
 
@@ -146,10 +139,3 @@ def _heading(path: Path, header: str, known: Mapping[str, Wire]) -> tuple[str, f
         return name, factor(unit, known[name].unit) if unit else 1.0
     except UserError as error:
         raise UserError(f"'{path}', column '{name}': {error}") from error
-
-
-def _read_csv(source: Source) -> Tables:
-    first = source.content.split(b"\n", 1)[0]
-    if b"," not in first and re.search(b"[;\t]", first):
-        raise UserError(f"'{source.path}', row 1: separate columns by commas, decimals by a point")
-    return csv.read(source, separators=",")

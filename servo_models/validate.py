@@ -10,8 +10,10 @@ from __future__ import annotations
 import platform
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 from servo_models.errors import UserError
@@ -81,11 +83,13 @@ def validate(
         for done, (label, work) in enumerate(jobs):
             if on_progress:
                 on_progress(done, len(jobs), label)
+            began = perf_counter()
             result = work()
+            spent = perf_counter() - began
             if isinstance(result, CostCurve):
                 curves.append(result)
             else:
-                rows += result
+                rows += [replace(row, seconds=spent / len(result)) for row in result]
         if on_progress:
             on_progress(len(jobs), len(jobs), "")
     return Validation(tuple(rows), tuple(curves), conditions())

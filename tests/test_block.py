@@ -10,12 +10,37 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from servo_models.actuator import Plant, Wire, place
 from servo_models.block import Block, Clock, Fault, Memory, Mode, Param, Queue, block, effect
 from servo_models.catalogue import actuators, effects
 from servo_models.inline import inline
 from servo_models.stepper import HEAD
 
 OUTSIDE = [1.0, 2.0]
+
+
+@pytest.mark.parametrize("unit", ["/signal", "s/signal", "signal2", "1/signal2", "V.signal"])
+def test_a_unit_whose_scale_is_unclear_is_refused(unit: str) -> None:
+    """Bounds are fractions of the full scale or of its inverse, of nothing else."""
+    with pytest.raises(ValueError, match="write 'signal', 'signal/s' or '1/signal'"):
+        Param(unit, "size")
+
+
+def test_units_of_a_signal_become_those_of_the_wire() -> None:
+    @effect("signal", source="here")
+    def bent(
+        signal: float,
+        rate: Annotated[float, Param("signal/s", "rate", high=3.0, switch=True)],
+        inverse: Annotated[float, Param("1/signal", "inverse", high=3.0)],
+    ) -> float:
+        """Nothing."""
+        return signal * inverse + rate
+
+    wire = Wire("torque", "N.m", "torque", scale=2.0)
+    plant = Plant((wire,), (), (place("bent", bent, "torque"),), (), ("torque",))
+    found = {name: parameter.param for name, parameter in plant.parameters.items()}
+    assert (found["bent.rate"].unit, found["bent.rate"].high) == ("N.m/s", 6.0)
+    assert (found["bent.inverse"].unit, found["bent.inverse"].high) == ("1/(N.m)", 1.5)
 
 
 def test_the_signature_is_the_data_sheet() -> None:

@@ -62,6 +62,9 @@ def test_list_names_everything_and_warns(run: Run) -> None:
             assert variant.name in out
             assert variant.warning in " ".join(out.split())
     assert all(name in out for name in effects())
+    lines = [line for line in out.splitlines() if line]
+    assert lines[:2] == ["Actuators and effects", "Actuators"]
+    assert lines[-3] == "Warnings"
 
 
 @pytest.mark.parametrize(
@@ -93,6 +96,7 @@ def test_list_names_everything_and_warns(run: Run) -> None:
         (["explain"], "name an actuator or an effect"),
         (["explain", "sg90", "--params", "a.toml"], "leave out the name"),
         (["build", "--variant", "linear"], "name it"),
+        (["build", "--out", "mine.fmu"], "name it"),
         (["build", "sg90", "--out", "/dev/null/fmus"], "cannot write"),
     ],
 )
@@ -172,11 +176,22 @@ def test_a_built_fmu_carries_the_settings(run: Run, tmp_path: Path) -> None:
     words = ("build", "torque_motor", "--variant", "estimated", "--out", tmp_path)
     code, out, _ = run(*words, "--set", "backlash.half_width=0.1 deg")
     assert code == 0
-    assert out.strip() == str(tmp_path / "torque_motor.fmu")
+    assert out.strip() == str(tmp_path / "torque_motor_estimated.fmu")
     description = fmpy.read_model_description(out.strip())
     start = {variable.name: variable.start for variable in description.modelVariables}
     assert float(start["backlash.half_width"]) == pytest.approx(np.radians(0.1), rel=1e-15)
     assert float(start["torque_constant"]) == 5.23
+
+
+def test_variants_are_files_of_their_own(run: Run, tmp_path: Path) -> None:
+    """The default one has the actuator's name alone; ``--out`` may name the file."""
+    for words in ([], ["--variant", "identified"], ["--variant", "measured"]):
+        assert run("build", "torque_motor", *words, "--out", tmp_path)[0] == 0
+    assert run("build", "torque_motor", "--out", tmp_path / "valve.fmu")[0] == 0
+    names = {"torque_motor.fmu", "torque_motor_measured.fmu", "valve.fmu"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    first, named = (tmp_path / name for name in ("torque_motor.fmu", "valve.fmu"))
+    assert first.read_bytes() == named.read_bytes()
 
 
 @given(

@@ -144,7 +144,7 @@ def test_parameters_that_close_little_are_not_said_to_explain_a_gap(
 ) -> None:
     found = replace(case[0], verdict=Verdict("parameters", {}, (), ()))
     little = replace(found.gap, closed=(0.49, 0.0, 0.6))
-    text = "The gap passes for noise, no effect is needed"
+    text = "The gap cannot be told from noise, no effect is needed"
     assert words.headline(replace(found, gap=little)) == text
     assert words.headline(replace(found, moved=())) == text
     outside = replace(found, verdict=Verdict("outside-catalogue", {}, (), ()), moved=())
@@ -191,7 +191,7 @@ def test_motion_that_counts_as_noise_is_warned_of(
     (gap,) = found.gaps
     assert gap.motion < 0.1 * gap.floor
     seen = replace(found, gaps=(replace(gap, motion=share * gap.floor),))
-    assert any("holds motion" in text for text in cautions(seen)) == warned
+    assert any("contains motion" in text for text in cautions(seen)) == warned
 
 
 @pytest.mark.parametrize(

@@ -321,7 +321,7 @@ def frozen(folder: Path) -> Path:
 def test_frozen_parameters_are_warned_of(run: Run, tmp_path: Path) -> None:
     code, out, _ = run("diagnose", frozen(tmp_path))
     assert code == 1
-    assert "frozen ones invent effects" in out
+    assert "a wrong value looks like an effect" in out
 
 
 def test_github_is_told_of_no_gap_as_a_notice_and_of_doubts_as_warnings(
@@ -332,5 +332,5 @@ def test_github_is_told_of_no_gap_as_a_notice_and_of_doubts_as_warnings(
     notice, *warnings = out.splitlines()
     assert code == 0
     assert notice.startswith("::notice title=servo-models%3A torque_motor::No gap")
-    assert any("frozen ones invent effects" in text for text in warnings)
+    assert any("a wrong value looks like an effect" in text for text in warnings)
     assert all(text.startswith("::warning title=servo-models") for text in warnings)

@@ -83,7 +83,7 @@ def test_a_flag_is_not_judged(run: Run, tmp_path: Path) -> None:
     assert told["gap"] == plain["gap"]
     assert told["effects"] == plain["effects"]
     (more,) = set(told["warnings"]) - set(plain["warnings"])
-    assert "'at_stop' says yes or no" in more
+    assert "'at_stop' is a flag, 0 or 1" in more
 
 
 def test_a_log_of_a_flag_alone_is_refused(run: Run, tmp_path: Path) -> None:

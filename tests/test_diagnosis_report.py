@@ -298,7 +298,7 @@ def test_a_model_without_uncertainties_is_not_called_retuned(found: Diagnosis) -
     page = Page(text)
     page.assert_stands_alone()
     assert "re-tuned" not in page.text
-    assert any("frozen ones invent effects" in piece for piece in page.text)
+    assert any("a wrong value looks like an effect" in piece for piece in page.text)
 
 
 def test_small_errors_are_told_with_a_prefix(found: Diagnosis) -> None:

@@ -128,6 +128,12 @@ def test_units_are_taken_from_headings(
         ("rate [deg/s]", ("rate",), "deg/s"),
         ("drive (V)", ("drive",), "V"),
         ("state (on)", ("state",), None),
+        ("position[0]", ("position",), None),
+        ("effort(12)", ("effort",), None),
+        ("q[0,1]", ("q",), None),
+        ("joint[0].velocity [rad/s]", ("joint", "velocity"), "rad/s"),
+        ("slip [%]", ("slip",), "%"),
+        ("turns [1/min]", ("turns",), "1/min"),
         ("s", ("s",), None),
     ],
 )
@@ -238,6 +244,37 @@ def test_a_column_with_one_bad_cell_is_told(run: Run, csv: Path, cell: str) -> N
     assert code == 1
     assert "row 18, column 'coil_current'" in out
     assert "column 'coil_current'" in csv.with_suffix(".toml").read_text()
+
+
+def test_an_index_is_no_unit_and_what_is_left_out_is_told(run: Run, tmp_path: Path) -> None:
+    """As ROS writes arrays of joints."""
+    log, path = motor_log(), tmp_path / "log.csv"
+    angle = np.degrees(log.outputs["angle"])
+    pl.DataFrame(
+        {
+            "time_s": log.times,
+            "voltage [V]": log.inputs["voltage"],
+            "position[0]": angle,
+            "position[1]": 0.5 * angle,
+            "effort[0]": np.zeros(len(angle)),
+            "humidity": np.cos(log.times),
+            "mode": ["run"] * len(angle),
+        }
+    ).write_csv(path)
+    code, out, _ = run("check", path, "--init", "--actuator", "torque_motor")
+    assert code == 0
+    draft_text = path.with_suffix(".toml").read_text()
+    (told,) = (line for line in draft_text.splitlines() if line.startswith("outputs.angle"))
+    assert 'column = "position[0]", unit = "deg"' in told
+    assert "# guessed" in told
+    for sentence in (
+        'not used, angle is taken from "position[0]": "position[1]"',
+        'not used, constant: "effort[0]"',
+        'not used, the name does not tell what it is: "humidity"',
+        'not used, not numbers throughout: "mode"',
+    ):
+        assert sentence in out.splitlines()
+        assert f"# {sentence}" in draft_text.splitlines()
 
 
 def test_a_column_of_words_is_no_warning(run: Run, csv: Path) -> None:

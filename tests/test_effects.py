@@ -104,11 +104,13 @@ def experiment(plant: str) -> tuple[Array, Array]:
 def swing(plant: str) -> tuple[Array, Array]:
     """A slower one: the main input at one end of its scale, then at the other, small loads."""
     times, inputs = experiment(plant)
-    main, second, *_ = chosen(plant).plant.inputs
+    main, *others = chosen(plant).plant.inputs
     swung = inputs.copy()
     swung[:30, 0], swung[30:, 0] = float(main.rest) + main.scale, float(main.rest) - main.scale
     swung[::3, 0] += 0.004 * main.scale
-    swung[:, 1] = float(second.rest) + 0.1 * (swung[:, 1] - float(second.rest))
+    if others:
+        rest = float(others[0].rest)
+        swung[:, 1] = rest + 0.1 * (swung[:, 1] - rest)
     return 20.0 * times, swung
 
 

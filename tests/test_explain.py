@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import one_input
 import pytest
+from conftest import Run
 
 import servo_models
-from servo_models.catalogue import actuators, effects
+from servo_models.actuator import Actuator
+from servo_models.actuators.torque_motor import TABLE_1
+from servo_models.bounds import displayed
+from servo_models.catalogue import actuator, actuators, effects
 from servo_models.demonstration import VISIBLE, demonstrate, portrait
 from servo_models.errors import UserError
-from servo_models.explain import effect_name, explain, overview, places
+from servo_models.explain import display_unit, effect_name, explain, overview, places
 from servo_models.pictures import save
+from servo_models.simulate import model
 
 
 def words(sheet: object) -> str:
@@ -59,6 +67,70 @@ def test_the_chain_shows_the_equations_that_run() -> None:
     assert rows["error"][1] == "command_voltage - feedback_coefficient * feedback_voltage"
     assert "Fig. 5" in rows["error"][2]
     assert rows["angle, rate"][1] == "shaft_angle, shaft_rate"
+
+
+def test_a_variant_is_explained_with_its_own_values(run: Run, tmp_path: Path) -> None:
+    """Table 1 of the valve paper."""
+    (table,) = (
+        it
+        for it in explain("torque_motor", "measured").tables
+        if it.heading.startswith("Parameters, ")
+    )
+    rows = {row[0]: row for row in table.rows}
+    for name in ("resistance", "torque_constant"):
+        assert float(rows[name][1]) == pytest.approx(TABLE_1[name], rel=1e-5)
+    drawn = tmp_path / "step.svg"
+    code, out, _ = run("explain", "sg90", "--variant", "printed", "--picture", drawn)
+    assert code == 0
+    assert "Parameters, values of variant 'printed'" in out
+    assert "variant printed" in drawn.read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["sg90", "--variant", "printd"], "did you mean 'printed'"),
+        (["backlash", "--variant", "printed"], "'backlash' is an effect and has no variants"),
+        (["delay"], "did you mean 'transport_delay'?"),
+        (["friction"], "'coulomb_friction' or 'load_friction' or"),
+        (["Dead Zone"], "did you mean 'dead_zone' or"),
+        (["compliance"], "did you mean 'gear_compliance'?"),
+    ],
+)
+def test_what_explain_does_not_know(words: list[str], said: str, run: Run) -> None:
+    code, out, err = run("explain", *words)
+    assert (code, out) == (2, "")
+    assert said in err
+
+
+def test_bounds_are_round_and_allowed() -> None:
+    """0.2 rad are 11.459 deg; 11.46 deg would be refused."""
+    rows = {row[0]: row for table in explain("smart_servo").tables for row in table.rows}
+    assert rows["backlash.half_width*"][2:5] == ("0", "11", "deg")
+    assert rows["sensor_nonlinearity.full_scale"][2:5] == ("5.8", "570", "deg")
+    assert rows["sensor_offset.value*"][2:5] == ("-28", "28", "deg")
+    model("smart_servo", None, {"backlash.half_width": "11 deg"})
+    with pytest.raises(UserError, match=r"outside \[0, 11\] deg"):
+        model("smart_servo", None, {"backlash.half_width": "12 deg"})
+
+
+@pytest.mark.parametrize("found", actuators().values(), ids=actuators())
+def test_bounds_are_accepted_as_they_are_shown(found: Actuator) -> None:
+    for name, parameter in found.plant.parameters.items():
+        for bound in displayed(parameter.param):
+            model(found, None, {name: f"{bound:.6g} {display_unit(parameter)}"})
+
+
+def test_an_effect_is_drawn_on_an_actuator_without_a_load(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plant of the catalogue may have its command as its only input."""
+    alone = replace(actuator(str(one_input.write(tmp_path))), file=None)
+    monkeypatch.setattr(sys.modules["servo_models.explain"], "actuators", lambda: {"joint": alone})
+    assert demonstrate("transport_delay").place.actuator is alone
+    drawn = tmp_path / "delay.svg"
+    save(portrait("transport_delay"), drawn)
+    assert "transport_delay on joint" in drawn.read_text()
 
 
 def test_a_placed_name_leads_to_its_effect() -> None:

@@ -6,6 +6,7 @@ import ast
 import hashlib
 import math
 import re
+import struct
 import sys
 import zipfile
 from collections.abc import Callable
@@ -18,9 +19,11 @@ import pytest
 from conftest import MODELS
 from fmpy.validation import validate_fmu
 from fmu_host import Host
+from html_page import Page
 
 from servo_models.build import build
 from servo_models.errors import UserError
+from servo_models.experiment import step
 from servo_models.simulate import Model, model
 
 Files = Callable[[str], Path]
@@ -111,6 +114,42 @@ def test_default_experiment_is_the_actuators(fmu_file: Files) -> None:
     assert experiment is not None
     assert float(experiment.attrib["stopTime"]) == actuator.stop_time
     assert float(experiment.attrib["stepSize"]) == actuator.step_size
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_something_moves_in_the_default_experiment(name: str, fmu_file: Files) -> None:
+    """A host that sets nothing sees the standard step, as ``servo-models simulate`` does."""
+    chosen = model(*MODELS[name])
+    main = chosen.plant.outputs[0]
+    result = fmpy.simulate_fmu(str(fmu_file(name)), output=[main])
+    told = step(chosen)
+    assert np.ptp(told[main]) > 1e-2 * chosen.plant.wire[main].scale
+    assert result[main][-1] == pytest.approx(told[main][-1], rel=1e-6)
+
+
+def test_documentation_is_made_from_the_declaration(tmp_path: Path) -> None:
+    chosen = model("torque_motor", "measured", {"backlash.half_width": "0.25 deg"})
+    with zipfile.ZipFile(build(chosen, tmp_path / "valve.fmu")) as archive:
+        page = archive.read("documentation/index.html").decode()
+    read = Page(page)
+    read.assert_stands_alone()
+    words, rows = " ".join(" ".join(read.text).split()), {row[0]: row for row in read.rows if row}
+    variant = chosen.actuator.variant("measured")
+    for told in (chosen.actuator.title, "variant measured", variant.source):
+        assert told in words
+    for name in (*(wire.name for wire in chosen.plant.inputs), *chosen.plant.outputs):
+        assert name in rows
+    assert {name.rstrip("*") for name in rows} >= set(chosen.values)
+    assert rows["backlash.half_width*"][1] == "0.25"
+    assert rows["backlash.half_width*"][4] == "deg"
+
+
+def test_the_icon_is_where_fmi_wants_it(fmu_file: Files) -> None:
+    """FMI 2.0.4, section 2.3: ``model.png`` at the top; a PNG begins with its size."""
+    with zipfile.ZipFile(fmu_file("sg90")) as archive:
+        icon = archive.read("model.png")
+    assert icon[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", icon[16:24]) == (100, 100)
 
 
 def random_parameters(chosen: Model, rng: np.random.Generator) -> dict[str, float]:

@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -53,6 +54,21 @@ def test_validate_exits_by_the_verdict(run: Run, verdict: Callable[..., None]) -
     assert err == ""
 
 
+def test_brief_is_the_verdict_then_counts_then_what_failed(
+    run: Run, verdict: Callable[..., None]
+) -> None:
+    long = Row(MODEL, "sg90", "printed", "a " * 30 + "long case", "angle", 1.0, 0.5, "1", False)
+    verdict(GOOD, GOOD, BAD, NAMED, long)
+    code, out, err = run("validate", "--brief")
+    assert code == 1
+    lines = out.splitlines()
+    assert lines[0] == "FAILED: 2 of 4 figures are outside their limits."
+    assert "2 of 2 0 of 2 1 not reproducible" in " ".join(out.split())
+    assert "why: so" in " ".join(out.split())
+    assert max(map(len, lines)) <= 80
+    assert err == "2 of 2: half way\n"
+
+
 def test_json_is_all_there_is_on_stdout(run: Run, verdict: Callable[..., None]) -> None:
     endless = Row(MODEL, "sg90", "printed", "step", "rate", float("inf"), 1.0, "1", False)
     verdict(GOOD, BAD, NAMED, endless)
@@ -85,6 +101,16 @@ def test_junit_counts_and_explains(run: Run, verdict: Callable[..., None], tmp_p
     failure = suites[1].find("testcase/failure")
     assert failure is not None
     assert "why: so" in str(failure.get("message"))
+
+
+def test_junit_carries_times(run: Run, verdict: Callable[..., None], tmp_path: Path) -> None:
+    verdict(replace(GOOD, seconds=1.25), replace(BAD, seconds=0.5), replace(BAD, seconds=0.25))
+    path = tmp_path / "junit.xml"
+    run("validate", "--junit", path)
+    root = ElementTree.parse(path).getroot()
+    assert root.get("time") == "2.000"
+    assert [suite.get("time") for suite in root] == ["1.250", "0.750", "0.000"]
+    assert [case.get("time") for case in root.iter("testcase")] == ["1.250", "0.500", "0.250"]
 
 
 def test_a_paper_figure_stands_beside_what_was_printed(

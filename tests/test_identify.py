@@ -118,7 +118,7 @@ def test_from_two_files_to_an_fmu(bench: Path, run: Run) -> None:
 
     assert run("build", "--params", out, "--out", bench)[0] == 0
     result = fmpy.simulate_fmu(
-        str(bench / "torque_motor.fmu"),
+        str(bench / "torque_motor_measured.fmu"),
         stop_time=0.1,
         output_interval=1e-3,
         start_values={"voltage": 12.0},

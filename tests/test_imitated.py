@@ -253,9 +253,9 @@ def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
 
 
 def test_parameters_that_explain_little_imitate_nothing(found: Diagnosis) -> None:
-    """The gap passes for noise then, and whatever they do is no reason to doubt that."""
+    """The gap cannot be told from noise then, and whatever they do is no reason to doubt that."""
     little = replace(found, gap=replace(found.gap, closed=(0.2, 0.1, 0.3)))
-    assert "passes for noise" in words.headline(little)
+    assert "cannot be told from noise" in words.headline(little)
     assert little.imitated == ()
     assert little.undecided == ()
 

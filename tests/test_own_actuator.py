@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile
 
+import fmpy
 import numpy as np
+import one_input
 import pytest
 from conftest import Run
 
@@ -116,6 +118,18 @@ def test_a_file_is_explained_in_place_of_a_name(tmp_path: Path, run: Run) -> Non
     assert "plain" in drawn.read_text()
 
 
+def test_one_input_is_enough(tmp_path: Path, run: Run) -> None:
+    path = one_input.write(tmp_path)
+    for words in (
+        ["explain", path, "--variant", "plain", "--picture", tmp_path / "step.svg"],
+        ["simulate", path, "--plot", tmp_path / "run.svg"],
+        ["figures", path, "--at", "goal=1"],
+        ["build", path, "--out", tmp_path],
+    ):
+        code, _, err = run(*words)
+        assert (code, err) == (0, ""), words
+
+
 def test_declarations_that_do_not_fit_together_are_an_error(tmp_path: Path, run: Run) -> None:
     path = write(tmp_path)
     path.write_text(path.read_text().replace('"angle", "rad", "angle"', '"goal", "rad", "angle"'))
@@ -153,6 +167,26 @@ def test_a_standard_step_of_no_input_is_refused(tmp_path: Path, run: Run) -> Non
     code, out, err = run("build", path, "--out", tmp_path / "built")
     assert (code, out) == (2, "")
     assert "ValueError: unknown input of the standard step 'gaol'; did you mean 'goal'" in err
+
+
+def test_a_standard_step_out_of_bounds_is_no_start_value(tmp_path: Path, run: Run) -> None:
+    """No FMU may have such a start value; ``simulate`` says what is wrong with it."""
+    path = one_input.write(tmp_path)
+    path.write_text(path.read_text().replace('step=("goal", 1.0)', 'step=("goal", 11.0)'))
+    assert run("build", path, "--out", tmp_path)[0] == 0
+    (goal, *_) = fmpy.read_model_description(str(tmp_path / "joint.fmu")).modelVariables
+    assert (goal.name, float(goal.start)) == ("goal", 0.0)
+    code, _, err = run("simulate", path)
+    assert code == 2
+    assert "'goal' = 11 is outside [-10, 10] rad" in err
+
+
+def test_an_actuator_without_a_variant_is_refused(tmp_path: Path, run: Run) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace('(Variant("plain", "", {}, ""),)', "()"))
+    code, out, err = run("simulate", path)
+    assert (code, out) == (2, "")
+    assert "joint.py' does not run: ValueError: actuator 'joint' has no variant: give it one" in err
 
 
 def test_an_uncertainty_of_no_parameter_is_refused(tmp_path: Path, run: Run) -> None:

@@ -184,7 +184,7 @@ def test_an_fmu_starts_from_the_file_and_says_so(tmp_path: Path) -> None:
     write_parameters(FULL, file)
     words = ["build", "--params", str(file), "--set", "stiffness=1.2", "--out", str(tmp_path)]
     assert main(words) == 0
-    found = fmpy.read_model_description(str(tmp_path / "torque_motor.fmu"))
+    found = fmpy.read_model_description(str(tmp_path / "torque_motor_measured.fmu"))
     start = {v.name: float(v.start) for v in found.modelVariables if v.causality == "parameter"}
     assert start == read_parameters(file).model({"stiffness": 1.2}).values
     assert "mine.toml; simulation error, least squares; 2026-01-31" in found.description

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from servo_models.catalogue import actuator
 from servo_models.errors import UserError
@@ -94,6 +97,41 @@ def test_the_dialects_of_editors(tmp_path: Path, content: bytes) -> None:
     assert list(inputs["voltage"]) == [1.0, 2.0]
 
 
+def json_table(folder: Path) -> Path:
+    rows = [{"time": 0, "pulse_width [us]": 1500}, {"time": 1.5, "pulse_width [us]": 2000.5}]
+    return table(folder, json.dumps(rows), "in.json")
+
+
+def mat_table(folder: Path) -> Path:
+    savemat(folder / "in.mat", {"time": [0.0, 1.5], "pulse_width": [1.5e-3, 2.0005e-3]})
+    return folder / "in.mat"
+
+
+def parquet_table(folder: Path) -> Path:
+    frame = pl.DataFrame({"time": [0.0, 1.5], "pulse_width [us]": [1500.0, 2000.5]})
+    frame.write_parquet(folder / "in.parquet")
+    return folder / "in.parquet"
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda folder: table(folder, "time;pulse_width [us]\n0;1500\n1,5;2000,5\n"),
+        lambda folder: table(folder, "time\tpulse_width [us]\n0\t1500\n1,5\t2000,5\n", "in.tsv"),
+        lambda folder: table(folder, "# a rig\ntime; pulse_width [us]\n0;1500\n1.5;2000.5\n"),
+        json_table,
+        mat_table,
+        parquet_table,
+    ],
+)
+def test_inputs_are_read_from_whatever_logs_are_read_from(
+    write: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    times, inputs = read_inputs(write(tmp_path), SERVO)
+    assert list(times) == [0.0, 1.5]
+    assert inputs["pulse_width"] == pytest.approx([1.5e-3, 2.0005e-3], rel=1e-14)
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -109,7 +147,6 @@ def test_the_dialects_of_editors(tmp_path: Path, content: bytes) -> None:
         ("time,voltage [A]\n0,1\n", ["column 'voltage'", "'A' does not convert to 'V'"]),
         ("time,voltage [volks]\n0,1\n", ["column 'voltage'", "unknown unit 'volks'"]),
         ("time,voltage [V\n0,1\n", ["write it as 'name' or 'name [unit]'"]),
-        ("time;voltage\n0;1,5\n", ["row 1", "commas"]),
         ("time,voltage\n0,1\n\n1,2\n", ["row 3", "empty"]),
         ("time,voltage\n0,1\n1,2,5\n", ["row 3 has 3 cells"]),
         ("time,voltage\n0,1\n1,\n", ["row 3", "'voltage'", "empty"]),
@@ -164,7 +201,9 @@ def test_a_damaged_parquet_file(tmp_path: Path) -> None:
 
 def test_a_missing_file_and_another_kind(tmp_path: Path) -> None:
     assert "cannot read" in complaint(tmp_path / "absent.csv")
-    assert ".csv or .parquet" in complaint(table(tmp_path, "time\n0\n", "in.xlsx"))
+    assert ".csv, .json, .mat" in complaint(table(tmp_path, "time\n0\n", "in.xlsx"))
+    with pytest.raises(UserError, match=r"\.csv or \.parquet"):
+        write_signals(tmp_path / "out.xlsx", np.zeros(1), {}, MOTOR.wire)
 
 
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:

@@ -29,9 +29,13 @@ def build(
     set_: Settings = None,
     params: Params = None,
     trust: Trust = False,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the FMUs.")] = Path("fmus"),
+    out: Annotated[
+        Path, typer.Option(metavar="PATH", help="Folder of the FMUs, or one file .fmu.")
+    ] = Path("fmus"),
 ) -> None:
     """Build FMUs (FMI 2.0 co-simulation).
+
+    sg90.fmu is the default variant, sg90_printed.fmu another one.
 
     Examples:
 
@@ -42,6 +46,7 @@ def build(
     servo-models build --params identified.toml
     """
     from servo_models.build import build as write
+    from servo_models.build import path_of
     from servo_models.catalogue import actuators
     from servo_models.cli.console import progress
     from servo_models.simulate import model
@@ -50,9 +55,11 @@ def build(
         models = [chosen_model(actuator, variant, set_, params, trust)]
     elif variant or set_:
         raise UserError("--variant and --set belong to one actuator: name it")
+    elif out.suffix == ".fmu":
+        raise UserError(f"'{out}' is the file of one actuator: name it, or give a folder")
     else:
         models = [model(name) for name in actuators()]
     with progress("building") as report:
         for done, chosen in enumerate(models):
             report(done, len(models), f"building {chosen.actuator.name}")
-            print(write(chosen, out / f"{chosen.actuator.name}.fmu"))
+            print(write(chosen, path_of(chosen, out)), flush=True)

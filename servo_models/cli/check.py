@@ -68,6 +68,8 @@ def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> in
     made = draft(file, actuator)
     write_draft(made, path)
     print(f"wrote '{path}': look at the lines marked 'guessed', then 'servo-models check {path}'")
+    for text in made.not_used:
+        print(text)
     for text in made.warnings:
         print(f"Warning: {text}")
     try:

@@ -11,25 +11,28 @@ from servo_models.sheets import Sheet
 Progress = Callable[[int, int | None, str], None]
 """Called with steps done, steps in all where that is known, and what is being done."""
 
+NARROW = 80
+"""Columns of what is meant to be read, in a pipe too."""
 ONE_LINE = 2000
 """Characters; no row of a table is longer, so a filter such as grep finds all of it."""
 
 
-def show(sheet: Sheet) -> None:
-    """Print a sheet: for the width and colours of a terminal, else a line for each row."""
+def show(sheet: Sheet, width: int = ONE_LINE) -> None:
+    """Print a sheet: for the width and colours of a terminal, else in lines of ``width``, which
+    by default is a line for each row."""
     if sys.stdout.isatty():
         from rich.console import Console
 
         Console().print(sheet)
     else:
-        print(sheet.plain(ONE_LINE))
+        print(sheet.plain(width))
 
 
 @contextmanager
-def progress(label: str) -> Iterator[Progress]:
-    """Show a bar on stderr while the block runs, if that is a terminal."""
+def progress(label: str, lines: bool = False) -> Iterator[Progress]:
+    """Show a bar on stderr while the block runs; in a pipe ``lines``, one a job, or nothing."""
     if not sys.stderr.isatty():
-        yield lambda done, total, doing: None
+        yield _print_job if lines else lambda done, total, doing: None
         return
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -39,3 +42,8 @@ def progress(label: str) -> Iterator[Progress]:
         yield lambda done, total, doing: bar.update(
             task, completed=done, total=total, description=doing
         )
+
+
+def _print_job(done: int, total: int | None, doing: str) -> None:
+    if doing:
+        print(f"{done + 1} of {total}: {doing}"[:NARROW], file=sys.stderr, flush=True)

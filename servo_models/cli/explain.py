@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from servo_models.cli.options import Params, Trust, complete_name
+from servo_models.cli.options import Params, Trust, Variant, complete_name
 from servo_models.errors import UserError
 
 
@@ -18,6 +18,7 @@ def explain(
             help="An actuator, your own .py file, or an effect.", autocompletion=complete_name
         ),
     ] = None,
+    variant: Variant = None,
     params: Params = None,
     trust: Trust = False,
     picture: Annotated[
@@ -34,6 +35,8 @@ def explain(
 
     servo-models explain torque_motor
 
+    servo-models explain sg90 --variant printed
+
     servo-models explain backlash --picture backlash.svg
 
     servo-models explain --params identified.toml
@@ -44,19 +47,21 @@ def explain(
     from servo_models.parameter_sheet import parameter_sheet
 
     if params:
-        if name or picture:
-            raise UserError("--params is explained alone: leave out the name and --picture")
+        if name or variant or picture:
+            raise UserError(
+                "--params is explained alone: leave out the name, --variant and --picture"
+            )
         show(parameter_sheet(read_parameters(params, trust)))
         return
     if not name:
         raise UserError("nothing to explain: name an actuator or an effect, see 'list'")
     if name.endswith(".toml"):
         raise UserError(f"'{name}' is a file: explain a parameter file with --params {name}")
-    show(sheet_of(name))
+    show(sheet_of(name, variant))
     if picture:
         from servo_models.demonstration import portrait
         from servo_models.pictures import check_suffix, save
 
         check_suffix(picture)
         with progress(f"drawing {name}"):
-            save(portrait(name), picture)
+            save(portrait(name, variant), picture)

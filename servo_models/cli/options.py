@@ -120,7 +120,7 @@ def _typed(ctx: typer.Context) -> list[Any]:
     """The actuator on an unfinished command line: not yet an argument where an option is open."""
     from servo_models.catalogue import actuators
 
-    words = [ctx.params.get("actuator"), *ctx.args]
+    words = [ctx.params.get("actuator"), ctx.params.get("name"), *ctx.args]
     return [actuators()[word] for word in words if word in actuators()]
 
 

@@ -40,8 +40,9 @@ def simulate(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Inputs over time instead: .csv or .parquet with a column 'time' and columns"
-            " such as 'voltage' or 'pulse_width \\[us]'; its rows are the communication points.",
+            help="Inputs over time instead: any file that 'check' reads, with a column 'time' and"
+            " columns such as 'voltage' or 'pulse_width \\[us]'; its rows are the communication"
+            " points.",
         ),
     ] = None,
     stop: Annotated[str | None, typer.Option(metavar="TIME", help="End of a step's run.")] = None,

@@ -49,6 +49,12 @@ def validate(
     every: Annotated[
         bool, typer.Option("--all", help="Print every figure, not one a case.")
     ] = False,
+    brief: Annotated[
+        bool,
+        typer.Option(
+            "--brief", help="Print the verdict and what failed; name each job as it begins."
+        ),
+    ] = False,
 ) -> int:
     """Validate FMUs against the simulation, the models against references.
 
@@ -65,7 +71,7 @@ def validate(
     """
     from servo_models import formats
     from servo_models.catalogue import actuator as find_actuator
-    from servo_models.cli.console import progress, show
+    from servo_models.cli.console import NARROW, progress, show
     from servo_models.files import check_writable
     from servo_models.parameter_set import read_parameters
     from servo_models.validate import validate as run
@@ -80,7 +86,7 @@ def validate(
         subjects.append(read_parameters(params, trust).model())
     own = find_actuator(str(actuator)) if actuator else None
     limits = Limits(timeout, memory, unpacked)
-    with progress("validating") as on_progress:
+    with progress("validating", lines=brief) as on_progress:
         try:
             result = run(subjects or None, on_progress=on_progress, own=own, limits=limits)
         except UserError as error:
@@ -97,6 +103,8 @@ def validate(
         print(formats.as_json(result))
     elif format_ is Format.GITHUB:
         print("\n".join(formats.github(result)))
+    elif brief:
+        show(formats.summary(result), NARROW)
     else:
         show(formats.text(result, every))
         print(f"\n{formats.sentence(result)}")

@@ -2,7 +2,7 @@
 
 A quantiser or a dead band in a loop makes it hunt.  The hunting depends on parameters to more
 digits than any log holds, so the response with the true cause differs from the measured one as
-much as from itself with parameters that nobody could tell apart.  Codes that merely flip at
+much as from itself with parameters changed within their standard errors.  Codes that merely flip at
 other samples are no hunting: with a smaller change of parameters fewer of them do.
 Source: Gelman, Meng, Stern, Statistica Sinica 6 (1996) 733 (posterior predictive checks).
 """

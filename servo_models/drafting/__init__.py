@@ -14,8 +14,8 @@ from servo_models.actuator import Actuator, Wire
 from servo_models.catalogue import actuator as find_actuator
 from servo_models.catalogue import actuators
 from servo_models.drafting.columns import Column, LeftOut, columns_of
-from servo_models.drafting.guess import Match, matches, tells, time_of
-from servo_models.errors import UserError
+from servo_models.drafting.guess import Match, matches, tells, time_of, why_not
+from servo_models.errors import UserError, printable
 from servo_models.files import write_whole
 from servo_models.own_actuator import key_from
 from servo_models.simulate import model, simulate
@@ -24,6 +24,8 @@ from servo_models.units import exponents, factor
 __all__ = ["Draft", "draft", "write_draft"]
 
 CHECK = "# guessed"
+LONGEST = 4000
+"""Characters of a sentence about columns, whose names are anybody's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,7 @@ class Draft:
         actuator: what is thought to have made it, ``given`` if that was told.
         time: its column and unit, None if no column rises.
         matches: columns and their signals, all in the table of the time or an input's.
-        unused: columns left over.
+        unused: columns left over, of all tables.
         left_out: columns that are not numbers throughout.
     """
 
@@ -50,7 +52,34 @@ class Draft:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Columns that seem to be measured but cannot be used, one sentence each."""
-        return tuple(f"not used: {column.why}" for column in self.left_out if column.damaged)
+        return tuple(
+            printable(f"not used: {column.why}", LONGEST)
+            for column in self.left_out
+            if column.damaged
+        )
+
+    @property
+    def table(self) -> str | None:
+        """The table of the time and the outputs, None where the file has but one."""
+        return self.time[0].table if self.time else None
+
+    @property
+    def not_used(self) -> tuple[str, ...]:
+        """Columns left out that are not damaged, a sentence for each reason."""
+        names: dict[str, list[str | int]] = {}
+        for column in self.unused:
+            if column.table == self.table:
+                why = why_not(column, self.matches, self.actuator)
+                names.setdefault(why, []).append(column.key)
+            else:
+                names.setdefault("what else is in other tables", []).append(column.table or "")
+        words = [column.key for column in self.left_out if not column.damaged]
+        if words:
+            names["not numbers throughout"] = words
+        return tuple(
+            printable(f"not used, {why}: {', '.join(map(_quoted, dict.fromkeys(keys)))}", LONGEST)
+            for why, keys in names.items()
+        )
 
     def text(self, folder: Path) -> str:
         """Return the description as TOML, to stand in ``folder``."""
@@ -103,7 +132,7 @@ def _draft_on(
         if match.column.table == table or match.wire in actuator.plant.inputs
     )
     used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
-    unused = tuple(column for column in own if id(column) not in used)
+    unused = tuple(column for column in columns if id(column) not in used)
     return Draft(path, actuator, given, time, found, unused)
 
 
@@ -129,12 +158,11 @@ def _lines(made: Draft, folder: Path) -> Iterator[str]:
     yield "[[logs]]"
     relative = os.path.relpath(made.path.resolve(), folder.resolve())
     yield f"file = {_quoted(Path(relative).as_posix())}"
-    table = made.time[0].table if made.time else None
-    if table:
-        yield f"table = {_quoted(table)}"
+    if made.table:
+        yield f"table = {_quoted(made.table)}"
     yield from _time_lines(made)
     for match in made.matches:
-        yield from _signal_lines(match, made, table)
+        yield from _signal_lines(match, made)
     yield from _open_ends(made)
 
 
@@ -149,7 +177,7 @@ def _time_lines(made: Draft) -> Iterator[str]:
     yield f"time = {{ column = {_quoted(column.key)}, unit = {_quoted(unit)}{repeats} }}{doubt}"
 
 
-def _signal_lines(match: Match, made: Draft, table: str | None) -> Iterator[str]:
+def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
     plant = made.actuator.plant
     role = "inputs" if match.wire in plant.inputs else "outputs"
     entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(match.unit)}"
@@ -159,7 +187,7 @@ def _signal_lines(match: Match, made: Draft, table: str | None) -> Iterator[str]
         entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(unit)}"
         entry += f", scale = {scale:.6g}, offset = {offset:.6g}"
         doubts = [f"scale and offset from {match.unit} to {unit} by the model's static gain"]
-    if match.column.table != table:
+    if match.column.table != made.table:
         entry += f", table = {_quoted(match.column.table or '')}"
     if not tells(match.column):
         doubts = ["the signal", *doubts]
@@ -207,12 +235,8 @@ def _open_ends(made: Draft) -> Iterator[str]:
         yield f"constants = {{ {values} }}  {CHECK}: those of variant '{variant}'"
     if others:
         yield f"# at rest, or give them in constants = {{ ... }}: {', '.join(others)}"
-    if made.unused:
-        left = [f"{c.key}{'' if c.moves else ' (constant)'}" for c in made.unused]
-        yield f"# columns not used: {', '.join(left)}"
-    for column in made.left_out:
-        why = "".join(letter if letter.isprintable() else "?" for letter in column.why)
-        yield f"# column {_quoted(column.key)} is not numbers throughout and not used: {why}"
+    for sentence in (*made.not_used, *made.warnings):
+        yield f"# {sentence}"
 
 
 def _resting(wire: Wire) -> str:

@@ -158,7 +158,7 @@ def _is_mostly_numbers(columns: Columns, place: int) -> bool:
 def heading(name: str) -> tuple[tuple[str, ...], str | None]:
     """Return the words of a column's name, in lower case, and its unit if it tells one.
 
-    ``angle [deg]``, ``angle (deg)`` and ``angle_deg`` tell one.
+    ``angle [deg]``, ``angle (deg)`` and ``angle_deg`` tell one, the index of ``angle[0]`` does not.
     """
     bracket = re.fullmatch(r"\s*(.*?)\s*[\[(]\s*([^\])]+?)\s*[\])]\s*", name)
     if bracket:
@@ -172,6 +172,8 @@ def heading(name: str) -> tuple[tuple[str, ...], str | None]:
 
 
 def _known(unit: str) -> str | None:
+    if not re.search("[^\\W\\d]|[%°]", unit):  # an index
+        return None
     try:
         exponents(unit)
     except UserError:

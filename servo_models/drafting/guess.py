@@ -105,6 +105,26 @@ def matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     return _chosen(columns, actuator, command, blind=True)
 
 
+def why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
+    """Say why a column is taken for no signal."""
+    if not column.moves:
+        return "constant"
+    if not tells(column):
+        return "the name does not tell what it is"
+    plant, main = actuator.plant, actuator.step[0]
+    best = max(
+        (
+            _match(plant.wire[name], column, name in plant.outputs, name == main, command=False)
+            for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
+        ),
+        key=lambda match: match.score,
+    )
+    for match in chosen:
+        if match.wire is best.wire and best.score >= LEAST:
+            return f'{match.wire.name} is taken from "{match.column.key}"'
+    return f"it fits no signal of {actuator.name}"
+
+
 def _chosen(
     columns: Sequence[Column], actuator: Actuator, command: Column | None, blind: bool
 ) -> list[Match]:

@@ -24,7 +24,7 @@ SEPARATORS = "\t;,"
 DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d*(?:[eE][-+]?\d+)?\s*)$"
 
 
-def read(source: Source, separators: str = SEPARATORS) -> Tables:
+def read(source: Source) -> Tables:
     """Read a text file; a file without a header has columns ``"1"``, ``"2"`` and so on.
 
     Raises:
@@ -35,7 +35,7 @@ def read(source: Source, separators: str = SEPARATORS) -> Tables:
     start = next((i for i, line in enumerate(lines) if _is_content(line)), len(lines))
     if start == len(lines):
         raise UserError(f"'{source.path}' is empty: it needs a header and rows of numbers")
-    separator = _separator(lines[start : start + 2], separators)
+    separator = _separator(lines[start : start + 2])
     names = _split(lines[start], separator)
     header = source.header
     if header is None:
@@ -74,14 +74,14 @@ def _is_content(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
-def _separator(lines: Sequence[str], separators: str) -> str:
+def _separator(lines: Sequence[str]) -> str:
     """The first separator that stands as often in the first row as in the second."""
     bare = [re.sub(r'"[^"]*"', "", line) for line in lines]
-    for separator in separators:
+    for separator in SEPARATORS:
         counts = {line.count(separator) for line in bare}
         if len(counts) == 1 and counts != {0}:
             return separator
-    return max(reversed(separators), key=bare[0].count)
+    return max(reversed(SEPARATORS), key=bare[0].count)
 
 
 def _split(line: str, separator: str) -> list[str]:

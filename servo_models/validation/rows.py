@@ -36,6 +36,7 @@ class Row:
         printed: figure in the paper, for the claim paper.
         recomputed: that figure from the paper's own numbers, without this model.
         subject: name of the FMU that was run, "" for the simulation in this process.
+        seconds: its share of the time that the run of all figures of its case took.
     """
 
     claim: str
@@ -51,6 +52,7 @@ class Row:
     printed: float | None = None
     recomputed: float | None = None
     subject: str = ""
+    seconds: float = field(default=0.0, compare=False)
 
     @property
     def verdict(self) -> str:
@@ -149,12 +151,15 @@ class Validation:
         return tuple(row for row in self.rows if row.claim == claim)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain lists and dictionaries for JSON; a figure that is not finite is None."""
+        """Return plain lists and dictionaries for JSON: the same figures, the same document.
+
+        A figure that is not finite is None; times of the rows are left out.
+        """
         return {
             "passed": self.passed,
             "conditions": dict(self.conditions),
             "rows": [
-                {name: _plain(value) for name, value in dataclasses.asdict(row).items()}
+                {n: _plain(it) for n, it in dataclasses.asdict(row).items() if n != "seconds"}
                 | {"verdict": row.verdict}
                 for row in self.rows
             ],

@@ -1,6 +1,7 @@
 """A fit with some effects switched on, and the bench on which such fits are made.
 
-Nominal parameters stay free inside their priors in every fit, since frozen ones invent effects.
+Nominal parameters stay free inside their priors in every fit, since a wrong value that is held
+fixed looks like an effect.
 """
 
 from __future__ import annotations

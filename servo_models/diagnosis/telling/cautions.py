@@ -41,7 +41,7 @@ def _about_logs(found: Diagnosis) -> Iterator[str]:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
     taken = found.causes.taken
     yield from false_starts(taken.problem.runs, taken.values)
-    yield from (f"'{name}' says yes or no, and is left out of all errors" for name in found.flags)
+    yield from (f"'{name}' is a flag, 0 or 1, and is left out of errors" for name in found.flags)
     short = [log.name for log in found.logs if 0 < log.fitted.sum() < LEAST_SAMPLES]
     if short and found.verdict.kind != NO_GAP:
         each = f"'{short[0]}'" if len(short) == 1 else f"each of {len(short)} logs"
@@ -71,15 +71,15 @@ def _about_motion(found: Diagnosis) -> Iterator[str]:
     for gap in found.gaps:
         if gap.motion > MOTION * gap.floor:
             yield (
-                f"the noise floor of '{gap.output}' holds motion, which is fast for these samples:"
-                f" the simulation, which has no noise, has {gap.motion / gap.floor:.2g} of it; log"
-                f" faster or repeat a command{_sought(found)}"
+                f"the noise floor of '{gap.output}' contains motion that is fast for these samples:"
+                f" the simulation, which has no noise, gives {gap.motion / gap.floor:.2g} of it;"
+                f" log faster or repeat a command{_sought(found)}"
             )
 
 
 def _sought(found: Diagnosis) -> str:
     """What to do about a floor that is too high: nothing where a gap shows above it."""
-    return "; a smaller --tolerance has it sought" if found.verdict.kind == NO_GAP else ""
+    return "; give a smaller --tolerance to look for it" if found.verdict.kind == NO_GAP else ""
 
 
 def _about_fits(found: Diagnosis) -> Iterator[str]:
@@ -95,8 +95,9 @@ def _about_fits(found: Diagnosis) -> Iterator[str]:
         yield f"the fit with {listed(taken.effects)} did not converge"
     if found.verdict.hunting:
         yield (
-            f"the response hunts: it differs by {found.verdict.hunting:.3g} noise floors from"
-            " itself with parameters that nobody could tell apart, so what is left says little"
+            "the simulated response has a limit cycle that does not repeat: parameters changed"
+            f" within their standard errors move it by {found.verdict.hunting:.3g} noise floors, so"
+            " a remaining error of that size does not count as a missing effect"
         )
 
 
@@ -104,7 +105,7 @@ def _about_held_out(found: Diagnosis) -> Iterator[str]:
     effects = found.causes.taken.effects
     for one in found.held_out:
         if np.isnan(one.retuned):
-            helped = ": nothing tells there whether the effects help" if effects else ""
+            helped = ", so it is not known there whether the effects help" if effects else ""
             yield (
                 f"held out of log '{one.log}', the motion cannot be simulated with parameters"
                 f" alone{helped}"
@@ -131,8 +132,8 @@ def _about_held_out(found: Diagnosis) -> Iterator[str]:
 def _about_parameters(found: Diagnosis) -> Iterator[str]:
     if not found.moved:
         yield (
-            "no nominal parameter has an uncertainty, and frozen ones invent effects: add"
-            " [uncertainty] to the description"
+            "no nominal parameter has an uncertainty: all are held fixed, and a wrong value looks"
+            " like an effect; add [uncertainty] to the description"
         )
     far = {name: by for name, by in moves(found).items() if abs(by) > SURPRISING}
     if far:

@@ -89,7 +89,7 @@ def headline(found: Diagnosis) -> str:
     if found.explained:
         return f"Re-tuned parameters explain {whole}, no effect is needed"
     if kind == PARAMETERS:
-        return f"{whole.capitalize()} passes for noise, no effect is needed"
+        return f"{whole.capitalize()} cannot be told from noise, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
         return _undecided(found)
     if kind == OUTSIDE:

@@ -38,11 +38,11 @@ def section(found: Sequence[Breakdown]) -> Section | None:
     return Section(
         "where",
         TITLE,
-        "RMS errors in noise floors, before and, on blocks that the fit has not seen, after; the"
-        " share of the squared error is written above each pair of bars. By block, the fit has seen"
-        " all. Errors over the local"
-        " amplitude of the response show what small motions lack; closed is the share of what lies"
-        " above the noise floor, which is not known of a band of frequency.",
+        "RMS errors in noise floors, before and after; the share of the squared error is written"
+        " above each pair of bars. Errors after are those on stretches of time that were kept from"
+        " the fit; only in the table by block of the model the fit used all samples. Errors over"
+        " the local amplitude of the response show what small motions lack; closed is the share of"
+        " what lies above the noise floor, which is not known of a band of frequency.",
         tuple(_table(one) for one in found),
         tuple(_picture(one, f"where-{i}") for i, one in enumerate(drawn)),
     )
