@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -31,3 +35,33 @@ def test_a_line_that_was_being_written_is_done_again(tmp_path: Path) -> None:
     tasks = {"a": "done already", "b": '{"case": "b", "found": 2}'}
     rows = work_through(path, tasks, json.loads, 1, lambda *_: None)
     assert [rows[name]["found"] for name in "ab"] == [1, 2]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_the_workers_of_a_killed_run_end_with_it(tmp_path: Path) -> None:
+    """They went on with their case, half a minute of two processors for nobody."""
+    text = (
+        "import time; from pathlib import Path; from servo_models.blind.journal import work_through;"
+        " work_through(Path('rows'), {'a': 60.0, 'b': 60.0}, time.sleep, 2, lambda *_: None)"
+    )
+    with subprocess.Popen([sys.executable, "-c", text], cwd=tmp_path) as run:
+        children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+        assert _comes_true(lambda: len(children.read_text().split()) >= 3)  # and their tracker
+        workers = [Path("/proc", pid) for pid in children.read_text().split()]
+        time.sleep(2.0)  # they are at their case by now
+        run.kill()
+    assert _comes_true(lambda: not any(_runs(worker) for worker in workers))
+
+
+def _comes_true(is_so: Callable[[], bool]) -> bool:
+    end = time.monotonic() + 20.0
+    while not (found := is_so()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return found
+
+
+def _runs(process: Path) -> bool:
+    try:
+        return ") Z " not in (process / "stat").read_text()
+    except OSError:
+        return False

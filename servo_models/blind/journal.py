@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
 from pathlib import Path
+from threading import Thread
 from typing import Any, TypeVar
 
 from servo_models.errors import UserError
@@ -76,8 +79,19 @@ def work_through(
 
 
 def _be_quiet() -> None:
-    """Ctrl-C is for the process that waits: the others finish their case and end."""
+    """Ctrl-C is for the process that waits: the others finish their case and end.
+
+    Where that process is killed they end at once, since nobody would keep what they find.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent
+    wait([parent.sentinel])
+    os._exit(1)
 
 
 def _read(path: Path) -> dict[str, Row]:
