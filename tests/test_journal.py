@@ -41,8 +41,9 @@ def test_a_line_that_was_being_written_is_done_again(tmp_path: Path) -> None:
 def test_the_workers_of_a_killed_run_end_with_it(tmp_path: Path) -> None:
     """They went on with their case, half a minute of two processors for nobody."""
     text = (
-        "import time; from pathlib import Path; from servo_models.blind.journal import work_through;"
-        " work_through(Path('rows'), {'a': 60.0, 'b': 60.0}, time.sleep, 2, lambda *_: None)"
+        "import time; from pathlib import Path\n"
+        "from servo_models.blind.journal import work_through\n"
+        "work_through(Path('rows'), {'a': 60.0, 'b': 60.0}, time.sleep, 2, lambda *_: None)"
     )
     with subprocess.Popen([sys.executable, "-c", text], cwd=tmp_path) as run:
         children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
