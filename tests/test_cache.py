@@ -198,7 +198,7 @@ def test_the_end_of_a_file_is_not_ctrl_c(
 
     explain = importlib.import_module("servo_models.explain")
 
-    def broken(name: str) -> None:
+    def broken(*_: object) -> None:
         raise EOFError("Ran out of input")
 
     monkeypatch.setattr(explain, "explain", broken)
