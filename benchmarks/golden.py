@@ -203,8 +203,11 @@ def main() -> int:
             for job in every_job(Path(folder), given.quick)
             if job.name.startswith(given.only) and (job.quick or not given.quick)
         ]
+        results: dict[str, Figures] = {}
         with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-            results = dict(zip([job.name for job in jobs], pool.map(found, jobs)))
+            for job, figures in zip(jobs, pool.map(found, jobs)):
+                results[job.name] = figures
+                print(f"{len(results)} of {len(jobs)}: {job.name}", file=sys.stderr, flush=True)
     lines = GOLDEN.read_text(encoding="utf-8").splitlines() if GOLDEN.exists() else []
     golden: dict[str, Figures] = dict(json.loads(line) for line in lines)
     if given.write:
