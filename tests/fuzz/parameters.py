@@ -195,5 +195,5 @@ if __name__ == "__main__":
 # sg90 oscillatory_motor           1583    282      135      0      3   1.87
 #
 # The vector that took 12 s, the same one three times, is refused in a millisecond since: a refusal
-# put each of 74 changed parameters back alone.  The other seven variants of the sg90 have equations
+# put each of 74 changed parameters back alone.  The other eight variants of the sg90 have equations
 # of these and other values of K_f or of the amplifier; they were tried with 60 vectors each.
