@@ -42,6 +42,10 @@ def backward(path: Path) -> None:
     write(path, U_mV=1e3 * voltages, n=-speeds)
 
 
+def too_large(path: Path) -> None:
+    path.write_text("U_mV,n\n" + "1,2\n" * 9 + "3,-1e308\n")
+
+
 def text(path: Path) -> None:
     path.write_text("U_mV,n\n" + "1,2\n" * 9 + "3,stuck\n")
 
@@ -54,6 +58,7 @@ def text(path: Path) -> None:
         (few, ("column 'U_mV' has 2 rows", "at least 8")),
         (constant, ("column 'n' is constant", "measure over a range")),
         (backward, ("never turns", "sign of the speed")),
+        (too_large, ("row 11", "column 'n'", "more than any signal has", "correct the number")),
         (text, ("row 11", "column 'n'", "'stuck' is not a number")),
     ],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.actuator import Parameter, Wire, unknown
 from servo_models.bounds import is_outside, outside
@@ -219,7 +220,7 @@ def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Arr
             f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
             f" column's unit and scale{_unit_inside(mapped, values[held], wire)}"
         )
-    _check_size(mapped, own, values, wire)
+    check_size(mapped, own.columns, own.rows, values, wire)
     return values[held]
 
 
@@ -234,10 +235,17 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     return f": in {units[0]} it would fit" if units else ""
 
 
-def _check_size(mapped: Mapped, clock: Clock, values: Array, wire: Wire) -> None:
+def check_size(
+    mapped: Mapped, columns: Columns, rows: NDArray[np.int64], values: Array, wire: Wire
+) -> None:
+    """Refuse values [SI], shape (n,), whose squares no number holds; ``rows`` says where they are.
+
+    Raises:
+        UserError: one that is too large, with its row.
+    """
     bad = np.flatnonzero(np.abs(values) > LARGEST)
     if len(bad):
-        place = clock.columns.where(mapped.column, int(clock.rows[bad[0]]))
+        place = columns.where(mapped.column, int(rows[bad[0]]))
         raise UserError(
             f"{place}: {values[bad[0]]:.4g} {wire.unit} is more than any signal has: correct the"
             " number, or the column's unit and scale"
@@ -260,7 +268,7 @@ def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
 
 def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
     values = in_si(mapped, clock.numbers(mapped.column))
-    _check_size(mapped, clock, values, wire)
+    check_size(mapped, clock.columns, clock.rows, values, wire)
     if not wire.flag and np.ptp(values) < LEAST:
         raise UserError(
             f"{clock.columns.where(mapped.column)} is constant over the log: output"

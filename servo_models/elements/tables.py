@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.actuator import Wire
-from servo_models.description.log import in_si, map_signal
+from servo_models.description.log import check_size, in_si, map_signal
 from servo_models.description.values import quantity
 from servo_models.errors import UserError
 from servo_models.logs import read_columns
@@ -119,6 +119,7 @@ def read_table(
         if mapped.table or mapped.shift:
             entry.fail(wire.name, "table and shift of a column belong to logs; leave them out")
         values = in_si(mapped, found.numbers(mapped.column))
+        check_size(mapped, found, np.arange(len(values)), values, wire)
         where = found.where(mapped.column)
         if len(values) < rows:
             raise UserError(f"{where} has {len(values)} rows: give at least {rows}")
