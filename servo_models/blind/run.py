@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -124,8 +125,12 @@ def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
     wanted = {**asdict(asked), "tiers": list(asked.tiers)}
     code = own_code()
     if not folder.exists():
-        seal = _generated(folder, asked, tell)
-        write_whole(path, json.dumps({**wanted, "seal": seal, "code": code}).encode())
+        part = folder.parent / f".part-{folder.name}"  # whole or not at all, whoever is killed
+        shutil.rmtree(part, ignore_errors=True)
+        seal = _generated(part, asked, tell)
+        begun = json.dumps({**wanted, "seal": seal, "code": code})
+        write_whole(part / path.name, begun.encode())
+        part.rename(folder)
         return seal
     if not path.is_file():
         raise UserError(f"'{folder}' is there and holds no withheld check: name a new folder")
