@@ -23,9 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.diagnose import diagnose
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import candidates
-from servo_models.simulate import Array, model, simulate
+from servo_models.diagnosis.diagnose import diagnose
 
 COMMAND = "import sys; from servo_models.cli import main; sys.exit(main())"
 PEAK = (

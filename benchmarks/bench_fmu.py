@@ -24,7 +24,7 @@ from pythonfmu import FmuBuilder
 
 from fmu_src.variables import Variable, variables
 from servo_models.build import build
-from servo_models.simulate import Model, model
+from servo_models.core.simulate import Model, model
 
 STEPS = 2000
 ROUNDS = 15

@@ -26,9 +26,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from servo_models.core.simulate import Model, model
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.identification.fit import fit
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Array, Model, model
 
 Inputs = dict[str, Array]
 

@@ -64,7 +64,7 @@ class Job(NamedTuple):
 
 def diagnosed(description: Path) -> Figures:
     """What is diagnosed, and how sure."""
-    from servo_models.diagnose import diagnose
+    from servo_models.diagnosis.diagnose import diagnose
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -83,7 +83,7 @@ def diagnosed(description: Path) -> Figures:
 
 def identified(description: Path) -> Figures:
     """What is identified, with standard errors."""
-    from servo_models.identify import identify
+    from servo_models.identification.identify import identify
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -98,8 +98,8 @@ def identified(description: Path) -> Figures:
 
 def validated(actuator: Path) -> Figures:
     """Every row of the validation of one actuator; ``actuator`` is its name."""
-    from servo_models.simulate import model
-    from servo_models.validate import validate
+    from servo_models.core.simulate import model
+    from servo_models.validation.runner import validate
 
     found = validate([model(actuator.name)])
     return {
@@ -112,7 +112,7 @@ def every_job(folder: Path, quick: bool) -> Iterator[Job]:
     """Return what is to be found; ``folder`` is for files that are made on the way."""
     cases = QUICK_CASES if quick else CASES
     withheld = folder / "withheld"
-    order = [sys.executable, "-m", "servo_models.blind.generator", str(withheld)]
+    order = [sys.executable, "-m", "servo_models.withheld.generator", str(withheld)]
     subprocess.run(
         [*order, "--cases", str(cases), "--seed", str(SEED)], check=True, capture_output=True
     )

@@ -20,11 +20,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import date
 from pathlib import Path
 
-from servo_models.blind.score import FIGURES, Case, calibration, confusion
-from servo_models.blind.sheet import BARS, MOST_WANTED, standing
-from servo_models.blind.table import Row, case_of, row_of
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.files import write_whole
+from servo_models.withheld.score import FIGURES, Case, calibration, confusion
+from servo_models.withheld.sheet import BARS, MOST_WANTED, standing
+from servo_models.withheld.table import Row, case_of, row_of
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "blind.md"
 TABLES = PAGE.with_suffix("")

@@ -25,16 +25,14 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models import check, diagnose, identify, model, simulate
-from servo_models.description import Description, read_description
-from servo_models.explain import display_scale
+from servo_models.analysis.explain import display_scale
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.description import Description, read_description
 from servo_models.identification.estimate import PRIOR_ONLY
-from servo_models.sheets import with_error
-from servo_models.simulate import Model
-
-Array = NDArray[np.float64]
+from servo_models.report.sheets import with_error
 
 SAMPLES = 500
 NORMAL_95 = 1.96

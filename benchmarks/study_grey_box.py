@@ -18,16 +18,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import chirp, lfilter
 from scipy.stats import binomtest
 
 from servo_models import model, simulate
-from servo_models.grey_box import DELAY, KNOWN, torque_motor_constants
-from servo_models.recording import Log
-from servo_models.transfer import Structure, identify_transfer
-
-Array = NDArray[np.float64]
+from servo_models.actuators.torque_motor.grey_box import DELAY, KNOWN, torque_motor_constants
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
+from servo_models.identification.transfer import Structure, identify_transfer
 
 SCATTER = {
     "torque_constant": 0.15,

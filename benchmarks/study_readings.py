@@ -26,14 +26,13 @@ import argparse
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from servo_models.audit.sensor import noise_under_steps
-from servo_models.audit.signals import Floor
-from servo_models.audit.steps import reading_steps
+from servo_models.core.types import Array
+from servo_models.data.audit.sensor import noise_under_steps
+from servo_models.data.audit.signals import Floor
+from servo_models.data.audit.steps import reading_steps
 
-Array = NDArray[np.float64]
 KINDS = ("before", "before", "before", "after", "none")
 MEMORY = 0.5
 """Correlation of coloured noise from sample to sample."""

@@ -23,11 +23,10 @@ from pathlib import Path
 
 import numpy as np
 from known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
-from numpy.typing import NDArray
 
-from servo_models.description import read_description
-from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.data.description import read_description
 from servo_models.diagnosis.confirm import confirm
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.search.causes import TOLERANCE
@@ -36,8 +35,6 @@ from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.diagnosis.where import Breakdown, where
 from servo_models.files import write_whole
-
-Array = NDArray[np.float64]
 
 PAGE = ROOT / "docs" / "studies" / "real_logs.md"
 

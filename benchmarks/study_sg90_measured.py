@@ -22,18 +22,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.description import Description, read_description
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.description import Description, read_description
+from servo_models.data.recording import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.recording import Log
 from servo_models.report.style import colour, drawing
-from servo_models.simulate import Model
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples" / "real_logs"

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from study_sg90_measured import ANGLE, PULSE, Array, described, save, table
 
-from servo_models.compare import overshoot, rise_time
-from servo_models.recording import Log
+from servo_models.analysis.compare import overshoot, rise_time
+from servo_models.core.simulate import Model, simulate
+from servo_models.data.recording import Log
 from servo_models.report.style import colour, drawing, label
-from servo_models.simulate import Model, simulate
 
 STEP, BEFORE = 1e-3, 1.0
 """Communication step and time at rest before the log [s]."""

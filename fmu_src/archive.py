@@ -11,7 +11,7 @@ import pythonfmu
 from fmu_src.description import BUILT, model_description
 from fmu_src.documentation import index_html
 from fmu_src.source import slave_source
-from servo_models.simulate import Model
+from servo_models.core.simulate import Model
 
 ICON = Path(__file__).with_name("model.png")
 

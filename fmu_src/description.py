@@ -8,8 +8,8 @@ from xml.etree import ElementTree as ET
 
 from fmu_src.slave import Servo
 from fmu_src.variables import Variable, variables
-from servo_models.flat import Flat
-from servo_models.simulate import Model
+from servo_models.core.flat import Flat
+from servo_models.core.simulate import Model
 from servo_models.units import exponents, factor
 
 BUILT = (1980, 1, 1, 0, 0, 0)

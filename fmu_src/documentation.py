@@ -6,9 +6,9 @@ from html import escape
 
 from fmu_src.description import described
 from fmu_src.variables import start_of
-from servo_models.explain import actuator_sheet
-from servo_models.sheets import Table
-from servo_models.simulate import Model
+from servo_models.analysis.explain import actuator_sheet
+from servo_models.core.simulate import Model
+from servo_models.report.sheets import Table
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; }

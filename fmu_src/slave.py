@@ -32,8 +32,8 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from servo_models.flat import Flat, neutral_effects, trouble
-from servo_models.stepper import step_text
+from servo_models.core.flat import Flat, neutral_effects, trouble
+from servo_models.core.stepper import step_text
 
 SLACK = 1e-9
 """Rounding allowed in a master's clock, relative to 1 s or to the time."""

@@ -10,8 +10,8 @@ from types import ModuleType
 
 from fmu_src import slave
 from fmu_src.variables import Variable, variables
-from servo_models import flat, printer, stepper
-from servo_models.simulate import Model
+from servo_models.core import flat, printer, stepper
+from servo_models.core.simulate import Model
 
 _FUTURE = "from __future__ import annotations\n"
 _OWN = "from servo_models."

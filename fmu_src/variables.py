@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.actuator import Parameter, Wire
-from servo_models.bounds import is_outside
-from servo_models.simulate import Model
+from servo_models.core.bounds import is_outside
+from servo_models.core.plant import Parameter, Wire
+from servo_models.core.simulate import Model
 
 
 @dataclass(frozen=True)

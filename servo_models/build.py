@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from fmu_src.archive import write_fmu
+from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_with
-from servo_models.simulate import Model
 
 
 def build(model: Model, path: str | Path) -> Path:
@@ -17,7 +17,7 @@ def build(model: Model, path: str | Path) -> Path:
     ``Model.run``, bit for bit.  The same model gives the same bytes.
 
     Args:
-        model: from ``servo_models.simulate.model``.
+        model: from ``servo_models.core.simulate.model``.
         path: file to write, ending in ``.fmu``; its folder is made.
 
     Raises:

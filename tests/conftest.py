@@ -12,7 +12,7 @@ from hypothesis import settings
 
 from servo_models.build import build
 from servo_models.cli import main
-from servo_models.simulate import model
+from servo_models.core.simulate import model
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")

@@ -18,9 +18,9 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
     free,
 )
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from servo_models.core.types import Array
+
 Messages = list[tuple[int, str]]
 
 _numbers = itertools.count()

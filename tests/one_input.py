@@ -6,8 +6,8 @@ from pathlib import Path
 
 SOURCE = '''
 from typing import Annotated
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire, place
-from servo_models.block import Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
+from servo_models.core.block import Param, block
 from servo_models.effects.saturation import saturation
 from servo_models.effects.transport_delay import transport_delay
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.catalogue import actuators
-from servo_models.description import Description
-from servo_models.drafting.guess import CHOICES
+from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import Description
+from servo_models.data.recording import Channel, Log
+from servo_models.data.scaffold.guess import CHOICES
+from servo_models.data.toml_file import Section
 from servo_models.identification.problem import free_parameter
-from servo_models.recording import Array, Channel, Log
-from servo_models.simulate import Model, model, simulate
-from servo_models.toml_file import Section
 from servo_models.units import factor
 
 ROWS = 400

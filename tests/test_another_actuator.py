@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 
-from servo_models.simulate import model, simulate
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 
-Array = NDArray[np.float64]
 NOISE = 1e-3
 LEVELS = (0.0, 0.5, -0.3, 0.2, 0.8, -0.5, 0.0)
 """Commanded angles [rad]."""

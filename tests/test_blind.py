@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-import servo_models.blind as package
-from servo_models.blind.oracle import Question, _logs, rivals, seen
-from servo_models.blind.run import Asked, check_tiers, own_code, run_blind
-from servo_models.blind.said import Said, diagnose_case
-from servo_models.blind.sheet import BARS
+import servo_models.withheld as package
 from servo_models.cli import main
-from servo_models.description import read_description
+from servo_models.data.description import read_description
 from servo_models.errors import UserError
+from servo_models.withheld.oracle import Question, _logs, rivals, seen
+from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
+from servo_models.withheld.said import Said, diagnose_case
+from servo_models.withheld.sheet import BARS
 
 CASES, SEED = 3, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))

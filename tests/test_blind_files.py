@@ -14,19 +14,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from servo_models.blind.answers import unlock
-from servo_models.blind.generator.bench import BENCHES
-from servo_models.blind.generator.case import HIDDEN, RATIO
-from servo_models.blind.generator.effects import CATALOGUE
-from servo_models.blind.generator.files import generate
-from servo_models.blind.generator.foreign import FOREIGN
-from servo_models.description import Description, read_description
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import Description, read_description
 from servo_models.errors import UserError
-from servo_models.simulate import model, simulate
-
-Array = NDArray[np.float64]
+from servo_models.withheld.answers import unlock
+from servo_models.withheld.generator.bench import BENCHES
+from servo_models.withheld.generator.case import HIDDEN, RATIO
+from servo_models.withheld.generator.effects import CATALOGUE
+from servo_models.withheld.generator.files import generate
+from servo_models.withheld.generator.foreign import FOREIGN
 
 CASES, SEED = 36, 20
 
@@ -173,7 +171,7 @@ def test_a_changed_answer_or_log_breaks_the_seal(tmp_path: Path) -> None:
 
 def test_it_runs_as_a_process_of_its_own_and_prints_the_seal(tmp_path: Path) -> None:
     path = tmp_path / "by command"
-    command = [sys.executable, "-m", "servo_models.blind.generator", str(path)]
+    command = [sys.executable, "-m", "servo_models.withheld.generator", str(path)]
     command += ["--cases", "2", "--seed", "3", "--tiers", "hard,poor"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     answers = unlock(path, done.stdout.strip())

@@ -10,22 +10,22 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import kstest, norm
 
-from servo_models.blind.generator.bench import BENCHES, Bench
-from servo_models.blind.generator.case import (
+from servo_models.core.catalogue import actuator
+from servo_models.core.simulate import model, simulate
+from servo_models.validation.torque_motor.reference import Constants, Contact
+from servo_models.withheld.generator.bench import BENCHES, Bench
+from servo_models.withheld.generator.case import (
     LEAST_VALUE,
     VISIBLE,
     Acting,
     draw_experiment,
     sized,
 )
-from servo_models.blind.generator.cause import Cause, draw
-from servo_models.blind.generator.effects import CATALOGUE
-from servo_models.blind.generator.excitation import Plan, large_step, rich
-from servo_models.blind.generator.experiment import Experiment
-from servo_models.blind.generator.foreign import FOREIGN
-from servo_models.catalogue import actuator
-from servo_models.reference.torque_motor import Constants, Contact
-from servo_models.simulate import model, simulate
+from servo_models.withheld.generator.cause import Cause, draw
+from servo_models.withheld.generator.effects import CATALOGUE
+from servo_models.withheld.generator.excitation import Plan, large_step, rich
+from servo_models.withheld.generator.experiment import Experiment
+from servo_models.withheld.generator.foreign import FOREIGN
 
 Array = NDArray[np.float64]
 
@@ -185,7 +185,7 @@ def test_bristles_end_in_dry_friction_as_they_stiffen() -> None:
 
 def test_fastest_and_slowest_are_poles_of_the_paper() -> None:
     """Torque motor: eq. 9 with Table 1; servo: s^2 + s / T + omega^2 of eq. 7's form."""
-    from servo_models.reference.torque_motor import TABLE_1
+    from servo_models.validation.torque_motor.reference import TABLE_1
 
     _, denominator = TABLE_1.equation_9()
     poles = np.abs(np.roots(denominator))

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from servo_models.blind.interval import mean, share
-from servo_models.blind.oracle import Known
-from servo_models.blind.said import Said
-from servo_models.blind.score import FIGURES, Case, calibration, confusion
-from servo_models.blind.sheet import BARS, met
+from servo_models.withheld.interval import mean, share
+from servo_models.withheld.oracle import Known
+from servo_models.withheld.said import Said
+from servo_models.withheld.score import FIGURES, Case, calibration, confusion
+from servo_models.withheld.sheet import BARS, met
 
 # R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3
 NEWCOMBE = [

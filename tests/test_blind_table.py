@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_blind_score import MADE
 
-from servo_models.blind.interval import Figure
-from servo_models.blind.oracle import Known
-from servo_models.blind.run import Check
-from servo_models.blind.said import Said
-from servo_models.blind.score import FIGURES, Case, Cases, calibration, confusion, imitated_told
-from servo_models.blind.sheet import document
-from servo_models.blind.table import case_of, row_of
-from servo_models.interchange import finite_json
+from servo_models.report.interchange import finite_json
+from servo_models.withheld.interval import Figure
+from servo_models.withheld.oracle import Known
+from servo_models.withheld.run import Check
+from servo_models.withheld.said import Said
+from servo_models.withheld.score import FIGURES, Case, Cases, calibration, confusion, imitated_told
+from servo_models.withheld.sheet import document
+from servo_models.withheld.table import case_of, row_of
 
 NAMES = st.lists(st.sampled_from(["a", "b", "sensor_quantisation"]), unique=True, max_size=3)
 SIZE = st.floats(0.0, 1e6)

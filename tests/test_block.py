@@ -10,11 +10,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from servo_models.actuator import Plant, Wire, place
-from servo_models.block import Block, Clock, Fault, Memory, Mode, Param, Queue, block, effect
-from servo_models.catalogue import actuators, effects
-from servo_models.inline import inline
-from servo_models.stepper import HEAD
+from servo_models.core.block import Block, Clock, Fault, Memory, Mode, Param, Queue, block, effect
+from servo_models.core.catalogue import actuators, effects
+from servo_models.core.inline import inline
+from servo_models.core.plant import Plant, Wire, place
+from servo_models.core.stepper import HEAD
 
 OUTSIDE = [1.0, 2.0]
 

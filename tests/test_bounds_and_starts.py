@@ -11,7 +11,8 @@ from scipy.stats import norm
 from test_diagnose_cli import DESCRIPTION, describe
 from test_search_of_causes import made
 
-from servo_models.description import read_description
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.nominal import nominal_parameters
 from servo_models.diagnosis.search import staircases
@@ -22,7 +23,6 @@ from servo_models.diagnosis.search.screening import look, sights_of
 from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
-from servo_models.simulate import Array
 
 
 @pytest.mark.parametrize("effects", [{}, {"coulomb_friction.level": 2e-3}])

@@ -196,7 +196,7 @@ def test_the_end_of_a_file_is_not_ctrl_c(
 ) -> None:
     from servo_models.cli import main
 
-    explain = importlib.import_module("servo_models.explain")
+    explain = importlib.import_module("servo_models.analysis.explain")
 
     def broken(*_: object) -> None:
         raise EOFError("Ran out of input")

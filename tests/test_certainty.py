@@ -14,20 +14,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from servo_models.check import check
-from servo_models.description import Description, read_description
-from servo_models.diagnose import diagnose
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import Description, read_description
+from servo_models.data.recording import Channel, Log
+from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.telling.sheet import diagnosis_sheet
+from servo_models.identification.check import check
 from servo_models.identification.fit import fit
+from servo_models.identification.identify import identify
 from servo_models.identification.information import information
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.identify import identify
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Model, model, simulate
-
-Array = NDArray[np.float64]
 
 FREE = ("inertia", "torque_constant", "resistance", "loop_factor")
 PAIR = {"inertia", "resistance"}

@@ -9,18 +9,16 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 
-from servo_models.catalogue import effects
-from servo_models.check import check
+from servo_models.analysis.lookalikes import EXPERIMENTS, FRICTION, GAIN, INERTIA, LAG, experiment
+from servo_models.core.catalogue import effects
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.errors import UserError
-from servo_models.excitation import SHOWN, Excitation, excitation
+from servo_models.identification.check import check
 from servo_models.identification.fit import fit
-from servo_models.lookalikes import EXPERIMENTS, FRICTION, GAIN, INERTIA, LAG, experiment
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Model, model, simulate
-
-Array = NDArray[np.float64]
+from servo_models.identification.identifiability import SHOWN, Excitation, excitation
 
 STEP, NOISE = 1e-3, 2e-4
 MOTOR = model("torque_motor", "measured", {"end_stops.half_range": 0.0})

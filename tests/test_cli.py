@@ -16,12 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from servo_models.actuators.torque_motor import TABLE_1
-from servo_models.catalogue import actuator, actuators, effects
+from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.cli import app
 from servo_models.cli.options import assignments
+from servo_models.core.catalogue import actuator, actuators, effects
+from servo_models.data.tables import read_signals
 from servo_models.errors import UserError
-from servo_models.tables import read_signals
 
 MOTOR = list(actuator("torque_motor").plant.wire.values())
 HEAVY = ("numpy", "scipy", "numba", "pint", "polars", "matplotlib", "fmpy", "control")
@@ -110,12 +110,12 @@ def test_what_cannot_run_is_told_in_one_line(run: Run, words: list[str], said: s
 
 
 def test_a_crash_does_not_look_like_a_verdict(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    import servo_models.explain  # noqa: F401
+    import servo_models.analysis.explain  # noqa: F401
 
     def broken() -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(sys.modules["servo_models.explain"], "overview", broken)
+    monkeypatch.setattr(sys.modules["servo_models.analysis.explain"], "overview", broken)
     code, _, err = run("list")
     assert code == 2
     assert "a bug" in err

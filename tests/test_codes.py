@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.codes import Step, hidden_steps, loudest
-from servo_models.simulate import Array
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.compare import (
+from servo_models.analysis.compare import (
     delay_time,
     full_scale,
     max_error,

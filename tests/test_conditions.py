@@ -7,11 +7,12 @@ from dataclasses import replace
 import pytest
 from test_search_of_causes import made
 
+from servo_models.core.simulate import simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.conditions import carried_over, conditions
 from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.recording import Log
-from servo_models.simulate import Array, simulate
 
 RESISTANCES = (1500.0, 3600.0, 9000.0)
 

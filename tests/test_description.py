@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models import description
-from servo_models.description import Description, log, read_description
+from servo_models.core.simulate import simulate
+from servo_models.data import description
+from servo_models.data.description import Description, log, read_description
+from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
 from servo_models.errors import UserError
-from servo_models.parameter_set import Estimate, ParameterSet, write_parameters
-from servo_models.simulate import simulate
 
 PAGE = (Path(__file__).parents[1] / "docs" / "description.md").read_text(encoding="utf-8")
 DEGREE = math.pi / 180.0
@@ -171,8 +171,8 @@ OWN = '''
 """A joint that follows its goal with a lag."""
 from __future__ import annotations
 from typing import Annotated
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire
-from servo_models.block import Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
+from servo_models.core.block import Param, block
 
 @block("speed", source="first-order lag")
 def follow(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_description import OWN
 
-from servo_models.description import Description, read_description
+from servo_models.data.description import Description, read_description
 
 
 def log_of(

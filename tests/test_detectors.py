@@ -12,11 +12,11 @@ import pytest
 from test_clock import with_hold
 from test_search_of_causes import made
 
+from servo_models.core.simulate import model
 from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import DOUBTFUL, Codes, detection, sentence
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.report.diagnosis import detectors as page
-from servo_models.simulate import model
+from servo_models.diagnosis.page import detectors as page
 
 STEP, NOISE = 4e-3, 5e-4
 QUANTISER = "sensor_quantisation"

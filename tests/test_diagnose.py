@@ -15,11 +15,15 @@ from hypothesis import strategies as st
 from test_diagnose_cli import DESCRIPTION, describe
 from threadpoolctl import threadpool_info
 
-from servo_models.audit import Floor
-from servo_models.catalogue import actuators
-from servo_models.description import read_description
-from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.analysis.linear_model import LinearModel
+from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import model, simulate
+from servo_models.core.threads import one_blas_thread
+from servo_models.data.audit import Floor
+from servo_models.data.description import read_description
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.confirm import Confirmation, confirm
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
@@ -30,11 +34,7 @@ from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.linear_model import LinearModel
-from servo_models.recording import Channel, Log
-from servo_models.reference.torque_motor import EQ_12
-from servo_models.simulate import model, simulate
-from servo_models.threads import one_blas_thread
+from servo_models.validation.torque_motor.reference import EQ_12
 
 
 class Told(list[str]):

@@ -15,14 +15,15 @@ from html_page import Page
 from jsonschema import Draft202012Validator, ValidationError
 
 from servo_models.cli import main
-from servo_models.description import read_description
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
+from servo_models.data.parameters import read_parameters
 from servo_models.diagnosis import telling
 from servo_models.diagnosis.fitting import explanation
-from servo_models.diagnosis.fitting.descent import Array, descend
+from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Problem
-from servo_models.parameter_set import read_parameters
-from servo_models.reference.torque_motor import DELAY, IDENTIFIED, Linear
-from servo_models.simulate import model, simulate
+from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear
 
 RATE = 4000.0
 NOISE = 5e-5

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servo_models.description import read_description
-from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.core.simulate import model, simulate
+from servo_models.data.description import read_description
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.causes import candidates
-from servo_models.simulate import model, simulate
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "papers_gap"
 NOISE_SERVO = np.radians(0.05)

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.search.causes import TOLERANCE
 from servo_models.diagnosis.telling.cautions import cautions

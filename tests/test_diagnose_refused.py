@@ -13,12 +13,12 @@ from conftest import Run
 from jsonschema import Draft202012Validator
 from test_diagnose_cli import DESCRIPTION, RATE, describe
 
-from servo_models.description import read_description
+from servo_models.core.simulate import model, simulate
+from servo_models.data.description import read_description
 from servo_models.diagnosis import telling
 from servo_models.diagnosis.preconditions import check_logs
 from servo_models.errors import UserError
-from servo_models.reference.linear_drive import G_TAU, K_V
-from servo_models.simulate import model, simulate
+from servo_models.validation.linear_drive.reference import G_TAU, K_V
 
 BAD = {
     "no file": ("", "no file", "absent.csv"),

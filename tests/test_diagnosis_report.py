@@ -15,28 +15,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 from html_page import Page
-from numpy.typing import NDArray
 
-from servo_models.description import Description
-from servo_models.diagnose import diagnose
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import Description
+from servo_models.data.recording import Channel, Log
+from servo_models.data.toml_file import Section
 from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
+from servo_models.diagnosis.page import diagnosis_page
+from servo_models.diagnosis.page.evidence import intervals
+from servo_models.diagnosis.page.gap import unit_for
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.verdict import EFFECT, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.diagnosis.where import where
+from servo_models.identification.page.responses import draw_legend
 from servo_models.identification.result import Accuracy
-from servo_models.recording import Channel, Log
-from servo_models.report.diagnosis import diagnosis_page
-from servo_models.report.diagnosis.evidence import intervals
-from servo_models.report.diagnosis.gap import unit_for
-from servo_models.report.identification.responses import draw_legend
 from servo_models.report.parts import MINUS
 from servo_models.report.style import drawing
-from servo_models.simulate import model, simulate
-from servo_models.toml_file import Section
-
-Array = NDArray[np.float64]
 
 STEP = 2.5e-4
 DELAY = 1.1e-3

@@ -12,11 +12,11 @@ import scipy.io
 from conftest import Run
 from test_check import TIMES, VOLTAGE, described, frame, motor_log
 
-from servo_models.catalogue import actuators
-from servo_models.description import read_description
-from servo_models.drafting import draft
-from servo_models.drafting.columns import heading
-from servo_models.simulate import model, simulate
+from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import model, simulate
+from servo_models.data.description import read_description
+from servo_models.data.scaffold import draft
+from servo_models.data.scaffold.columns import heading
 
 
 @pytest.fixture

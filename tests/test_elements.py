@@ -14,17 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from servo_models.compare import overshoot, settling_time, time_to
-from servo_models.elements import Loop, identify_elements, sheet
-from servo_models.elements.estimate import Estimate
-from servo_models.elements.lines import line_with_flats, straight_line
-from servo_models.elements.loop import REACHED
-from servo_models.elements.motor import motor_curve
-from servo_models.elements.step import first_order
-from servo_models.simulate import model
-from servo_models.synthesis_pictures import synthesis_picture
-
-Array = NDArray[np.float64]
+from servo_models.analysis.compare import overshoot, settling_time, time_to
+from servo_models.core.simulate import model
+from servo_models.core.types import Array
+from servo_models.identification.elements import Loop, identify_elements, sheet
+from servo_models.identification.elements.estimate import Estimate
+from servo_models.identification.elements.lines import line_with_flats, straight_line
+from servo_models.identification.elements.loop import REACHED
+from servo_models.identification.elements.motor import motor_curve
+from servo_models.identification.elements.pictures import synthesis_picture
+from servo_models.identification.elements.step import first_order
 
 K_EN = 425.64
 TABLES = 200

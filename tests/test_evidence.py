@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.evidence import Evidence, consistency
-from servo_models.simulate import Array
 
 BLOCKS, ROWS = 20, 50
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from servo_models.cli import main
+from servo_models.data.parameters import ParameterSet, read_parameters
+from servo_models.identification.identify import identify
 from servo_models.identification.result import HELD_OUT
-from servo_models.identify import identify
-from servo_models.parameter_set import ParameterSet, read_parameters
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 ERRORS = 3.0

@@ -12,8 +12,12 @@ import pytest
 from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from servo_models.analysis.experiment import in_time
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
+from servo_models.data.tables import read_inputs
 from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.experiments.commands import FAMILIES, Command
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
@@ -22,13 +26,7 @@ from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.causes import find_causes
 from servo_models.diagnosis.search.staircases import shortened
 from servo_models.diagnosis.verdict import Verdict, decide
-from servo_models.experiment import in_time
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Model, model, simulate
-from servo_models.tables import read_inputs
-
-Array = NDArray[np.float64]
 
 STEP = 5e-4
 FLOOR = 2e-5

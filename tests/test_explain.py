@@ -13,15 +13,15 @@ import pytest
 from conftest import Run
 
 import servo_models
-from servo_models.actuator import Actuator
-from servo_models.actuators.torque_motor import TABLE_1
-from servo_models.bounds import displayed
-from servo_models.catalogue import actuator, actuators, effects
-from servo_models.demonstration import VISIBLE, demonstrate, portrait
+from servo_models.actuators.torque_motor.variants import TABLE_1
+from servo_models.analysis.demonstration import VISIBLE, demonstrate, portrait
+from servo_models.analysis.explain import display_unit, effect_name, explain, overview, places
+from servo_models.analysis.pictures import save
+from servo_models.core.bounds import displayed
+from servo_models.core.catalogue import actuator, actuators, effects
+from servo_models.core.plant import Actuator
+from servo_models.core.simulate import model
 from servo_models.errors import UserError
-from servo_models.explain import display_unit, effect_name, explain, overview, places
-from servo_models.pictures import save
-from servo_models.simulate import model
 
 
 def words(sheet: object) -> str:
@@ -126,7 +126,9 @@ def test_an_effect_is_drawn_on_an_actuator_without_a_load(
 ) -> None:
     """A plant of the catalogue may have its command as its only input."""
     alone = replace(actuator(str(one_input.write(tmp_path))), file=None)
-    monkeypatch.setattr(sys.modules["servo_models.explain"], "actuators", lambda: {"joint": alone})
+    monkeypatch.setattr(
+        sys.modules["servo_models.analysis.explain"], "actuators", lambda: {"joint": alone}
+    )
     assert demonstrate("transport_delay").place.actuator is alone
     drawn = tmp_path / "delay.svg"
     save(portrait("transport_delay"), drawn)
@@ -185,10 +187,3 @@ def test_every_curve_of_a_picture_has_its_unit() -> None:
         "current [mA]",
         "motor torque [N.m]",
     ]
-
-
-def test_public_names_are_functions_also_after_their_modules_are_loaded() -> None:
-    for name in servo_models.__all__:
-        assert callable(getattr(servo_models, name)), name
-    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
-        servo_models.simulat  # noqa: B018

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from servo_models.actuators.torque_motor import TABLE_1
+from servo_models.actuators.torque_motor.variants import TABLE_1
+from servo_models.analysis.figures import figures, frequency_figures
+from servo_models.analysis.figures_sheet import figures_sheet, write_figures
+from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import SineTest
 from servo_models.cli import main
+from servo_models.core.simulate import model
 from servo_models.errors import UserError
-from servo_models.figures import figures, frequency_figures
-from servo_models.figures_sheet import figures_sheet, write_figures
-from servo_models.linearise import linearise
-from servo_models.simulate import model
-from servo_models.sine_test import SineTest
 
 MEASURED = ("torque_motor", "measured")
 SG90 = ("sg90", "linear")

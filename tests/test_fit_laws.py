@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from test_identification import TRUE, log_of, noisy, nominal, prbs, rig
 
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.covariance import covariance
 from servo_models.identification.estimate import spread_of
@@ -21,11 +23,7 @@ from servo_models.identification.fit import fit
 from servo_models.identification.information import Information
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.run import Run
-from servo_models.recording import Channel
-from servo_models.sheets import MOST, with_error
-from servo_models.simulate import model, simulate
-
-Array = NDArray[np.float64]
+from servo_models.report.sheets import MOST, with_error
 
 NAMES = tuple(name for name in nominal().plant.parameters if name != "internal_step")
 

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 
-from servo_models.identify import identify
-from servo_models.simulate import model, simulate
+from servo_models.core.simulate import model, simulate
+from servo_models.identification.identify import identify
 
-Array = NDArray[np.float64]
 HEAD = """
 actuator = "torque_motor"
 variant = "measured"

@@ -11,19 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plants.bench import held_bench, respond, step_constant
 
-from servo_models.actuator import Plant, State, Wire, place
-from servo_models.block import Block, Param, block, effect
-from servo_models.catalogue import actuators
-from servo_models.compiled import plain_make
+from servo_models.core.block import Block, Param, block, effect
+from servo_models.core.catalogue import actuators
+from servo_models.core.compiled import plain_make
+from servo_models.core.flat import Chunk, neutral_effects
+from servo_models.core.flatten import flatten
+from servo_models.core.plant import Plant, State, Wire, place
+from servo_models.core.printer import Printer
+from servo_models.core.stepper import run_text, step_text
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load
 from servo_models.effects.dead_zone import dead_zone
 from servo_models.effects.gain_error import gain_error
 from servo_models.effects.offset import offset
-from servo_models.flat import Chunk, neutral_effects
-from servo_models.flatten import flatten
-from servo_models.printer import Printer
-from servo_models.stepper import run_text, step_text
 
 
 @block("doubled")

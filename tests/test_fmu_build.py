@@ -21,10 +21,10 @@ from fmpy.validation import validate_fmu
 from fmu_host import Host
 from html_page import Page
 
+from servo_models.analysis.experiment import step
 from servo_models.build import build
+from servo_models.core.simulate import Model, model
 from servo_models.errors import UserError
-from servo_models.experiment import step
-from servo_models.simulate import Model, model
 
 Files = Callable[[str], Path]
 

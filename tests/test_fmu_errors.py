@@ -19,8 +19,8 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmu_host import Host
 
+from servo_models.core.simulate import model
 from servo_models.errors import UserError
-from servo_models.simulate import model
 from servo_models.validation.subject import Subject
 
 Files = Callable[[str], Path]

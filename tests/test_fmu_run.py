@@ -15,7 +15,7 @@ from conftest import MODELS
 from fmu_host import Array, Host
 
 from servo_models.build import build
-from servo_models.simulate import Model, model
+from servo_models.core.simulate import Model, model
 
 Files = Callable[[str], Path]
 

@@ -15,8 +15,8 @@ from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 
-import servo_models.validate  # noqa: F401  (its function is replaced below)
-from servo_models.interchange import command, finite_json
+import servo_models.validation.runner  # noqa: F401  (its function is replaced below)
+from servo_models.report.interchange import command, finite_json
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, Row, Validation
 
 GOOD = Row(IMPLEMENTATION, "sg90", "linear", "1 ms", "angle", 0.0, 1e-12, "1", True)
@@ -38,7 +38,7 @@ def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
             on_progress(1, 2, "half way")
             return Validation(rows)
 
-        module = sys.modules["servo_models.validate"]
+        module = sys.modules["servo_models.validation.runner"]
         monkeypatch.setattr(module, "validate", stand_in)
 
     return give

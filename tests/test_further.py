@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from test_search_of_causes import made
 
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.structure import LeftOver
@@ -19,8 +22,6 @@ from servo_models.diagnosis.search.starts import best_start
 from servo_models.diagnosis.unseen import unseen
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Array, model, simulate
 
 THREE = {
     "coulomb_friction.level": 1.5e-3,

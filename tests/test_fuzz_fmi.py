@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from fuzz.fmi import run
 
-from servo_models.catalogue import actuators
+from servo_models.core.catalogue import actuators
 
 SEQUENCES = 60
 

@@ -9,19 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from servo_models.audit import audit, noise_floors
-from servo_models.audit.signals import REPEATS, RESIDUAL
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.audit import audit, noise_floors
+from servo_models.data.audit.signals import REPEATS, RESIDUAL
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.identification.problem import free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import model, simulate
 
-Array = NDArray[np.float64]
 STEP = 1e-3
 COUNT = 1000
 MODEL = model("torque_motor", "measured", {"end_stops.half_range": 0.0})

@@ -15,9 +15,9 @@ from scipy.signal import lsim
 from scipy.stats import chi2
 
 from servo_models import model, simulate
-from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY, TABLE_1, grey_box
-from servo_models.grey_box import DELAY, KNOWN, torque_motor_constants
-from servo_models.reference.torque_motor import Constants
+from servo_models.actuators.torque_motor.grey_box import DELAY, KNOWN, torque_motor_constants
+from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY, TABLE_1, grey_box
+from servo_models.validation.torque_motor.reference import Constants
 
 PRINTED = {
     "torque_constant": ("{:.2f}", "5.23"),

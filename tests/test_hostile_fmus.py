@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from fuzz.fmus import Case, cases, judge, made_good
 
+from servo_models.core.own_actuator import load_actuator
 from servo_models.errors import UserError
-from servo_models.own_actuator import load_actuator
-from servo_models.validate import Limits, Validation, validate
 from servo_models.validation import bare_host
+from servo_models.validation.runner import Limits, Validation, validate
 
 SHARE = {
     "in UTF-16": "",

@@ -20,11 +20,11 @@ from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.data.readers import read_columns
+from servo_models.data.toml_file import read_toml
 from servo_models.errors import LONGEST, UserError, printable
 from servo_models.files import largest_input
-from servo_models.logs import read_columns
-from servo_models.sheets import Sheet, Table
-from servo_models.toml_file import read_toml
+from servo_models.report.sheets import Sheet, Table
 
 h5py = pytest.importorskip("h5py")
 

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 from scipy.signal import cont2discrete
 
-from servo_models.actuator import Parameter
-from servo_models.block import Param
+from servo_models.core.block import Param
+from servo_models.core.plant import Parameter
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
 from servo_models.identification.beginning import false_starts
@@ -26,10 +28,6 @@ from servo_models.identification.estimate import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
 from servo_models.identification.run import prepared
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Model, model, simulate
-
-Array = NDArray[np.float64]
 
 STEP = 5e-4
 TRUE = {

@@ -12,25 +12,23 @@ import numpy as np
 import pytest
 from html_page import Page
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from servo_models.figures import figures
-from servo_models.figures_sheet import figures_sheet
+from servo_models.analysis.figures import figures
+from servo_models.analysis.figures_sheet import figures_sheet
+from servo_models.analysis.linearise import linearise
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.identification.fit import fit
+from servo_models.identification.identify import _figures_of_merit, identify
+from servo_models.identification.page import identification_page
+from servo_models.identification.page.empirical import Record, empirical
 from servo_models.identification.result import HELD_OUT, Identification
-from servo_models.identify import _figures_of_merit, identify
-from servo_models.linearise import linearise
-from servo_models.recording import Channel, Log
-from servo_models.report.identification import identification_page
-from servo_models.report.identification.empirical import Record, empirical
+from servo_models.identification.transfer.sweeps import hold
 from servo_models.report.parts import MINUS, TIMES
 from servo_models.report.sheet import sheet_page
-from servo_models.sheets import Sheet, Table
-from servo_models.simulate import model, simulate
-from servo_models.transfer.sweeps import hold
+from servo_models.report.sheets import Sheet, Table
 from servo_models.units import factor
-
-Array = NDArray[np.float64]
 
 STEP = 2e-4
 SPAN = 1.0

@@ -22,17 +22,14 @@ import numpy as np
 import pytest
 from conftest import Run
 from html_page import Page
-from numpy.typing import NDArray
 from test_description import OWN
 from test_identification import STEP, TRUE, prbs, rig
 
+from servo_models.core.simulate import simulate
+from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification import fit as fit_module
 from servo_models.identification.estimate import Spread, spread
-from servo_models.identify import identify
-from servo_models.parameter_set import ParameterSet, read_parameters
-from servo_models.simulate import simulate
-
-Array = NDArray[np.float64]
+from servo_models.identification.identify import identify
 
 NOISE = np.radians(0.01)
 ESTIMATED = {name: TRUE[name] for name in ("torque_constant", "inductance", "friction_coefficient")}
@@ -272,7 +269,7 @@ def test_ctrl_c_is_told(run: Run, monkeypatch: pytest.MonkeyPatch, bench: Path) 
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["servo_models.identify"], "identify", stopped)
+    monkeypatch.setattr(sys.modules["servo_models.identification.identify"], "identify", stopped)
     assert run("identify", bench / "mine.toml") == (2, "", "servo-models: interrupted\n")
 
 

@@ -125,5 +125,5 @@ def test_outputs_are_tried_before_the_fit(
     def never(*_: object, **__: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(sys.modules["servo_models.identify"], "identify", never)
+    monkeypatch.setattr(sys.modules["servo_models.identification.identify"], "identify", never)
     assert run("identify", bench / "mine.toml", "--out", bench / "log.csv" / "P.toml")[0] == 2

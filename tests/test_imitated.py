@@ -16,19 +16,20 @@ from scipy.optimize import least_squares
 from test_diagnose_cli import check_schema
 from test_experiment_design import DEAD_ZONE, FLOOR, LOG, TWO_LEVELS
 
-from servo_models.description import read_description
-from servo_models.diagnose import Diagnosis, diagnose
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
 from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.fitting.nominal import nominal_parameters
+from servo_models.diagnosis.page.imitated import section
 from servo_models.diagnosis.search.imitated import imitated_effects
 from servo_models.diagnosis.search.screening import sights_of
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.sheet import diagnosis_sheet
 from servo_models.diagnosis.verdict import Verdict
-from servo_models.report.diagnosis.imitated import section
-from servo_models.simulate import Array, Model, model, simulate
 
 MANY = np.repeat([0.0, 3.0, 10.0, -6.0, -1.0, 14.0, -14.0, 1.0, -4.0, 0.0], 120)
 HEAD = """

@@ -12,8 +12,8 @@ from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.core.simulate import model, simulate
 from servo_models.errors import UserError
-from servo_models.simulate import model, simulate
 from servo_models.units import exponents, factor, parse
 
 HEAD = """actuator = "sg90"

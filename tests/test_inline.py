@@ -7,8 +7,8 @@ from typing import Annotated
 
 import pytest
 
-from servo_models.block import Block, Memory, block
-from servo_models.inline import inline
+from servo_models.core.block import Block, Memory, block
+from servo_models.core.inline import inline
 
 
 @block("held")

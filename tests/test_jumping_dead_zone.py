@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.fits import beside, starts_of
 from servo_models.diagnosis.search.screening import look
 from servo_models.identification.problem import free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Array, model, simulate
 
 NOISE = float(np.radians(0.05))
 PRIORS = {"motor_time_constant": 0.1, "motor_gain": 0.15, "amplifier_gain": 0.05}

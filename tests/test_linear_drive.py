@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.recording import regular
-from servo_models.reference.linear_drive import LinearDrive
-from servo_models.simulate import Array, model, simulate
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import regular
+from servo_models.validation.linear_drive.reference import LinearDrive
 
 TICK = 1e-3
 

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 from test_figures import MEASURED, SG90, equation_12, equations_1_to_9
 
-from servo_models.actuators.torque_motor import TABLE_1
-from servo_models.catalogue import actuator
-from servo_models.linear_model import LinearModel
-from servo_models.linearise import linearise
-from servo_models.simulate import model
-from servo_models.sine_test import SineTest
+from servo_models.actuators.torque_motor.variants import TABLE_1
+from servo_models.analysis.linear_model import LinearModel
+from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import SineTest
+from servo_models.core.catalogue import actuator
+from servo_models.core.simulate import model
 
 
 def test_the_state_space_is_that_of_the_papers_equations() -> None:

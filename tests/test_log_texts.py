@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_logs import ROWS, complaint, file
 
-from servo_models.logs import read_columns
+from servo_models.data.readers import read_columns
 
 
 @pytest.mark.parametrize("mark", [".", ","])

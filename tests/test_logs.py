@@ -17,8 +17,8 @@ import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servo_models.data.readers import read_columns
 from servo_models.errors import UserError
-from servo_models.logs import read_columns
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 ROWS = st.lists(st.tuples(NUMBERS, NUMBERS), min_size=2, max_size=12)

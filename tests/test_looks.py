@@ -12,6 +12,9 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from test_search_of_causes import made
 
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.diagnosis.fitting.evidence import advantage
@@ -23,8 +26,6 @@ from servo_models.diagnosis.search.pairs_seen import pairs
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.identification.problem import free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Array, model, simulate
 
 
 @given(seed=st.integers(0, 10_000), twins=st.booleans(), shut=st.booleans())

@@ -12,10 +12,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 from test_identification_report import Array
 
-from servo_models.report.identification.bode import beside
-from servo_models.report.identification.empirical import Record, empirical
-from servo_models.report.identification.readings import envelope
-from servo_models.transfer.sweeps import hold
+from servo_models.identification.page.bode import beside
+from servo_models.identification.page.empirical import Record, empirical
+from servo_models.identification.page.readings import envelope
+from servo_models.identification.transfer.sweeps import hold
 
 
 def test_measured_frequency_response_of_a_known_filter() -> None:

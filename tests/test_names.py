@@ -23,15 +23,15 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from servo_models.actuator import Plant, Wire, place
-from servo_models.block import Block, Param, block, effect
-from servo_models.compiled import compiled_run, plain_make
+from servo_models.core.block import Block, Param, block, effect
+from servo_models.core.compiled import compiled_run, plain_make
+from servo_models.core.flat import Flat, neutral_effects
+from servo_models.core.flatten import flatten
+from servo_models.core.inline import inline
+from servo_models.core.plant import Plant, Wire, place
+from servo_models.core.stepper import run_text, step_text
 from servo_models.diagnosis.where.alone import measured_name, opened
 from servo_models.effects.lag import lag
-from servo_models.flat import Flat, neutral_effects
-from servo_models.flatten import flatten
-from servo_models.inline import inline
-from servo_models.stepper import run_text, step_text
 
 GAIN = 1745.3
 """Angle for a pulse width above 1.5 ms [rad/s]."""
@@ -65,8 +65,8 @@ KINDS = {
 
 SOURCE = f'''
 from typing import Annotated
-from servo_models.actuator import Plant, State, Wire, place
-from servo_models.block import Memory, Param, block, effect
+from servo_models.core.plant import Plant, State, Wire, place
+from servo_models.core.block import Memory, Param, block, effect
 from servo_models.effects.lag import lag
 from servo_models.effects.rate_limit import rate_limit
 

@@ -13,10 +13,10 @@ import pytest
 from conftest import Run
 from test_diagnose_cli import check_schema, describe
 
-from servo_models.description import read_description
+from servo_models.core.simulate import model
+from servo_models.data.description import read_description
+from servo_models.data.tables import read_signals
 from servo_models.diagnosis.experiments import experiment
-from servo_models.simulate import model
-from servo_models.tables import read_signals
 
 VOLTAGE = model("torque_motor").plant.wire["voltage"]
 Diagnosed = Callable[..., tuple[str, list[dict[str, Any]]]]

@@ -8,7 +8,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter, lsim
 from scipy.stats import binom
 
-from servo_models.noise import dependence, inflation, scatter, whiteness
+from servo_models.analysis.statistics import dependence, inflation, scatter, whiteness
 
 
 def test_residual_tests_reject_noise_at_their_nominal_rate() -> None:

@@ -14,16 +14,16 @@ import pytest
 from conftest import Run
 
 from fmu_src.source import slave_source
-from servo_models.description import read_description
+from servo_models.core.simulate import model, simulate
+from servo_models.data.description import read_description
+from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError
-from servo_models.parameter_set import read_parameters
-from servo_models.simulate import model, simulate
 
 SOURCE = '''
 import pathlib
 from typing import Annotated
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire
-from servo_models.block import Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
+from servo_models.core.block import Param, block
 
 with open(pathlib.Path(__file__).with_suffix(".ran"), "a") as ran:
     ran.write("x")

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from test_search_of_causes import made
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.causes import find_causes
 from servo_models.diagnosis.search.fits import TRIED, Teller, beside, likeliest, settled
@@ -22,7 +23,6 @@ from servo_models.diagnosis.search.pairing import lookalikes, promising
 from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
 from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
-from servo_models.simulate import Array
 
 SHARED = {
     "drive_saturation": (0.0, 1.6),

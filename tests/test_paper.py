@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
-import servo_models.validation.paper_sg90 as of_sg90
-import servo_models.validation.paper_torque_motor as of_motor
-from servo_models.linear_model import transfer_function
-from servo_models.linearise import linearise
-from servo_models.simulate import Model, model
+import servo_models.validation.sg90.paper as of_sg90
+import servo_models.validation.torque_motor.paper as of_motor
+from servo_models.analysis.linear_model import transfer_function
+from servo_models.analysis.linearise import linearise
+from servo_models.core.simulate import Model, model
 from servo_models.validation.paper import figure
 from servo_models.validation.rows import Row
 

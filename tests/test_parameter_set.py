@@ -14,17 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.build import build
-from servo_models.catalogue import actuator
 from servo_models.cli import main
-from servo_models.errors import UserError
-from servo_models.parameter_set import (
+from servo_models.core.catalogue import actuator
+from servo_models.data.parameters import (
     Estimate,
     Figure,
     ParameterSet,
     read_parameters,
     write_parameters,
 )
-from servo_models.recording import Log, hashes
+from servo_models.data.recording import Log, hashes
+from servo_models.errors import UserError
 
 PLANT = actuator("torque_motor").plant
 FULL = ParameterSet(

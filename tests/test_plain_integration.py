@@ -15,33 +15,32 @@ from typing import Annotated
 import numpy as np
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 from test_architecture import ROOT, imported
 
-from servo_models.actuator import Actuator, Placement, Plant, State, Variant, Wire, place
-from servo_models.block import Memory, Param, block
 from servo_models.build import build
+from servo_models.core.block import Memory, Param, block
+from servo_models.core.plant import Actuator, Placement, Plant, State, Variant, Wire, place
+from servo_models.core.printer import Printer
+from servo_models.core.simulate import Model, model
+from servo_models.core.stepper import run_text
+from servo_models.core.types import Array
 from servo_models.effects.lag import lag
 from servo_models.effects.quantisation import quantisation
 from servo_models.effects.rate_limit import rate_limit
 from servo_models.effects.sample_hold import sample_hold
 from servo_models.effects.transport_delay import transport_delay
-from servo_models.printer import Printer
-from servo_models.simulate import Model, model
-from servo_models.stepper import run_text
-from servo_models.validate import every_model
 from servo_models.validation.plain_integration import integrate
 from servo_models.validation.plain_rows import effects_off, named_cases, plain_row, switched_on
 from servo_models.validation.rows import Row
+from servo_models.validation.runner import every_model
 from servo_models.validation.subject import Subject
 
-Array = NDArray[np.float64]
 GAIN, FREQUENCY, DAMPING = 1745.3, 15.0, 0.7
 TARGET = '''
 """A second-order servo whose author calls the angle asked for "target"."""
 from typing import Annotated
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire
-from servo_models.block import Memory, Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
+from servo_models.core.block import Memory, Param, block
 
 @block("target")
 def command(

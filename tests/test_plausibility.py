@@ -11,14 +11,14 @@ from conftest import Run
 from plausible_logs import described, misread, mistakes, sane, with_outputs
 from test_own_actuator import write
 
-from servo_models.audit.outliers import outliers, outliers_of
-from servo_models.bounds import is_outside
-from servo_models.description import read_description
+from servo_models.core.bounds import is_outside
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.data.audit.outliers import outliers, outliers_of
+from servo_models.data.description import read_description
+from servo_models.data.recording import Log
 from servo_models.errors import UserError
-from servo_models.identify import identify
-from servo_models.plausibility import implausible, implausible_clocks
-from servo_models.recording import Log
-from servo_models.simulate import Model, model, simulate
+from servo_models.identification.identify import identify
+from servo_models.identification.plausibility import implausible, implausible_clocks
 
 SUBJECTS = [
     ("sg90", "measured"),

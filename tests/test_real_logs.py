@@ -12,17 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from servo_models.description import Description, read_description
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import Description, read_description
+from servo_models.data.recording import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
 from servo_models.identification.result import HELD_OUT, Identification
-from servo_models.recording import Log
-from servo_models.simulate import Model, model, simulate
 
-Array = NDArray[np.float64]
 Describe = Callable[[str], Description]
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "real_logs"

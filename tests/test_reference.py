@@ -9,16 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-import servo_models.reference
-from servo_models.reference import inputs, sg90, torque_motor
-from servo_models.reference.backlash import MotorBacklash, ServoBacklash
-from servo_models.reference.compliance import TwoMasses
-from servo_models.reference.linear import LinearSystem
-from servo_models.reference.switching import Exit, Key, Regime, Values, follow
+import servo_models.validation.solvers
+from servo_models.core.types import Array
+from servo_models.validation.sg90 import reference as sg90
+from servo_models.validation.solvers import inputs
+from servo_models.validation.solvers.backlash import MotorBacklash, ServoBacklash
+from servo_models.validation.solvers.linear import LinearSystem
+from servo_models.validation.solvers.switching import Exit, Key, Regime, Values, follow
+from servo_models.validation.torque_motor import reference as torque_motor
+from servo_models.validation.torque_motor.compliance import TwoMasses
 
-Array = NDArray[np.float64]
 TABLE_1 = torque_motor.TABLE_1
 
 
@@ -28,11 +29,11 @@ def held(times: Array, **values: float | Array) -> dict[str, Array]:
 
 
 def test_references_use_nothing_of_the_model() -> None:
-    for path in Path(servo_models.reference.__path__[0]).glob("*.py"):
+    for path in Path(servo_models.validation.solvers.__path__[0]).glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("servo_models"):
                 assert node.module is not None
-                assert node.module.startswith("servo_models.reference"), path.name
+                assert node.module.startswith("servo_models.validation.solvers"), path.name
 
 
 def test_edges_keep_changes_only_and_come_later_by_the_delay() -> None:

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servo_models.core.simulate import model
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.identification.run import prepared
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Array, model
 
 TIMES = 1e-3 * np.arange(300.0)
 

@@ -10,21 +10,14 @@ import numpy as np
 import pytest
 from html_page import Page
 
+from servo_models.core.simulate import model, simulate
 from servo_models.errors import UserError
-from servo_models.report import (
-    sg90,
-    sg90_measured,
-    smart_servo,
-    torque_motor,
-    verdict,
-    write_report,
-)
-from servo_models.report.claim import share
-from servo_models.report.paper import DIGITS
+from servo_models.report import write_report
 from servo_models.report.parts import number
 from servo_models.report.style import PALETTE
-from servo_models.simulate import model, simulate
-from servo_models.validation.paper_sg90 import PRINTED_TIMES, TIME_CONSTANT
+from servo_models.validation.page import verdict
+from servo_models.validation.page.claim import share
+from servo_models.validation.page.paper import DIGITS
 from servo_models.validation.rows import (
     IMPLEMENTATION,
     MODEL,
@@ -36,6 +29,11 @@ from servo_models.validation.rows import (
     judged,
     tightest,
 )
+from servo_models.validation.sg90 import measured_pictures as sg90_measured
+from servo_models.validation.sg90 import pictures as sg90
+from servo_models.validation.sg90.paper import PRINTED_TIMES, TIME_CONSTANT
+from servo_models.validation.smart_servo import pictures as smart_servo
+from servo_models.validation.torque_motor import pictures as torque_motor
 
 HOSTILE = "<script>alert('x')</script> & \"quoted\""
 

@@ -11,7 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, lsq_linear
 
-from servo_models.description import read_description
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.descent import _Point, _step, descend
 from servo_models.diagnosis.fitting.evidence import blocks, judge
@@ -23,8 +26,6 @@ from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.diagnosis.sizes import travel
 from servo_models.identification.problem import Free, free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import Array, model, simulate
 
 FLOOR = 1e-5
 PRIORS = {"torque_constant": 1.0, "friction_coefficient": 1e-4}

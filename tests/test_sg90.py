@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from servo_models.simulate import model, simulate
+from servo_models.core.simulate import model, simulate
 
 PULSE = 2.4e-3
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from servo_models.actuator import Actuator, Wire
-from servo_models.catalogue import actuators
+from servo_models.core.catalogue import actuators
+from servo_models.core.plant import Actuator, Wire
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulate import Array, model, simulate
 
 STEP = 1e-3
 TIMES = STEP * np.arange(201)

@@ -11,7 +11,8 @@ import pytest
 from plants.sliding import slide
 
 from fmu_src.variables import variables
-from servo_models.simulate import Array, model, simulate
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 
 TICK = 1e-3
 GRAVITY = 0.49 * 9.81 * 0.1

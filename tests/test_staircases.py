@@ -11,6 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_search_of_causes import made
 
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.stepwise import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.looks import seen_beside
@@ -19,8 +22,6 @@ from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortened, shortlist
 from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.recording import Log
-from servo_models.simulate import Array, model, simulate
 
 
 @given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))

@@ -13,14 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.bench import held_bench, respond, step_constant
 
-from servo_models.actuator import Plant, State, Wire
-from servo_models.block import Block, Clock, Fault, Memory, Mode, Param, block
-from servo_models.catalogue import actuators, effects
-from servo_models.compiled import plain_make
+from servo_models.core.block import Block, Clock, Fault, Memory, Mode, Param, block
+from servo_models.core.catalogue import actuators, effects
+from servo_models.core.compiled import plain_make
+from servo_models.core.flat import neutral_effects, trouble
+from servo_models.core.flatten import flatten
+from servo_models.core.plant import Plant, State, Wire
+from servo_models.core.stepper import run_text, step_text
 from servo_models.effects.sample_hold import sample_hold
-from servo_models.flat import neutral_effects, trouble
-from servo_models.flatten import flatten
-from servo_models.stepper import run_text, step_text
 
 H = 1e-3
 

@@ -13,18 +13,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from test_search_of_causes import made
 
-from servo_models.audit.sensor import difference_noise
+from servo_models.core.simulate import model
+from servo_models.core.types import Array
+from servo_models.data.audit.sensor import difference_noise
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing, sure
 from servo_models.identification.problem import Problem
-from servo_models.recording import Channel, Log
-from servo_models.simulate import model
-
-Array = NDArray[np.float64]
 
 DRAWS = 60
 

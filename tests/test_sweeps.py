@@ -11,10 +11,9 @@ import pytest
 from test_transfer import DT, EQUATION_12, MOTOR, log
 
 from servo_models import UserError, model, simulate
-from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
-from servo_models.reference.torque_motor import TABLE_1
-from servo_models.toml_file import read_toml
-from servo_models.transfer import (
+from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
+from servo_models.data.toml_file import read_toml
+from servo_models.identification.transfer import (
     Structure,
     Sweep,
     TransferFunction,
@@ -23,6 +22,7 @@ from servo_models.transfer import (
     read_sweeps,
     sweep_of_sines,
 )
+from servo_models.validation.torque_motor.reference import TABLE_1
 
 SWEEP = """
 [[sweeps]]

@@ -17,10 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.bench import step_constant
 
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire
-from servo_models.block import Block, Param, block
+from servo_models.core.block import Block, Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
+from servo_models.core.simulate import MOST_TRIED, Model, Result, model, simulate
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulate import MOST_TRIED, Array, Model, Result, model, simulate
 
 COARSE = 5e-3
 """Internal step [s] of the plants below."""

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.signal import chirp, lsim
 
 from servo_models import UserError, model, simulate
-from servo_models.actuators.torque_motor import EQ_12, EQ_12_DELAY
-from servo_models.recording import Log
-from servo_models.reference.inputs import changes
-from servo_models.reference.linear import LinearSystem
-from servo_models.transfer import (
+from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
+from servo_models.identification.transfer import (
     STRUCTURES,
     Record,
     Structure,
@@ -27,14 +26,14 @@ from servo_models.transfer import (
     identify_transfer,
     sheet,
 )
-from servo_models.transfer.evidence import Point
-from servo_models.transfer.fit import Fit, fit
-from servo_models.transfer.scores import score
-from servo_models.transfer.soundness import pole_trouble, surplus_zero
-from servo_models.transfer.starts import starts
-from servo_models.transfer_pictures import bode, responses
-
-Array = NDArray[np.float64]
+from servo_models.identification.transfer.evidence import Point
+from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.pictures import bode, responses
+from servo_models.identification.transfer.scores import score
+from servo_models.identification.transfer.soundness import pole_trouble, surplus_zero
+from servo_models.identification.transfer.starts import starts
+from servo_models.validation.solvers.inputs import changes
+from servo_models.validation.solvers.linear import LinearSystem
 
 MOTOR = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
 EQUATION_12 = TransferFunction.of([EQ_12[0]], [1.0, *EQ_12[1:]], EQ_12_DELAY)

@@ -13,24 +13,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 from test_description import OWN
 
 from servo_models.build import build
-from servo_models.catalogue import actuator
+from servo_models.core.catalogue import actuator
+from servo_models.core.flat import Chunk
+from servo_models.core.simulate import Model, model
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.flat import Chunk
-from servo_models.reference import sg90
-from servo_models.simulate import Model, model
-from servo_models.validate import CostCurve, Validation, conditions, validate
+from servo_models.report.conditions import conditions
 from servo_models.validation.cases import Case, all_cases, grid, schedule
 from servo_models.validation.cost import cost_curve
 from servo_models.validation.implementation import LIMIT, excitation, implementation_rows, irregular
 from servo_models.validation.responses import response_rows
 from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, judged
+from servo_models.validation.runner import CostCurve, Validation, validate
+from servo_models.validation.sg90 import reference as sg90
 from servo_models.validation.subject import Subject
 
-Array = NDArray[np.float64]
 FmuFile = Callable[[str], Path]
 
 
@@ -215,7 +215,7 @@ def test_an_fmu_that_stops_says_why(fmu_file: FmuFile) -> None:
 
 
 def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("servo_models.validation.cases.sg90._steps", list)
+    monkeypatch.setattr("servo_models.validation.sg90.cases._steps", list)
     monkeypatch.setattr("servo_models.validation.cost.FACTORS", (1.0,))
     told: list[tuple[int, int, str]] = []
     result = validate([model("sg90")], lambda *now: told.append(now))

@@ -15,6 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from servo_models.core.simulate import PLANTS, Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.causes import Causes
@@ -24,10 +27,7 @@ from servo_models.diagnosis.where.breakdown import plain
 from servo_models.diagnosis.where.regimes import _between, _digits
 from servo_models.diagnosis.where.samples import moving_input
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.recording import Channel, Log
-from servo_models.simulate import PLANTS, Model, model, simulate
 
-Array = NDArray[np.float64]
 STEP = 1e-3
 TIMES = STEP * np.arange(2000.0)
 FLOOR = {"angle": 1e-4, "current": 1e-5}

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.reference.sg90 import Printed
-from servo_models.reference.torque_motor import Equation12
+from servo_models.validation.sg90.reference import Printed
+from servo_models.validation.torque_motor.reference import Equation12
 
 Array = NDArray[np.float64]
 

@@ -1,1 +1,1 @@
-"""Actuators: one file, one identified product with its values, uncertainty and provenance."""
+"""Actuators: one folder, one identified product with its values, uncertainty and provenance."""

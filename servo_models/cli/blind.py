@@ -46,12 +46,12 @@ def blind(
 
     servo-models blind --cases 1800 --seed 7 --folder runs/7 --json blind.json
     """
-    from servo_models.blind.run import Asked, check_tiers, run_blind
-    from servo_models.blind.sheet import check_sheet, document
     from servo_models.cli.console import progress, show
     from servo_models.files import scratch, write_whole
-    from servo_models.interchange import finite_json
-    from servo_models.validate import conditions
+    from servo_models.report.conditions import conditions
+    from servo_models.report.interchange import finite_json
+    from servo_models.withheld.run import Asked, check_tiers, run_blind
+    from servo_models.withheld.sheet import check_sheet, document
 
     check_outputs((json, ".json"))
     asked = Asked(cases, seed, check_tiers(tiers))

@@ -49,10 +49,10 @@ def check(
         raise UserError(
             f"'{file}' is no description; begin one with 'servo-models check {file} --init'"
         )
-    from servo_models.check import check as run
-    from servo_models.check import check_sheet
     from servo_models.cli.console import progress, show
-    from servo_models.description import read_description
+    from servo_models.data.description import read_description
+    from servo_models.identification.check import check as run
+    from servo_models.identification.check import check_sheet
 
     with progress("checking"):
         found = run(read_description(file, trust))
@@ -61,8 +61,8 @@ def check(
 
 
 def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:
-    from servo_models.description import read_description
-    from servo_models.drafting import draft, write_draft
+    from servo_models.data.description import read_description
+    from servo_models.data.scaffold import draft, write_draft
 
     path = out or file.with_suffix(".toml")
     made = draft(file, actuator)

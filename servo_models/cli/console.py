@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from servo_models.sheets import Sheet
+from servo_models.report.sheets import Sheet
 
 Progress = Callable[[int, int | None, str], None]
 """Called with steps done, steps in all where that is known, and what is being done."""

@@ -16,8 +16,8 @@ from servo_models.cli.options import Format, Largest, Trust, check_outputs
 from servo_models.errors import UserError
 
 if TYPE_CHECKING:
+    from servo_models.data.recording import Log
     from servo_models.diagnosis.experiments.experiment import Experiment
-    from servo_models.recording import Log
 
 GAP_FOUND = 1
 
@@ -75,20 +75,20 @@ def diagnose(
     servo-models build --params PARAMS.toml
     """
     from servo_models.cli.console import progress, show
-    from servo_models.description import read_description
-    from servo_models.diagnose import diagnose as run
+    from servo_models.data.description import read_description
+    from servo_models.data.parameters import write_parameters
     from servo_models.diagnosis.confirm import confirm
+    from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.experiments.experiment import next_experiments
+    from servo_models.diagnosis.page import diagnosis_page
     from servo_models.diagnosis.search.causes import TOLERANCE
     from servo_models.diagnosis.telling.document import document, github
     from servo_models.diagnosis.telling.parameters import parameter_set
     from servo_models.diagnosis.telling.sheet import diagnosis_sheet
     from servo_models.diagnosis.where import where
     from servo_models.files import write_whole
-    from servo_models.interchange import finite_json
-    from servo_models.parameter_set import write_parameters
-    from servo_models.report.diagnosis import diagnosis_page
-    from servo_models.validate import conditions
+    from servo_models.report.conditions import conditions
+    from servo_models.report.interchange import finite_json
 
     check_outputs((json, ".json"), (report, ".html"), (out, ".toml"), description=description)
     allowed = TOLERANCE if tolerance is None else tolerance

@@ -41,10 +41,10 @@ def explain(
 
     servo-models explain --params identified.toml
     """
+    from servo_models.analysis.explain import explain as sheet_of
     from servo_models.cli.console import progress, show
-    from servo_models.explain import explain as sheet_of
-    from servo_models.parameter_set import read_parameters
-    from servo_models.parameter_sheet import parameter_sheet
+    from servo_models.data.parameter_sheet import parameter_sheet
+    from servo_models.data.parameters import read_parameters
 
     if params:
         if name or variant or picture:
@@ -59,8 +59,8 @@ def explain(
         raise UserError(f"'{name}' is a file: explain a parameter file with --params {name}")
     show(sheet_of(name, variant))
     if picture:
-        from servo_models.demonstration import portrait
-        from servo_models.pictures import check_suffix, save
+        from servo_models.analysis.demonstration import portrait
+        from servo_models.analysis.pictures import check_suffix, save
 
         check_suffix(picture)
         with progress(f"drawing {name}"):

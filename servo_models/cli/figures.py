@@ -62,9 +62,9 @@ def figures(
 
     servo-models figures --params identified.toml
     """
+    from servo_models.analysis.figures import figures as measure
+    from servo_models.analysis.figures_sheet import check_suffix, figures_sheet, write_figures
     from servo_models.cli.console import progress, show
-    from servo_models.figures import figures as measure
-    from servo_models.figures_sheet import check_suffix, figures_sheet, write_figures
 
     if out:
         check_suffix(out)

@@ -60,9 +60,9 @@ def identify(
     to be believed; 2 where it could not run.
     """
     from servo_models.cli.console import progress, show
-    from servo_models.description import read_description
-    from servo_models.identify import identify as run
-    from servo_models.parameter_set import write_parameters
+    from servo_models.data.description import read_description
+    from servo_models.data.parameters import write_parameters
+    from servo_models.identification.identify import identify as run
 
     check_outputs((out, ".toml"), (report, ".html"), description=description)
     names = [name.strip() for name in free.split(",") if name.strip()]

@@ -13,7 +13,7 @@ import typer
 from servo_models.errors import UserError
 
 if TYPE_CHECKING:
-    from servo_models.simulate import Model
+    from servo_models.core.simulate import Model
 
 
 class Format(str, Enum):
@@ -31,8 +31,8 @@ def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = 
         UserError: another suffix, a folder that cannot be written, or a file that the description
             is or names.
     """
+    from servo_models.data.toml_file import named_files
     from servo_models.files import check_writable
-    from servo_models.toml_file import named_files
 
     read = named_files(description) if description else []
     for path, suffix in outputs:
@@ -56,8 +56,8 @@ def chosen_model(
     Raises:
         UserError: neither or both of them, or see ``simulate.model``.
     """
-    from servo_models.parameter_set import read_parameters
-    from servo_models.simulate import model
+    from servo_models.core.simulate import model
+    from servo_models.data.parameters import read_parameters
 
     overrides = assignments("--set", settings or ())
     if params:
@@ -90,13 +90,13 @@ EXAMPLE = "load_torque='20 mN.m'"
 
 
 def complete_actuator(incomplete: str) -> list[str]:
-    from servo_models.catalogue import actuators
+    from servo_models.core.catalogue import actuators
 
     return [name for name in actuators() if name.startswith(incomplete)]
 
 
 def complete_name(incomplete: str) -> list[str]:
-    from servo_models.catalogue import actuators, effects
+    from servo_models.core.catalogue import actuators, effects
 
     return [name for name in [*actuators(), *effects()] if name.startswith(incomplete)]
 
@@ -118,7 +118,7 @@ def complete_input(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def _typed(ctx: typer.Context) -> list[Any]:
     """The actuator on an unfinished command line: not yet an argument where an option is open."""
-    from servo_models.catalogue import actuators
+    from servo_models.core.catalogue import actuators
 
     words = [ctx.params.get("actuator"), ctx.params.get("name"), *ctx.args]
     return [actuators()[word] for word in words if word in actuators()]

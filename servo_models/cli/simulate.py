@@ -66,16 +66,17 @@ def simulate(
 
     servo-models simulate sg90 --inputs pulses.csv --out angles.parquet
     """
-    from servo_models import experiment, tables
+    from servo_models.analysis import experiment
     from servo_models.cli.console import progress, show
-    from servo_models.simulate import simulate as run
+    from servo_models.core.simulate import simulate as run
+    from servo_models.data import tables
 
     if inputs and (step or stop or dt):
         raise UserError("--inputs brings its own times and values: leave out --step, --stop, --dt")
     if out:
         tables.check_suffix(out)
     if plot:
-        from servo_models import pictures
+        from servo_models.analysis import pictures
 
         pictures.check_suffix(plot)
     chosen = chosen_model(actuator, variant, set_, params, trust)

@@ -69,12 +69,12 @@ def validate(
 
     servo-models validate fmus/sg90.fmu --report report.html --junit junit.xml
     """
-    from servo_models import formats
-    from servo_models.catalogue import actuator as find_actuator
     from servo_models.cli.console import NARROW, progress, show
+    from servo_models.core.catalogue import actuator as find_actuator
+    from servo_models.data.parameters import read_parameters
     from servo_models.files import check_writable
-    from servo_models.parameter_set import read_parameters
-    from servo_models.validate import validate as run
+    from servo_models.validation import formats
+    from servo_models.validation.runner import validate as run
 
     for file in (junit, report):
         if file:
@@ -96,7 +96,7 @@ def validate(
     if junit:
         formats.write_junit(result, junit)
     if report:
-        from servo_models.report import write_report
+        from servo_models.validation.page import write_report
 
         write_report(result, report, date.today().isoformat())
     if format_ is Format.JSON:

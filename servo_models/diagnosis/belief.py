@@ -13,11 +13,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.explanation import Explanation
-
-Array = NDArray[np.float64]
 
 COVERED = 0.95
 TEMPER = 3.0

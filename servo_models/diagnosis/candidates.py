@@ -10,9 +10,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import Parameter, Plant
+from servo_models.core.plant import Parameter, Plant
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,
@@ -34,10 +36,6 @@ from servo_models.diagnosis.sizes import (
 )
 from servo_models.identification.problem import Free, free_parameter
 from servo_models.identification.run import prepared
-from servo_models.recording import Log
-from servo_models.simulate import Model
-
-Array = NDArray[np.float64]
 
 SHOWN = 10.0
 """Samples in a period of the fastest resonance that logs can show."""

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.detectors import Detection, detection
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import closed
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.verdict import Verdict
-from servo_models.recording import Array
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.diagnosis.codes import bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.run import prepared
-from servo_models.recording import Log
-
-Array = NDArray[np.float64]
 
 REST = 5
 """Rows for which a command stands still before a step of it and after."""

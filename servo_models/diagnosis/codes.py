@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from servo_models.core.types import Array
 
 BINS, FINER, CODES = 4096, 8, (1.5, 600)
 """Bins of a code histogram, frequencies for each code over the range of a reading, and codes over

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuator import Wire
+from servo_models.analysis.experiment import display
+from servo_models.core.plant import Wire
+from servo_models.core.types import Array
 from servo_models.diagnosis.clock import Answers, answers
 from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.experiment import display
-
-Array = NDArray[np.float64]
 
 DOUBTFUL = 0.05
 """Probability of as much by chance, above which a detector confirms nothing."""

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.audit.sensor import difference_noise
-from servo_models.audit.signals import RESIDUAL
+from servo_models.core.types import Array
+from servo_models.data.audit.sensor import difference_noise
+from servo_models.data.audit.signals import RESIDUAL
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.identification.problem import Problem
-
-Array = NDArray[np.float64]
 
 STAGES = ("before", "retuned", "after")
 DRAWS = 400

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from servo_models.actuator import Plant
+from servo_models.analysis.linearise import linearise
+from servo_models.core.plant import Plant
+from servo_models.core.simulate import Model
+from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.linearise import linearise
-from servo_models.recording import Log
-from servo_models.simulate import Model
 
 
 def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from servo_models.audit import Audit
+from servo_models.core.simulate import Model
+from servo_models.data.audit import Audit
+from servo_models.data.recording import Log
 from servo_models.diagnosis.claims import Claim, Value, estimates
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Gap, Reduction
@@ -13,8 +15,6 @@ from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.search.imitated import Imitated
 from servo_models.diagnosis.unseen import Unseen, unseen
 from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
-from servo_models.recording import Log
-from servo_models.simulate import Model
 
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""

@@ -10,13 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import Parameter, Plant
+from servo_models.core.plant import Parameter, Plant
+from servo_models.data.recording import Log
 from servo_models.diagnosis.codes import Step, hidden_steps
-from servo_models.recording import Log
-
-Array = NDArray[np.float64]
 
 SHARES = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
 """Sizes that are tried, over the typical size."""

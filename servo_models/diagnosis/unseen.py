@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.evidence import BLOCKS
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import grows
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

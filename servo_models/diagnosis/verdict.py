@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.belief import covering, probabilities
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.structure import missing, sure
 from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.search.causes import TOLERANCE, Causes
-
-Array = NDArray[np.float64]
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"

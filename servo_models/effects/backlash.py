@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Memory, Mode, Param, effect
+from servo_models.core.block import Memory, Mode, Param, effect
 
 
 @effect("angle", "rate", source="Nordin, Gutman, Automatica 38 (2002) 1633 (friction-driven play)")

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("load", source="Hanselman, Brushless Permanent Magnet Motor Design, 2006, ch. 7")

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("friction", source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083")

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Memory, Param, effect
+from servo_models.core.block import Memory, Param, effect
 
 
 @effect("signal", source="servo amplifier data sheets (dead band width in us)")

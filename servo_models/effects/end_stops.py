@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("travel", source="SG90 paper sec. 4.4; valve paper sec. 2")

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("flux_slope", "flux_turning", source="valve paper eq. 1, general lambda(i, theta)")

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 RIGID = 1e-6
 """Compliances [rad/(N m)] below this one are rigid: their resonance would only cost steps."""

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Memory, Param, effect
+from servo_models.core.block import Memory, Param, effect
 
 
 @effect(

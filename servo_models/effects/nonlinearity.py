@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("signal", source="Fraden, Handbook of Modern Sensors, 2016, ch. 3")

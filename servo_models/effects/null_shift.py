@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("spring_angle", source="valve paper sec. 1 (null shift)")

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 FINEST = 4503599627370496.0  # 2^52: beyond, every float is a whole number of codes
 

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Clock, Memory, Param, effect
+from servo_models.core.block import Clock, Memory, Param, effect
 
 MULTIPLIER = 16807.0
 MODULUS = 2147483647.0

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Param, effect
+from servo_models.core.block import Param, effect
 
 
 @effect("friction", source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083, eq. 3")

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.block import Clock, Fault, Memory, Param, Queue, effect
+from servo_models.core.block import Clock, Fault, Memory, Param, Queue, effect
 
 EDGES = 512
 

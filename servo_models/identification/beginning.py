@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.identification.run import Run
-from servo_models.recording import Array, Log
 
 FIRST = 3
 """Samples that are the beginning of a log."""

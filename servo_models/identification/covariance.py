@@ -8,12 +8,10 @@ Source: Ljung, System Identification, 2nd ed., sec. 9.3.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import autocovariance, scatter
+from servo_models.core.types import Array
 from servo_models.identification.problem import Problem
-from servo_models.noise import autocovariance, scatter
-
-Array = NDArray[np.float64]
 
 
 def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float = 1.0) -> Array:

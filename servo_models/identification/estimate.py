@@ -10,14 +10,12 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import inflation
+from servo_models.core.types import Array
 from servo_models.identification.covariance import covariance
 from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
-from servo_models.noise import inflation
-
-Array = NDArray[np.float64]
 
 ALIKE = 0.95
 """Correlation from which two estimates cannot be told apart."""

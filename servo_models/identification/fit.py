@@ -7,21 +7,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import unknown
-from servo_models.audit.outliers import about_outliers
-from servo_models.audit.signals import FLAG
+from servo_models.core.plant import unknown
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.audit.outliers import about_outliers
+from servo_models.data.audit.signals import FLAG
+from servo_models.data.recording import Log
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.beginning import false_starts
 from servo_models.identification.estimate import is_believable, spread, warnings
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, polished, search
-from servo_models.recording import Log
-from servo_models.simulate import Model
-
-Array = NDArray[np.float64]
 
 METHODS = {
     "local": "simulation error, least squares",

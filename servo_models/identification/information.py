@@ -22,10 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem, map_on
-
-Array = NDArray[np.float64]
 
 NARROW, WIDE = 0.01, 0.3
 """Least and largest half width of a slope, relative to the value of what moves most."""

@@ -16,15 +16,14 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import Parameter, Plant, unknown
+from servo_models.core.plant import Parameter, Plant, unknown
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.run import Run, prepared
-from servo_models.recording import Log
-from servo_models.simulate import Model
 
-Array = NDArray[np.float64]
 S = TypeVar("S")
 T = TypeVar("T")
 

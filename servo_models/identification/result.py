@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array, Mask
+from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.estimate import Spread
 from servo_models.identification.problem import Free, Problem
 from servo_models.identification.search import Found
-from servo_models.recording import Log, Mask
-from servo_models.simulate import Model
-
-Array = NDArray[np.float64]
 
 FIT = "fit"
 HELD_OUT = "held out"

@@ -12,11 +12,10 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
+from servo_models.core.simulate import Model, check_grid
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.errors import UserError
-from servo_models.recording import Log
-from servo_models.simulate import Model, check_grid
-
-Array = NDArray[np.float64]
 
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""

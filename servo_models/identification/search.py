@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.identification.information import information, moved, units
 from servo_models.identification.problem import Problem
 from servo_models.identification.slopes import steps
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 LOCAL = "local"

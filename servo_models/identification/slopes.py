@@ -9,11 +9,9 @@ Source: More, Wild, Estimating derivatives of noisy simulations, ACM TOMS 38 (20
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.identification.problem import DIFFERENCE, Problem
-
-Array = NDArray[np.float64]
 
 STEPS = (1e-3, 1e-2, 3e-2, 1e-1, 3e-1)
 """Wider steps, in scales, that are tried in turn."""

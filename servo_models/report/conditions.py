@@ -1,15 +1,18 @@
-"""Section: what the validation ran on."""
+"""What figures depend on beside their inputs: versions and machine."""
 
 from __future__ import annotations
 
-from servo_models.report.parts import Section
-from servo_models.validation.rows import Validation
+import platform
+from importlib.metadata import version
 
-TITLE = "Conditions"
+PACKAGES = ("servo-models", "pythonfmu", "fmpy", "numba", "numpy", "scipy", "control")
 
 
-def section(validation: Validation) -> Section | None:
-    """Return the section, None if no conditions are known."""
-    if not validation.conditions:
-        return None
-    return Section("conditions", TITLE, facts=tuple(validation.conditions.items()))
+def conditions() -> dict[str, str]:
+    """Return the versions that figures depend on, by name."""
+    machine = {
+        "Python": platform.python_version(),
+        "system": platform.system(),
+        "machine": platform.machine(),
+    }
+    return machine | {name: version(name) for name in PACKAGES}

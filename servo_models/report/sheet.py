@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from servo_models import sheets
+from servo_models.report import sheets
 from servo_models.report.page import Page, render
 from servo_models.report.parts import Line, Section, Table
 from servo_models.report.style import picture

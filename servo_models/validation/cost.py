@@ -7,8 +7,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.compare import max_error
-from servo_models.simulate import Model, model
+from servo_models.analysis.compare import max_error
+from servo_models.core.simulate import Model, model
 from servo_models.validation.cases import Case
 from servo_models.validation.responses import input_columns
 from servo_models.validation.rows import CostCurve, CostPoint

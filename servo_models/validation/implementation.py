@@ -7,16 +7,15 @@ from collections.abc import Callable
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmu_src.description import guid_of, model_description
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulate import Model
 from servo_models.validation.rows import IMPLEMENTATION, Row, failure, judged
 from servo_models.validation.subject import Subject, drive
 from servo_models.validation.unpack import DESCRIPTION
 
-Array = NDArray[np.float64]
 Element = tuple[str, dict[str, str]]
 """Tag and attributes of an element of a description."""
 

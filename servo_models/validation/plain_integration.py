@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from servo_models.actuator import Placement, Plant
-from servo_models.block import RESERVED, Block, Clock, Fault
+from servo_models.core.block import RESERVED, Block, Clock, Fault
+from servo_models.core.plant import Placement, Plant
+from servo_models.core.types import Array
 from servo_models.errors import UserError
 
-Array = NDArray[np.float64]
 Key = Any
 """Of what has a value: the name of a wire, or (number of the link, name in its block)."""
 

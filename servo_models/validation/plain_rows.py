@@ -11,17 +11,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import Parameter
+from servo_models.core.plant import Parameter
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulate import Model
 from servo_models.validation.implementation import excitation
 from servo_models.validation.plain_integration import Course, integrate
 from servo_models.validation.rows import MODEL, Row, failure, judged
 from servo_models.validation.subject import Subject
-
-Array = NDArray[np.float64]
 
 FINER = 10
 """Steps of the plain integration in an internal step."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.compare import StepMetrics, max_error, nrmse, step_metrics, tube
-from servo_models.simulate import Model
+from servo_models.analysis.compare import StepMetrics, max_error, nrmse, step_metrics, tube
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
 from servo_models.validation.cases import Case
 from servo_models.validation.rows import MODEL, Row, judged
 
-Array = NDArray[np.float64]
 Run = Callable[[Model, Array, Array], Array]
 """``run(model, times, inputs)`` gives the outputs, as ``Model.run`` does."""
 

@@ -10,17 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import Actuator
-from servo_models.catalogue import of_catalogue
+from servo_models.core.catalogue import of_catalogue
+from servo_models.core.plant import Actuator
+from servo_models.core.simulate import Model, model
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulate import Model, model
 from servo_models.validation.host_process import DeadHostError, HostProcess, RefusedError
 from servo_models.validation.limits import LIMITS, Limits
 from servo_models.validation.unpack import remove, unpack
-
-Array = NDArray[np.float64]
 
 LONGEST_REASON = 300
 """Characters that are told of what an FMU says."""

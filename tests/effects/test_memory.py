@@ -10,14 +10,14 @@ import pytest
 from plants.bench import held_bench, respond, shaft_bench, sine_bench
 from scipy import signal as scipy_signal
 
-from servo_models.actuator import place
+from servo_models.core.plant import place
+from servo_models.core.types import Array
 from servo_models.effects.backlash import backlash
 from servo_models.effects.dead_band import dead_band
 from servo_models.effects.hysteresis import hysteresis
 from servo_models.effects.lag import lag
 from servo_models.effects.rate_limit import rate_limit
 from servo_models.effects.thermal_drift import thermal_drift
-from servo_models.simulate import Array
 
 IRREGULAR = np.concatenate([[0.0], np.cumsum(np.random.default_rng(3).exponential(3e-3, 100))])
 

@@ -11,7 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import ellipk
 
-from servo_models.actuator import Placement, place
+from servo_models.core.plant import Placement, place
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load
 from servo_models.effects.coulomb_friction import coulomb_friction
@@ -22,7 +24,6 @@ from servo_models.effects.load_friction import load_friction
 from servo_models.effects.load_inertia import load_inertia
 from servo_models.effects.stribeck_friction import stribeck_friction
 from servo_models.effects.viscous_friction import viscous_friction
-from servo_models.simulate import Array, model, simulate
 
 COULOMB = place("coulomb", coulomb_friction, "friction")
 STRIBECK = place("stribeck", stribeck_friction, "friction")

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from servo_models.block import Block
+from servo_models.core.block import Block
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load
 from servo_models.effects.dead_zone import dead_zone
@@ -24,7 +26,6 @@ from servo_models.effects.saturation import saturation
 from servo_models.effects.supply_limit import supply_limit
 from servo_models.effects.supply_sag import supply_sag
 from servo_models.effects.torque_saturation import torque_saturation
-from servo_models.simulate import Array, model, simulate
 
 U = np.concatenate([np.linspace(-3.0, 3.0, 241), [0.5, -0.5, 1e-300, -1e-300]])
 

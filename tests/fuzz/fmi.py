@@ -32,10 +32,10 @@ from fmu_host import Host
 
 from fmu_src.variables import variables
 from servo_models.build import build
-from servo_models.catalogue import actuators
-from servo_models.compiled import plain_make
-from servo_models.simulate import Model, model
-from servo_models.stepper import step_text
+from servo_models.core.catalogue import actuators
+from servo_models.core.compiled import plain_make
+from servo_models.core.simulate import Model, model
+from servo_models.core.stepper import step_text
 
 BATCH = 200
 """Sequences in a process."""

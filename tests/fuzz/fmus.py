@@ -39,8 +39,8 @@ PASSED, FAILED, COULD_NOT_RUN = 0, 1, 2
 NO_REFERENCES = '''
 """A joint with play that follows its goal; validated without the catalogue's references."""
 from typing import Annotated
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire, place
-from servo_models.block import Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
+from servo_models.core.block import Param, block
 from servo_models.effects.backlash import backlash
 from servo_models.effects.lag import lag
 
@@ -578,7 +578,7 @@ def _encrypted(whole: bytes) -> bytes:
 def made_good(folder: Path) -> tuple[Path, Path]:
     """Write the actuator and build its FMU; return both paths."""
     from servo_models.build import build
-    from servo_models.simulate import model
+    from servo_models.core.simulate import model
 
     source = folder / "joint.py"
     source.write_text(NO_REFERENCES)

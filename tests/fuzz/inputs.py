@@ -583,8 +583,9 @@ class Read(BaseException):
 
 def perform(words: tuple[str, ...], folder: Path, limited: bool = True) -> int:
     """Read a case as a command or reader would; run in a process of its own."""
-    from servo_models import description, parameter_set
     from servo_models.cli import main
+    from servo_models.data import description
+    from servo_models.data import parameters as parameter_set
     from servo_models.errors import UserError
 
     if words[0] in ("read", "read parameters"):
@@ -620,9 +621,9 @@ def _stop(*_: object) -> None:
 
 
 def _read(what: str, path: Path) -> None:
-    from servo_models.description import read_description
-    from servo_models.parameter_set import read_parameters
-    from servo_models.transfer.sweeps import raw_records, read_sweeps
+    from servo_models.data.description import read_description
+    from servo_models.data.parameters import read_parameters
+    from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
 
     if what == "read parameters":
         read_parameters(path)
@@ -703,7 +704,7 @@ def warm(known: list[Base], folder: Path) -> None:
     for name in _in_process(functools.partial(_modules_of, known, folder), folder / "modules"):
         with contextlib.suppress(Exception):  # what is no module to import
             importlib.import_module(name)
-    from servo_models.catalogue import actuator
+    from servo_models.core.catalogue import actuator
     from servo_models.units import exponents
 
     for unit in ("1", "V", "deg", "ms", "rad", "rad/s", "s", "us"):

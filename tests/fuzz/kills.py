@@ -48,8 +48,8 @@ PR_SET_CHILD_SUBREAPER = 36
 OLD = b"what stood here before"
 PLANT = '''
 from typing import Annotated
-from servo_models.actuator import Actuator, Plant, State, Variant, Wire
-from servo_models.block import Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
+from servo_models.core.block import Param, block
 
 @block("speed")
 def follow(
@@ -240,7 +240,7 @@ def _untimed(value: Any) -> Any:
 
 def write_log(path: Path) -> None:
     """Steps of a torque motor with a delay, and noise."""
-    from servo_models.reference.torque_motor import IDENTIFIED, Linear
+    from servo_models.validation.torque_motor.reference import IDENTIFIED, Linear
 
     times = np.arange(0.0, 0.2, 2.5e-4)
     voltage = 8.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * times))
@@ -254,7 +254,7 @@ def write_log(path: Path) -> None:
 def prepare(folder: Path) -> None:
     """Write the inputs of every command."""
     from servo_models.build import build
-    from servo_models.simulate import model
+    from servo_models.core.simulate import model
 
     write_log(folder / "log.csv")
     (folder / "rig.toml").write_text(DESCRIPTION)

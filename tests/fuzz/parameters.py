@@ -20,14 +20,12 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.block import Param
-from servo_models.catalogue import actuators
+from servo_models.core.block import Param
+from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import Model, Result, model, simulate
+from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.simulate import Model, Result, model, simulate
-
-Array = NDArray[np.float64]
 
 STEPS = 60
 """Communication steps of a run."""

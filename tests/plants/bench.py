@@ -6,23 +6,23 @@ from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from servo_models.actuator import Placement, Plant, State, Wire, place
-from servo_models.block import Block, Param, block
-from servo_models.compiled import plain_make
-from servo_models.flat import neutral_effects
-from servo_models.flatten import flatten
-from servo_models.plants.shaft import shaft_acceleration, shaft_contact
-from servo_models.plants.shaft_defaults import (
+from servo_models.actuators.shaft import (
     external_load,
     free_shaft,
     no_second_mass,
+    shaft_acceleration,
+    shaft_contact,
     shaft_output,
 )
-from servo_models.stepper import step_text
-
-Array = NDArray[np.float64]
+from servo_models.core.block import Block, Param, block
+from servo_models.core.compiled import plain_make
+from servo_models.core.flat import neutral_effects
+from servo_models.core.flatten import flatten
+from servo_models.core.plant import Placement, Plant, State, Wire, place
+from servo_models.core.stepper import step_text
+from servo_models.core.types import Array
 
 
 def step_constant(default: float) -> dict[str, Param]:

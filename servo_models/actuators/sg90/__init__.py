@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from servo_models.actuator import Actuator
 from servo_models.actuators.sg90.measured import MEASURED
 from servo_models.actuators.sg90.plant import PLANT
 from servo_models.actuators.sg90.sets import OSCILLATORY, published
+from servo_models.core.plant import Actuator
 
 ACTUATOR = Actuator(
     name="sg90",

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from servo_models.actuator import Variant
+from servo_models.core.plant import Variant
 
 PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi
 """Seconds of pulse per radian."""

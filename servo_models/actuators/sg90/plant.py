@@ -5,8 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from servo_models.actuator import Placement, Plant, State, Wire, place
-from servo_models.block import Block, Param
+from servo_models.actuators.sg90 import physics as servo
+from servo_models.actuators.shaft import (
+    external_load,
+    free_shaft,
+    no_second_mass,
+    shaft_acceleration,
+    shaft_contact,
+    shaft_output,
+)
+from servo_models.core.block import Block, Param
+from servo_models.core.plant import Placement, Plant, State, Wire, place
 from servo_models.effects.backlash import backlash
 from servo_models.effects.cogging import cogging
 from servo_models.effects.constant_load import constant_load
@@ -38,14 +47,6 @@ from servo_models.effects.supply_sag import supply_sag
 from servo_models.effects.thermal_drift import thermal_drift
 from servo_models.effects.transport_delay import transport_delay
 from servo_models.effects.viscous_friction import viscous_friction
-from servo_models.plants import hobby_servo as servo
-from servo_models.plants.shaft import shaft_acceleration, shaft_contact
-from servo_models.plants.shaft_defaults import (
-    external_load,
-    free_shaft,
-    no_second_mass,
-    shaft_output,
-)
 
 HALF_RANGE = math.radians(90.0)
 RATE = 10.0  # rad/s, of a real SG90: 60 degrees in 0.1 s

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from servo_models.actuator import Variant
 from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT
+from servo_models.core.plant import Variant
 
 TIME_CONSTANT = 1.0 / 1.307
 DYNAMIC_GAIN = 633.3 / 1.307

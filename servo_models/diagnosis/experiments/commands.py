@@ -10,12 +10,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.actuator import Wire
-from servo_models.experiment import display, in_time
-
-Array = NDArray[np.float64]
+from servo_models.analysis.experiment import display, in_time
+from servo_models.core.plant import Wire
+from servo_models.core.types import Array
 
 SMALLEST = 0.02
 """Smallest step of a ladder over its largest."""

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.actuator import Plant, Wire
-from servo_models.diagnosis.experiments.commands import Array
+from servo_models.analysis.experiment import display, in_time
+from servo_models.analysis.explain import display_unit, in_display_unit
+from servo_models.analysis.lookalikes import cause, experiment
+from servo_models.core.plant import Plant, Wire
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
+from servo_models.data.tables import write_signals
 from servo_models.diagnosis.experiments.experiment_search import Stage
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.verdict import FEW
-from servo_models.experiment import display, in_time
-from servo_models.explain import display_unit, in_display_unit
-from servo_models.lookalikes import cause, experiment
-from servo_models.recording import Log
-from servo_models.tables import write_signals
 
 TELLING = 1.0
 """Difference in noise floors, which no parameters imitate, from which a log tells two apart."""

@@ -16,15 +16,16 @@ from functools import cached_property
 
 import numpy as np
 
-from servo_models.actuator import Wire
-from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Array, Command, grid
+from servo_models.core.plant import Wire
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
+from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Command, grid
 from servo_models.diagnosis.experiments.refit import left_after_refit
 from servo_models.diagnosis.fitting.evidence import dispersion
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.where.samples import moving_input
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.recording import Log
 
 LENGTH = 5.0
 """Length of an experiment over the actuator's default one, or over the longest log if that is

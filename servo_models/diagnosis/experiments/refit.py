@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from servo_models.diagnosis.experiments.commands import Array
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.problem import Problem
 

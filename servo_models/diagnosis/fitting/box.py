@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from servo_models.core.types import Array
 
 BLOCKS, SINGLE, SWEEPS = 8, 40, 3
 """Exchanges of what is free, all that is wrong at once and then one variable at a time, and

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.recording import Log
 
 LEAST = 3
 """Conditions from which one can be spared."""

@@ -13,11 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.identification.problem import Problem
-
-Array = NDArray[np.float64]
 
 STRAY = 0.4
 """Part of a change that slopes may miss and still be corrected."""

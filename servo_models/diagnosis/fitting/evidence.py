@@ -17,11 +17,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.analysis.statistics import inflation
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.view import View
 from servo_models.identification.problem import Problem
-from servo_models.noise import inflation
-
-Array = NDArray[np.float64]
 
 BLOCKS = 20
 TRUSTED = 1.0

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
 from servo_models.diagnosis.fitting.stepwise import (
@@ -32,10 +34,6 @@ from servo_models.diagnosis.fitting.view import View, view
 from servo_models.identification.estimate import Spread, spread
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.slopes import steps
-from servo_models.recording import Log
-from servo_models.simulate import Model
-
-Array = NDArray[np.float64]
 
 ENOUGH, STEPS = 1e-4, 25
 """Relative tolerance and steps of a fit: differences between effects are larger."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Container
 from dataclasses import replace
 
-from servo_models.description import Description
+from servo_models.core.simulate import Model
+from servo_models.data.description import Description
 from servo_models.identification.problem import Free, free_parameter
-from servo_models.simulate import Model
 
 BELIEVED = 4.0
 """Prior deviations that a nominal parameter may move."""

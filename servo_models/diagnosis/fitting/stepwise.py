@@ -6,14 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
+from servo_models.data.recording import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.sizes import JUMP_PARTS, PHASE, STEPWISE
 from servo_models.identification.problem import Problem
-from servo_models.recording import ROUNDING
-
-Array = NDArray[np.float64]
 
 WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
 """Relative changes of a stepwise size that are tried in turn, before a search and after it."""

@@ -28,15 +28,13 @@ from weakref import ref
 
 import numpy as np
 from cachetools import LRUCache, cached
-from numpy.typing import NDArray
 
-from servo_models.audit.steps import reading_step
+from servo_models.core.types import Array
+from servo_models.data.audit.steps import reading_step
+from servo_models.data.recording import Log
 from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.identification.problem import Problem
-from servo_models.recording import Log
-
-Array = NDArray[np.float64]
 
 LONGEST, SHORTEST, PARTS = 48, 16, 8
 """Samples of a stretch at most and at least, and how many of them a record has at least."""

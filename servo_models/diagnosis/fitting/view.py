@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.identification.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,13 @@ from functools import partial
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.stepwise import delays_of
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.sizes import Settings
 from servo_models.errors import UserError
-
-Array = NDArray[np.float64]
 
 CORRECTIONS, BESIDE, GROUP = 2, 1.05, 32
 """Times that other parameters are corrected before a staircase is judged, and sizes, relative to

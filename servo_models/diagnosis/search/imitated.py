@@ -11,15 +11,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.screening import Sight
 from servo_models.diagnosis.sizes import Settings
 from servo_models.errors import UserError
-
-Array = NDArray[np.float64]
 
 SHOWN = 3.0
 """Standard deviations, of noise or of the parameters together, by which an effect stands out."""

@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.screening import LEAST, STRETCH, Sight, remains, shares, turned
-
-Array = NDArray[np.float64]
 
 EACH = 3
 """Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it

@@ -15,16 +15,14 @@ from itertools import chain
 from math import atan2, hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.changes import changes, corrected_changes, neighbours
 from servo_models.diagnosis.sizes import Settings
 from servo_models.identification.problem import map_on
-
-Array = NDArray[np.float64]
 
 STRETCH, LEAST = 1.6, 0.5
 """A difference counts up to this much larger than simulated, since sizes are a grid, and that of a

@@ -14,13 +14,13 @@ from math import log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.data.recording import Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.view import view
 from servo_models.diagnosis.search.pairs_seen import left_beside
 from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.diagnosis.sizes import Settings
-from servo_models.recording import Log
 
 BRIEF, LONG = 1000, 5000
 """Samples of the parts of the logs in which every size is looked at, and the best of them closer:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from servo_models.audit import Audit, Reading
+from servo_models.data.audit import Audit, Reading
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
@@ -22,7 +22,7 @@ from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.where import Breakdown
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
-from servo_models.interchange import command
+from servo_models.report.interchange import command
 
 VERSION = 1
 """Of the schema: it counts up when a reader of the one before would go wrong."""

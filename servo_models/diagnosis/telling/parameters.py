@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import datetime
 
+from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.data.recording import hashes
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
-from servo_models.parameter_set import Estimate, Figure, ParameterSet, known_error, with_given
-from servo_models.recording import hashes
 
 
 def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> ParameterSet:

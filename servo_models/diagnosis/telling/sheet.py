@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import isnan
 
-from servo_models.actuator import Plant
+from servo_models.analysis.experiment import display
+from servo_models.analysis.explain import display_scale, display_unit, in_display_unit
+from servo_models.core.plant import Plant
 from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import sentence
@@ -14,10 +16,8 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.where import Breakdown
-from servo_models.experiment import display
-from servo_models.explain import display_scale, display_unit, in_display_unit
 from servo_models.identification.result import FIT, HELD_OUT, overall
-from servo_models.sheets import Sheet, Table, with_error
+from servo_models.report.sheets import Sheet, Table, with_error
 
 GAP = (
     "output",

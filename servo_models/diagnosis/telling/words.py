@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from servo_models.analysis.experiment import display
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Reduction
@@ -19,7 +20,6 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
-from servo_models.experiment import display
 from servo_models.identification.estimate import doubt
 
 SEEN = 1.0

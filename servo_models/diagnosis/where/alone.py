@@ -17,14 +17,15 @@ from typing import Annotated
 
 import numpy as np
 
-from servo_models.actuator import Placement, Plant, Wire, place
-from servo_models.block import Block, Param, effect
+from servo_models.core.block import Block, Param, effect
+from servo_models.core.plant import Placement, Plant, Wire, place
+from servo_models.core.simulate import PLANTS, Model, flat_of
+from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.evidence import BLOCKS
 from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where.breakdown import WORSE, Array, Breakdown, Sums, tabulate
+from servo_models.diagnosis.where.breakdown import WORSE, Breakdown, Sums, tabulate
 from servo_models.errors import UserError
 from servo_models.identification.run import Run
-from servo_models.simulate import PLANTS, Model, flat_of
 
 MOMENTS = (0.0, 0.5, 1.0)
 """Moments between two samples at which a wire held between them may have been measured: a

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.gap import closed
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 MOVING = 3.0

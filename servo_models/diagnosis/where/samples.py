@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.actuator import Wire
+from servo_models.core.plant import Wire
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
 from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where.breakdown import Array, Rows
+from servo_models.diagnosis.where.breakdown import Rows
 from servo_models.identification.problem import Problem
 from servo_models.identification.run import Run
-from servo_models.recording import Log
 
 STILL = 0.003
 """Speed over the largest one of a log up to which nothing moves."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.where.breakdown import (
     SURE,
     WORSE,
-    Array,
     Breakdown,
     Rows,
     Sums,

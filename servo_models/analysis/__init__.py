@@ -1,0 +1,1 @@
+"""Figures of a model: responses to steps and sines, linearisation, comparison, explanation."""

@@ -1,0 +1,181 @@
+"""What an effect does: the same run without and with it, where it can be seen.
+
+The command steps up, rests, then runs back through zero as a slow ramp: a step shows
+delays and limits, the ramp friction, play and steps of a quantiser.  All other effects are
+neutral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servo_models.analysis import pictures
+from servo_models.analysis.explain import (
+    Place,
+    display_unit,
+    effect_name,
+    in_display_unit,
+    is_actuator,
+    places,
+)
+from servo_models.core.plant import Actuator, Wire
+from servo_models.core.simulate import Result, model, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DURATION = 2.0
+"""Of the run, in stop times of the actuator."""
+POINTS = 2001
+BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)
+"""Corners of the command over the run ..."""
+HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)
+"""... in standard steps of the actuator."""
+STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
+"""Tried in turn, in typical values: a limit shows when it is low, the others when high."""
+LOADS = (0.0, 0.3)
+"""Tried in turn, in full scales, where there is an input for a load: some effects show under
+load only."""
+VISIBLE = 0.02
+"""Change of the output, as a part of its range, that the eye sees."""
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """Two runs on one grid.
+
+    Attributes:
+        place: where the effect acts.
+        values: its parameters, as a person reads them.
+        without, changed: the runs.
+        signals: the input that moves and the output to look at.
+    """
+
+    place: Place
+    values: str
+    without: Result
+    changed: Result
+    signals: tuple[str, str]
+
+    @property
+    def visibility(self) -> float:
+        """Largest change of the output as a part of its range [1]."""
+        before, after = (run[self.signals[1]] for run in (self.without, self.changed))
+        return float(np.max(np.abs(after - before)) / np.ptp(before))
+
+
+def demonstrate(effect: str) -> Demonstration:
+    """Return the first run in which an effect can be seen, else the one that shows it best.
+
+    An effect on the command itself comes first, since it cannot upset a loop there; then the
+    slowest actuator, whose curves are the plainest.
+    """
+    best: Demonstration | None = None
+    for run in _runs(effect):
+        if run.visibility > VISIBLE:
+            return run
+        if best is None or run.visibility > best.visibility:
+            best = run
+    assert best is not None, "an effect of the catalogue acts somewhere"
+    return best
+
+
+def _runs(effect: str) -> Iterator[Demonstration]:
+    for load in LOADS:
+        for place in sorted(places(effect), key=_depth):
+            if load and not _load(place.actuator):
+                continue
+            neutral = _neutral(place.actuator)
+            without = _run(place.actuator, neutral, load)
+            for strength in STRENGTHS:
+                active = _active(place, strength)
+                changed = _run(place.actuator, {**neutral, **active}, load)
+                yield Demonstration(
+                    place,
+                    _shown(place, active),
+                    without,
+                    changed,
+                    (place.actuator.step[0], place.actuator.plant.outputs[0]),
+                )
+
+
+def _depth(place: Place) -> tuple[bool, float]:
+    """What stands further back has the larger one."""
+    inputs = {wire.name for wire in place.actuator.plant.inputs}
+    return place.placements[0].on[0] not in inputs, -model(place.actuator).stop_time
+
+
+def _run(actuator: Actuator, parameters: dict[str, float], load: float) -> Result:
+    name, value = actuator.step
+    wires = actuator.plant.wire
+    rest = float(wires[name].rest)
+    chosen = model(actuator, None, parameters)
+    times = np.linspace(0.0, DURATION * chosen.stop_time, POINTS)
+    command = rest + (value - rest) * np.interp(times / times[-1], BREAKS, HEIGHTS)
+    inputs = {name: command}
+    if against := _load(actuator):
+        inputs[against.name] = np.full(POINTS, load * against.scale)
+    return simulate(chosen, times, inputs)
+
+
+def _load(actuator: Actuator) -> Wire | None:
+    """The input that acts against the motion, None where an actuator has none of that name."""
+    return next((wire for wire in actuator.plant.inputs if wire.name.startswith("load_")), None)
+
+
+def _neutral(actuator: Actuator) -> dict[str, float]:
+    parameters = actuator.plant.parameters.values()
+    return {parameter.name: 0.0 for parameter in parameters if parameter.param.switch}
+
+
+def _active(place: Place, strength: float) -> dict[str, float]:
+    """Switches of the effect at a multiple of their typical values, within their bounds."""
+    return {
+        parameter.name: min(strength * parameter.param.typical, parameter.param.high)
+        for parameter in place.parameters
+        if parameter.param.switch
+    }
+
+
+def _shown(place: Place, active: dict[str, float]) -> str:
+    """Parameters with values, the place's name on the first one only."""
+    texts: list[str] = []
+    for name, value in active.items():
+        parameter = place.actuator.plant.parameters[name]
+        shown = name.removeprefix(place.name) if texts else name
+        unit = display_unit(parameter)
+        texts.append(f"{shown} = {in_display_unit(value, parameter)} {unit}".rstrip())
+    return ", ".join(texts)
+
+
+def portrait(name: str, variant: str | None = None) -> Figure:
+    """Return the picture of an actuator's standard step, or of an effect at work.
+
+    Args:
+        name: as in ``explain``.
+        variant: of the actuator, by default the first one.
+
+    Raises:
+        UserError: nobody knows that name.
+    """
+    if is_actuator(name):
+        chosen = model(name, variant)
+        times = np.linspace(0.0, chosen.stop_time, POINTS)
+        result = simulate(chosen, times, dict([chosen.actuator.step]))
+        return pictures.response(
+            result, chosen.plant, f"{chosen.actuator.name}, variant {chosen.variant}"
+        )
+    effect = effect_name(name)
+    shown = demonstrate(effect)
+    actuator = shown.place.actuator
+    title = f"{effect} on {actuator.name}"
+    wire = _load(actuator)
+    if wire and (load := shown.without[wire.name][0]):
+        title += f", {wire.name.replace('_', ' ')} {load:g} {wire.unit}"
+    return pictures.comparison(
+        shown.without, shown.changed, actuator.plant, shown.signals, title, shown.values
+    )

@@ -1,0 +1,144 @@
+"""A step or a table of inputs on a model, and what came out in figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.analysis.compare import StepMetrics, step_metrics
+from servo_models.core.plant import Wire, unknown
+from servo_models.core.simulate import Model, Result, simulate
+from servo_models.errors import UserError
+from servo_models.report.sheets import Sheet, Table
+from servo_models.units import factor, parse
+
+LONGEST = 10_000_000
+"""Communication points of a step; more is a slip of the unit."""
+
+
+def step(
+    chosen: Model,
+    inputs: Mapping[str, float | str] | None = None,
+    stop: float | str | None = None,
+    dt: float | str | None = None,
+) -> Result:
+    """Simulate the response to inputs that step from rest at time 0.
+
+    Args:
+        chosen: from ``model``.
+        inputs: values after the step by name, numbers in SI or strings such as ``"2 ms"``;
+            default the actuator's standard step.
+        stop, dt: end of the run and communication step, in s or with a unit; default the
+            actuator's.
+
+    Raises:
+        UserError: an unknown input, a wrong unit, a value outside its bounds, a time that
+            is not positive.
+    """
+    actuator = chosen.actuator
+    given = dict(inputs or [actuator.step])
+    wires = {wire.name: wire for wire in chosen.plant.inputs}
+    for name in given:
+        if name not in wires:
+            raise UserError(unknown("input", name, wires, f"actuator '{actuator.name}'"))
+    values = {name: _input(wires[name], value) for name, value in given.items()}
+    end = _positive("stop", chosen.stop_time if stop is None else stop)
+    size = _positive("dt", chosen.step_size if dt is None else dt)
+    return simulate(chosen, _grid(end, size), values)
+
+
+def summary(result: Result, chosen: Model, stepped: bool) -> Sheet:
+    """Return the signals of a run in figures, and for a step the measures of its response."""
+    wires = [chosen.plant.wire[name] for name in (*result.inputs, *result.outputs)]
+    signals = Table(
+        "Signals",
+        ("signal", "first", "last", "least", "largest", "unit"),
+        tuple(_range(wire, result[wire.name]) for wire in wires),
+    )
+    end = f"{len(result.times)} points, {result.times[0]:g} to {result.times[-1]:g} s"
+    main = chosen.plant.wire[chosen.plant.outputs[0]]
+    metrics = step_metrics(result.times, result[main.name])
+    title = f"Step response of {main.name}"
+    texts = [("Warning", chosen.warning), ("Parameters changed by", chosen.provenance)]
+    texts += [("Warning", text) for text in result.warnings]
+    return Sheet(
+        f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
+        tuple(f"{key}: {text}." for key, text in texts if text),
+        (signals, measures(main, metrics, title)) if stepped else (signals,),
+    )
+
+
+def _input(wire: Wire, value: float | str) -> float:
+    try:
+        number = parse(value, wire.unit)
+    except UserError as error:
+        raise UserError(f"input '{wire.name}': {error}") from error
+    low = -math.inf if wire.low is None else wire.low
+    high = math.inf if wire.high is None else wire.high
+    if not low <= number <= high:
+        example = f", with its unit if it is not {wire.unit}" if wire.display else ""
+        raise UserError(
+            f"input '{wire.name}' = {number:g} is outside [{low:g}, {high:g}] {wire.unit}:"
+            f" choose a value inside{example}"
+        )
+    return number
+
+
+def _positive(name: str, value: float | str) -> float:
+    try:
+        number = parse(value, "s")
+    except UserError as error:
+        raise UserError(f"{name}: {error}") from error
+    if number <= 0.0:
+        raise UserError(f"{name} = {number:g} s: give a time above 0")
+    return number
+
+
+def _grid(stop: float, dt: float) -> NDArray[np.float64]:
+    """Multiples of ``dt`` [s] up to ``stop`` [s], which is the last point in any case."""
+    count = stop / dt
+    if count > LONGEST:
+        raise UserError(f"{count:.2g} steps are too many: choose a longer dt or a shorter stop")
+    return np.append(dt * np.arange(math.ceil(count - 1e-9)), stop)
+
+
+def _range(wire: Wire, values: NDArray[np.float64]) -> tuple[str, ...]:
+    scale, unit = display(wire)
+    figures = (values[0], values[-1], values.min(), values.max())
+    return (wire.name, *(f"{scale * figure:.6g}" for figure in figures), unit)
+
+
+def measures(wire: Wire, metrics: StepMetrics, title: str) -> Table:
+    """Return the measures of a step response [SI] in the unit that a person reads."""
+    scale, unit = display(wire)
+    share = None if metrics.overshoot is None else 100.0 * metrics.overshoot
+    rows = (
+        ("final value, the last one", scale * metrics.final, unit),
+        ("delay to 50 %", metrics.delay, "s"),
+        ("rise from 10 % to 90 %", metrics.rise, "s"),
+        ("overshoot", share, "%"),
+        ("settling to +-5 %", metrics.settling_5, "s"),
+        ("settling to +-2 %", metrics.settling_2, "s"),
+    )
+    return Table(
+        title,
+        ("measure", "value", "unit"),
+        tuple(
+            (name, "not reached" if figure is None else f"{figure:.4g}", unit)
+            for name, figure, unit in rows
+        ),
+    )
+
+
+def display(wire: Wire) -> tuple[float, str]:
+    """Return the factor from SI to the unit that a person reads, and that unit, "" for none."""
+    unit = wire.display or wire.unit
+    return (factor(wire.unit, unit) if wire.display else 1.0), "" if unit == "1" else unit
+
+
+def in_time(value: float) -> str:
+    """Return a time [s] as a person reads it."""
+    return f"{1e3 * value:.3g} ms" if value < 0.9995 else f"{value:.3g} s"

@@ -1,0 +1,180 @@
+"""Pictures of simulated responses, for a file: one panel a signal, over one time axis.
+
+Colours and line styles are those of the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from servo_models.core.plant import Plant, Wire
+from servo_models.core.simulate import Result
+from servo_models.core.types import Array
+from servo_models.errors import UserError
+from servo_models.files import write_with
+from servo_models.report.style import colour, drawing
+from servo_models.units import factor
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+SUFFIXES = (".svg", ".png", ".pdf")
+PANEL = 1.25
+"""Height of a panel [inch]."""
+MARGIN = 1.0
+"""Height of title and time axis together [inch]."""
+WIDTH = 7.0
+LEAD = 0.04
+"""Rest shown before time 0, as a share of the run, so that a step can be seen as one."""
+SMALL = 1e-9
+"""A signal that moves by less than this part of its full scale is drawn as a straight line."""
+
+
+def check_suffix(path: Path) -> None:
+    """Raise UserError unless ``path`` names a kind of picture that we draw."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise UserError(
+            f"'{path}' is no picture: use a name that ends in {', '.join(SUFFIXES[:-1])}"
+            f" or {SUFFIXES[-1]}"
+        )
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as SVG, PNG or PDF by the suffix of ``path``; the same figure, same bytes.
+
+    Raises:
+        UserError: another suffix, or a folder that cannot be written.
+    """
+    check_suffix(path)
+    import matplotlib as mpl
+
+    dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    metadata = dates.get(path.suffix.lower())
+    with mpl.rc_context({"svg.hashsalt": "servo-models", "svg.fonttype": "none"}):
+        write_with(path, lambda part: figure.savefig(part, dpi=200, metadata=metadata))
+
+
+def response(result: Result, plant: Plant, title: str) -> Figure:
+    """Draw the inputs that move and all outputs; flags are shaded bands over all panels."""
+    moving = [wire for wire in plant.inputs if np.any(result[wire.name] != wire.rest)]
+    outputs = [plant.wire[name] for name in plant.outputs]
+    shown = [*moving, *(wire for wire in outputs if not wire.flag)]
+    scale, unit = _time_scale(result.times)
+    time = scale * result.times
+    lead = time[0] - LEAD * (time[-1] - time[0])
+    with _page(title, len(shown)) as (figure, panels):
+        for axes, wire in zip(panels, shown):
+            values, label = _display(result[wire.name], wire)
+            _heading(axes, wire, label)
+            if wire in moving:
+                rest, _ = _display(np.array([float(wire.rest)]), wire)
+                _input(axes, np.array([lead, *time]), np.array([*rest, *values]))
+            else:
+                axes.plot(time, values, color=colour("blue"))
+                _room(axes, values, wire)
+        for wire in (wire for wire in outputs if wire.flag and np.any(result[wire.name])):
+            _shade(panels, scale * result.times, result[wire.name], wire)
+        _time_axis(panels[-1], lead, time[-1], unit)
+        return figure
+
+
+def comparison(
+    without: Result, changed: Result, plant: Plant, names: Sequence[str], title: str, label: str
+) -> Figure:
+    """Draw one response without and with an effect, and the difference that it makes.
+
+    Args:
+        without, changed: two runs on the same grid.
+        plant: whose signals they hold.
+        names: the input that moves and the output to look at.
+        title: of the page.
+        label: says in the picture what ``changed`` has.
+    """
+    source, output = (plant.wire[name] for name in names)
+    scale, unit = _time_scale(without.times)
+    time = scale * without.times
+    with _page(title, 3, heights=(1.0, 2.2, 1.0)) as (figure, (top, middle, bottom)):
+        values, shown = _display(without[source.name], source)
+        _heading(top, source, shown)
+        _input(top, time, values)
+        before, shown = _display(without[output.name], output)
+        after, _ = _display(changed[output.name], output)
+        _heading(middle, output, shown)
+        middle.plot(time, before, color=colour("muted"), lw=2.4, alpha=0.55)
+        middle.plot(time, after, color=colour("orange"))
+        middle.text(0.2, 1.03, "without", transform=middle.transAxes, color=colour("muted"), size=9)
+        middle.set_title(f"with {label}", loc="right", color=colour("orange"), size=9)
+        bottom.set_title(f"difference [{shown}]", loc="left", size=9)
+        bottom.fill_between(time, after - before, color=colour("orange"), alpha=0.25, lw=0)
+        bottom.plot(time, after - before, color=colour("orange"), lw=1.0)
+        _time_axis(bottom, time[0], time[-1], unit)
+        return figure
+
+
+@contextmanager
+def _page(title: str, rows: int, heights: Sequence[float] = ()) -> Iterator[tuple[Figure, Any]]:
+    """Give a titled figure with ``rows`` panels, ``heights`` in panel heights."""
+    ratios = list(heights) or [1.0] * rows
+    height = MARGIN + PANEL * sum(ratios)
+    with drawing("servo-models", rows, height) as (figure, panels):
+        figure.set_size_inches(WIDTH, height)
+        figure.set_facecolor(colour("paper"))
+        figure.suptitle(title, x=0.01, ha="left", size=11, weight="bold")
+        grid: Any = panels[0].get_gridspec()
+        grid.set_height_ratios(ratios)
+        yield figure, panels
+
+
+def _heading(axes: Axes, wire: Wire, unit: str) -> None:
+    shown = "" if unit == "1" else f" [{unit}]"
+    axes.set_title(f"{wire.name.replace('_', ' ')}{shown}", loc="left", size=9)
+
+
+def _display(values: Array, wire: Wire) -> tuple[Array, str]:
+    """Values in the unit that a person reads, and that unit."""
+    unit = wire.display or wire.unit
+    return values * (factor(wire.unit, unit) if wire.display else 1.0), unit
+
+
+def _time_scale(times: Array) -> tuple[float, str]:
+    return (1e3, "ms") if times[-1] - times[0] < 1.0 else (1.0, "s")
+
+
+def _input(axes: Axes, time: Array, values: Array) -> None:
+    axes.plot(time, values, color=colour("muted"), drawstyle="steps-post")
+
+
+def _room(axes: Axes, values: Array, wire: Wire) -> None:
+    """Keep rounding errors of a signal at rest from filling its panel."""
+    if np.ptp(values) <= SMALL * wire.scale:
+        middle = float(values[0])
+        axes.set_ylim(middle - wire.scale, middle + wire.scale)
+
+
+def _shade(panels: Sequence[Axes], time: Array, flag: Array, wire: Wire) -> None:
+    for axes in panels:
+        axes.fill_between(
+            time,
+            0.0,
+            1.0,
+            where=list(flag > 0.0),
+            transform=axes.get_xaxis_transform(),
+            color=colour("grid"),
+            alpha=0.6,
+            lw=0,
+            zorder=0,
+        )
+    name = wire.name.replace("_", " ")
+    panels[0].set_title(f"shaded: {name}", loc="right", color=colour("muted"), size=9)
+
+
+def _time_axis(axes: Axes, begin: float, end: float, unit: str) -> None:
+    axes.set_xlabel(f"time [{unit}]")
+    axes.set_xlim(begin, end)

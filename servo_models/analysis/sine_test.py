@@ -1,0 +1,121 @@
+"""Shake a model about a working point: steps and sines of a given size, all effects included.
+
+The ratio of the fundamentals of output and input under a sine is the describing function.
+Source: Slotine, Li, Applied Nonlinear Control, 1991, sec. 5.1.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from servo_models.analysis.linearise import inputs_at
+from servo_models.core.bounds import outside
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.errors import UserError
+
+POINTS = 499
+"""Communication points a period; the input is held between them, which is accounted for.
+
+A prime, so that a clock in the model seldom ticks in time with the points; what such a clock
+mistakes of the held input is below 1/POINTS.  More would fill the line of a long delay."""
+STEP_POINTS = 4000
+"""Communication points of a step."""
+WAITS = 20
+"""Default experiments to wait at most for rest."""
+
+
+class SineTest:
+    """A model that has come to rest, with one input that moves and one output that is read.
+
+    Attributes:
+        model, input, output: what is tested; the input has a full range of +-``amplitude``
+            about ``centre`` [SI].
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        input_: str,
+        output: str,
+        amplitude: float,
+        at: Mapping[str, float] | None = None,
+    ) -> None:
+        """Bring the model to rest at the inputs ``at`` [SI], others at their rest.
+
+        Raises:
+            UserError: an unknown input, an amplitude that leaves the input's bounds, or no
+                rest there.
+        """
+        self.model, self.input, self.output, self.amplitude = model, input_, output, amplitude
+        self._inputs = inputs_at(model, at)
+        names = [wire.name for wire in model.plant.inputs]
+        self._column, self._row = names.index(input_), model.plant.outputs.index(output)
+        self.centre = self._inputs[self._column]
+        wire = model.plant.inputs[self._column]
+        for value in (self.centre - amplitude, self.centre + amplitude):
+            low = -math.inf if wire.low is None else wire.low
+            high = math.inf if wire.high is None else wire.high
+            if not low <= value <= high:
+                raise UserError(f"amplitude: {outside('input', input_, value, wire)}")
+        self._state, self._time = model.start(), 0.0
+        self._time = self._settle(self._state, self._time, self.centre)[1]
+
+    def static_gain(self) -> float:
+        """Return the change of the output over that of the input, between -+``amplitude``, SI.
+
+        Each end is where the output rests when the input steps there from ``centre``.
+
+        Raises:
+            UserError: it does not come to rest.
+        """
+        low, high = (self._rest_at(self.centre + side * self.amplitude) for side in (-1.0, 1.0))
+        return (high - low) / (2.0 * self.amplitude)
+
+    def step(self, duration: float) -> tuple[Array, Array]:
+        """Return times [s] from 0 and the output [SI] for a step of ``amplitude``, shape (n,)."""
+        times = np.linspace(0.0, duration, STEP_POINTS + 1)
+        values = np.full(len(times), self.centre + self.amplitude)
+        return times, self._run(self._state.copy(), self._time + times, values)
+
+    def response(self, frequency: float) -> complex:
+        """Return output over input [SI] at ``frequency`` [Hz], by their fundamentals."""
+        stop = self.model.stop_time
+        wait = math.ceil(stop * frequency) + 2
+        periods = math.ceil(0.25 * stop * frequency) + 3
+        turns = np.arange(POINTS * (wait + periods) + 1) / POINTS
+        command = self.centre + self.amplitude * np.sin(2.0 * math.pi * turns)
+        angle = self._run(self._state.copy(), self._time + turns / frequency, command)
+        last = slice(POINTS * wait, -1)
+        kernel = np.exp(-2j * math.pi * turns[last])
+        held = cmath.exp(-1j * math.pi / POINTS) * np.sinc(1.0 / POINTS)
+        fundamental = 2j * np.mean((angle[last] - np.mean(angle[last])) * kernel)
+        return complex(fundamental / (self.amplitude * held))
+
+    def _run(self, state: Array, times: Array, values: Array) -> Array:
+        inputs = np.tile(self._inputs, (len(times), 1))
+        inputs[:, self._column] = values
+        return self.model.run(times, inputs, state)[:, self._row]
+
+    def _rest_at(self, value: float) -> float:
+        return self._settle(self._state.copy(), self._time, value)[0]
+
+    def _settle(self, state: Array, time: float, value: float) -> tuple[float, float]:
+        """Hold the input until the output rests, or swings about a mean: value and time then."""
+        span = self.model.stop_time
+        scale = self.model.plant.wire[self.output].scale
+        mean, moved = math.inf, math.inf
+        for _ in range(WAITS):
+            times = np.linspace(time, time + span, STEP_POINTS // 10 + 1)
+            out = self._run(state, times, np.full(len(times), value))
+            time, before, mean = float(times[-1]), mean, float(np.mean(out))
+            moved = abs(mean - before)
+            if moved <= 1e-6 * scale:
+                break
+        if not moved <= 1e-3 * scale:
+            raise UserError("after a command the output does not come to rest")
+        return mean, time

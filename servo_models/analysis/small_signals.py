@@ -1,0 +1,305 @@
+"""Differences of a smooth model about a point of rest: in continuous time, or from tick to tick.
+
+The text of the model is printed with the derivatives of its states among its outputs.  It is
+evaluated at zero step size for these, and over one period for the map of a sampled loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from servo_models.analysis.linear_model import LinearModel
+from servo_models.core.block import Block, Memory
+from servo_models.core.compiled import plain_make
+from servo_models.core.flat import neutral_effects, owned, trouble
+from servo_models.core.plant import Placement
+from servo_models.core.simulate import Model
+from servo_models.core.stepper import step_text
+from servo_models.core.types import Array
+from servo_models.effects.lag import lag
+from servo_models.effects.transport_delay import transport_delay
+from servo_models.errors import UserError
+
+Step = Callable[[list[float], list[float], float, float], Any]
+
+SMALL = 1e-5
+"""Difference for a derivative, in full scales of the wire."""
+MODERATE = 0.05
+"""Difference at which an effect must still look the same to count as smooth."""
+BLOCKS = 50
+"""Default experiments after which a model that still moves has no point of rest."""
+
+
+class SmallSignals:
+    """Values of a smooth model as functions of arguments, about a point of rest.
+
+    Arguments are entries of the state vector, outputs of delays and inputs; values one number
+    for each of these entries, inputs of delays and outputs.
+
+    Attributes:
+        period: time [s] from one value of a state to the next, 0 for derivatives.
+        channels: name and time [s] of every output of a delay.
+        state, time: where the model rests.
+    """
+
+    exact: tuple[Block, ...] = (lag, transport_delay)
+    """Effects with a memory that are linear."""
+
+    def __init__(self, model: Model, inputs: list[float]) -> None:
+        """Find the point of rest.
+
+        Raises:
+            UserError: there is none, or the model cannot be simulated.
+        """
+        self.model = model
+        flat, plant = model.flat, model.plant
+        neutral = neutral_effects(flat, list(model.values.values()))
+        self._inputs = inputs
+        names = [*(name for name, _, _ in flat.states), *(name for name, _ in flat.memory)]
+        self._slot = {name: i for i, name in enumerate(names)}
+        self._free = [i for i, (_, owner, _) in enumerate(flat.states) if owner not in neutral]
+        self._active = {n: links[0] for n, links in plant.placements.items() if n not in neutral}
+        wide = replace(flat, outputs=[*(rate for _, _, rate in flat.states), *flat.outputs])
+        make = plain_make(step_text(wide, neutral))
+        start, step = make(list(model.values.values()))
+        self._step = self._checked(step)
+        self.state: list[float] = start()
+        self.time = 0.0
+        self._settle()
+        # from here on nothing leaves a delay by itself: what leaves it is an argument
+        endless = {f"{name}.time": math.inf for name in self._of(transport_delay)}
+        _, step = make(list({**model.values, **endless}.values()))
+        self._step = self._checked(step)
+        self.period = self._period()
+        self.channels = self._channels()
+        wires = [plant.states[i].wire for i in self._free]
+        more = self._more()
+        self.names = (*(wire.name for wire in wires), *(name for name, _, _ in more))
+        self._entries = [*self._free, *(self._slot[text] for _, text, _ in more)]
+        scales = [wire.scale for wire in wires] + [scale for _, _, scale in more]
+        scales += [self._scale(name) for name, _ in self.channels]
+        self.scales = np.array([*scales, *(wire.scale for wire in plant.inputs)])
+
+    def _checked(self, step: Step) -> Step:
+        """A step that raises where the model cannot be simulated."""
+
+        def checked(x: list[float], u: list[float], time: float, size: float) -> Any:
+            code, wide = step(x, u, time, size)
+            if code:
+                raise UserError(f"{trouble(self.model.flat, code, x)}, at t = {time + size:g} s")
+            return code, wide
+
+        return checked
+
+    def _of(self, effect: Block) -> list[str]:
+        """Names under which ``effect`` is active."""
+        return [name for name, link in self._active.items() if link.effect is effect]
+
+    def _scale(self, name: str) -> float:
+        return self.model.plant.wire[self._active[name].on[0]].scale
+
+    def _period(self) -> float:
+        return 0.0
+
+    def _channels(self) -> list[tuple[str, float]]:
+        return [(name, self.model.values[f"{name}.time"]) for name in self._of(transport_delay)]
+
+    def _more(self) -> list[tuple[str, str, float]]:
+        """Further states: name, entry in the text, scale."""
+        raise NotImplementedError
+
+    def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
+        """Values at a state vector, which may be altered, inputs, and a change of a channel."""
+        raise NotImplementedError
+
+    def linear(self, left_out: Mapping[str, str]) -> LinearModel:
+        """Return A, B, C, D of derivatives to both sides."""
+        jacobian, n, plant = self.jacobian(), len(self.names), self.model.plant
+        return LinearModel(
+            joint_a=jacobian[:n, :n],
+            joint_b=jacobian[:n, n:],
+            joint_c=jacobian[n:, :n],
+            joint_d=jacobian[n:, n:],
+            states=self.names,
+            inputs=tuple(wire.name for wire in plant.inputs),
+            outputs=plant.outputs,
+            channels=tuple(time for _, time in self.channels),
+            delays={name: self.model.values[f"{name}.time"] for name, _ in self.channels},
+            left_out=left_out,
+            point=self.point(),
+            period=self.period,
+        )
+
+    def slopes(self, share: float) -> Array:
+        """Differences of the values over those of the arguments, ``share`` of a scale away."""
+        steps = share * self.scales
+        origin = self._at(0, 0.0)
+        return np.column_stack(
+            [(self._at(k, step) - origin) / step for k, step in enumerate(steps)]
+        )
+
+    def jacobian(self) -> Array:
+        return 0.5 * (self.slopes(SMALL) + self.slopes(-SMALL))
+
+    def is_smooth(self, base: SmallSignals) -> bool:
+        """Whether small and moderate differences to either side are as alike as in ``base``."""
+        gaps, size = self._gaps()
+        others, other_size = base._gaps()
+        return bool(np.all(gaps <= others + 0.1 * np.maximum(size, other_size)))
+
+    def _gaps(self) -> tuple[Array, Array]:
+        """How far differences are from the derivatives, for each value, and how large these."""
+        near = self.jacobian() * self.scales
+        sides = (SMALL, -SMALL, MODERATE, -MODERATE)
+        gaps = [abs(self.slopes(side) * self.scales - near).max(axis=1) for side in sides]
+        return np.array(gaps), abs(near).max(axis=1)
+
+    def blocks(self, base: SmallSignals) -> bool:
+        """Whether a value follows nothing any more, or the main output not the main input.
+
+        In ``base`` they did.
+        """
+        if np.any(self._gaps()[1] < 1e-3 * base._gaps()[1]):
+            return True
+        actuator = self.model.actuator
+        route = (1.0 / self.model.stop_time, actuator.step[0], self.model.plant.outputs[0])
+        gains = [abs(one.linear({}).response(*route)[0]) for one in (self, base)]
+        return bool(gains[0] < 1e-3 * gains[1])
+
+    def point(self) -> dict[str, float]:
+        """SI values of inputs, states and outputs at the point of rest."""
+        plant = self.model.plant
+        return {
+            **{wire.name: value for wire, value in zip(plant.inputs, self._inputs)},
+            **{plant.states[i].name: self.state[i] for i in self._free},
+            **dict(zip(plant.outputs, self._outputs(list(self.state), self._inputs))),
+        }
+
+    def _outputs(self, x: list[float], u: list[float]) -> list[float]:
+        """Outputs at a state vector, which gets its memories committed."""
+        wide: list[float] = self._step(x, u, self.time, 0.0)[1]
+        return wide[len(self.model.plant.states) :]
+
+    def _at(self, k: int, change: float) -> Array:
+        """Values at the point of rest, argument ``k`` changed."""
+        x, u = list(self.state), list(self._inputs)
+        channel, column = k - len(self._entries), k - len(self._entries) - len(self.channels)
+        if channel < 0:
+            x[self._entries[k]] += change
+        elif column >= 0:
+            u[column] += change
+        return np.array(self._values(x, u, channel, change))
+
+    def _settle(self) -> None:
+        """Run until nothing moves any more."""
+        plant, span = self.model.plant, self.model.stop_time
+        scale = np.array([plant.states[i].wire.scale for i in self._free])
+        for _ in range(BLOCKS):
+            before = np.array([self.state[i] for i in self._free])
+            self._step(self.state, self._inputs, self.time, span)
+            self.time += span
+            moved = np.array([self.state[i] for i in self._free]) - before
+            if np.all(abs(moved) <= 1e-9 * scale):
+                return
+        raise UserError(
+            f"actuator '{self.model.actuator.name}' does not come to rest at these inputs:"
+            " choose another working point"
+        )
+
+
+class Continuous(SmallSignals):
+    """Derivatives; a lag is a state more."""
+
+    def _more(self) -> list[tuple[str, str, float]]:
+        return [(name, owned(name, "value"), self._scale(name)) for name in self._of(lag)]
+
+    def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
+        slot, lags = self._slot, self._of(lag)
+        if 0 <= channel < len(self.channels):
+            x[slot[owned(self.channels[channel][0], "current")]] += change
+        before = [x[slot[owned(name, "value")]] for name in lags]
+        _, wide = self._step(x, u, self.time, 0.0)
+        into = [x[slot[owned(name, "last")]] for name in lags]
+        times = [self.model.values[f"{name}.time_constant"] for name in lags]
+        return [
+            *(wide[i] for i in self._free),
+            *((a - b) / t for a, b, t in zip(into, before, times)),
+            *(x[slot[owned(name, "newest")]] for name, _ in self.channels),
+            *wide[len(self.model.plant.states) :],
+        ]
+
+
+class Sampled(SmallSignals):
+    """The map from just before one tick of the plant's clock to the next.
+
+    The memories of the plant's blocks and of lags are states.  What a delay is fed with
+    changes at ticks, so its output changes once a period: it has a channel for the value
+    before that instant, and one for the value after it, which is a period younger.
+    """
+
+    def _settle(self) -> None:
+        super()._settle()
+        tick = self.state[self._clock]
+        self._step(self.state, self._inputs, self.time, tick - self.time)
+        self.time = tick
+
+    def _period(self) -> float:
+        x = list(self.state)
+        self._outputs(x, self._inputs)
+        return x[self._clock] - self.time
+
+    def _channels(self) -> list[tuple[str, float]]:
+        made = []
+        for name, time in super()._channels():
+            whole = math.floor(time / self.period + 1e-9)
+            made += [(name, (whole + 1) * self.period), (name, whole * self.period)]
+        return made
+
+    @property
+    def _clock(self) -> int:
+        found = plant_clocks(self.model)
+        if len(found) > 1:
+            raise UserError(
+                f"actuator '{self.model.actuator.name}' has several clocks: no linear model"
+            )
+        return self._slot[found[0]]
+
+    def _more(self) -> list[tuple[str, str, float]]:
+        own = [
+            (f"{link.name}.{name}", owned(link.name, name))
+            for link in self.model.plant.chain
+            if not isinstance(link, Placement)
+            for name, memory in link.memory.items()
+            if type(memory) is Memory
+        ]
+        lags = [(f"{n}.{p}", owned(n, p)) for n in self._of(lag) for p in ("value", "last")]
+        return [(name, text, 1.0) for name, text in (*own, *lags)]
+
+    def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
+        before, after, split, slot = 0.0, 0.0, 0.0, 0
+        if 0 <= channel < len(self.channels):
+            name = self.channels[channel][0]
+            slot = self._slot[owned(name, "current")]
+            split = max(self.model.values[f"{name}.time"] - self.channels[channel | 1][1], 0.0)
+            before, after = (change, 0.0) if channel % 2 == 0 else (0.0, change)
+        if split <= 1e-9 * self.period:
+            split, before = 0.0, after
+        x[slot] += before
+        first = list(x)
+        outputs = self._outputs(first, u)
+        if split > 0.0:
+            self._step(x, u, self.time, split)
+        x[slot] += after - before
+        self._step(x, u, self.time + split, self.period - split)
+        fed = [first[self._slot[owned(name, "newest")]] for name, _ in self.channels]
+        return [*(x[i] for i in self._entries), *fed, *outputs]
+
+
+def plant_clocks(model: Model) -> list[str]:
+    """Return the names, in the text, of the clocks of the plant itself, not of effects."""
+    return [name for name, owner in model.flat.clocks if not owner]

@@ -1,0 +1,155 @@
+"""What errors are: noise or not, how long they remember, and whether they depend on the input.
+
+Source: Ljung, System Identification, 2nd ed., sec. 16.6; Ljung and Box, Biometrika 65 (1978).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servo_models.core.types import Array, Mask
+
+LAGS = 25
+ORDERS = 20
+LONGEST = 2000
+"""Lags that an autocovariance has at most."""
+PREDICTED = 1e-8
+"""Part of the variance that a past leaves unpredicted, below which it is what rounding makes of
+none: orders from there on may be unstable."""
+FAINT = 1e-3
+"""Part of its variance below which it has died out."""
+
+
+def correlations(one: Array, other: Array, lags: int) -> Array:
+    """Return sum(one[t] other[t - k]) / n for k = 0 ... lags, shape (lags + 1,)."""
+    n = len(one)
+    return np.array([float(one[k:] @ other[: n - k]) / n for k in range(min(lags, n - 1) + 1)])
+
+
+def _span(seen: Mask) -> slice:
+    """From the first sample that is seen to the last."""
+    rows = np.flatnonzero(seen)
+    return slice(int(rows[0]), int(rows[-1]) + 1)
+
+
+def _pairs(residuals: Array, seen: Mask) -> tuple[Array, Array]:
+    """Autocorrelations of seen residuals, and how many pairs each is the sum of, by lag."""
+    span = _span(seen)
+    values = np.where(seen, residuals, 0.0)[span]
+    share = np.count_nonzero(seen) / len(values)
+    there = seen[span].astype(float)
+    counts = np.round(correlations(there, there, LAGS) * len(there))
+    return correlations(values, values, LAGS) / share, counts
+
+
+def whiteness(residuals: Array, seen: Mask | None = None) -> float:
+    """Return the probability of such autocorrelations if the residuals are white (Ljung-Box).
+
+    Of samples that are not ``seen``, shape (n,), nothing is known; they still take their time.
+    """
+    from scipy.stats import chi2
+
+    r, counts = _pairs(residuals, np.ones(len(residuals), dtype=bool) if seen is None else seen)
+    if r[0] == 0.0:
+        return 1.0
+    n, met = counts[0], np.flatnonzero(counts[1:]) + 1
+    statistic = n * (n + 2.0) * float(np.sum((r[met] / r[0]) ** 2 / counts[met]))
+    return float(chi2.sf(statistic, len(met)))
+
+
+def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> float:
+    """Return the probability of such correlations with past inputs if there is none.
+
+    The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.  The input is
+    known at samples that are not ``seen``, shape (n,), the residuals are not.
+    """
+    from scipy.stats import norm
+
+    seen = np.ones(len(residuals), dtype=bool) if seen is None else seen
+    span = _span(seen)
+    values, u = np.where(seen, residuals, 0.0)[span], given[span] - np.mean(given[span])
+    both = correlations(values, u, LAGS)
+    # zeros where nothing is seen count in both: so many pairs fewer in the variance of the sum
+    own, drive = autocovariance(values), correlations(u, u, len(values) // 4)
+    k = min(len(own), len(drive))
+    variance = own[0] * drive[0] + 2.0 * float(own[1:k] @ drive[1:k])
+    if variance <= 0.0:
+        return 1.0
+    largest = float(np.max(np.abs(both))) * np.sqrt(len(values) / variance)
+    return float(min(1.0, 2.0 * len(both) * norm.sf(largest)))
+
+
+def autocovariance(residuals: Array) -> Array:
+    """Return the autocovariance by lag up to where it has died out.
+
+    That of the autoregression, up to order 20 by the BIC, with the first lags of the residuals:
+    it does not cut off long tails, as sums of measured lags do.
+    Source: Brockwell, Davis, Time Series: Theory and Methods, 2nd ed., secs. 8.1 and 9.3.
+    """
+    from scipy.linalg import solve_toeplitz
+    from scipy.signal import lfilter
+
+    n = len(residuals)
+    r = correlations(residuals, residuals, ORDERS)
+    if r[0] == 0.0:
+        return r[:1]
+    best, least = np.zeros(0), np.inf
+    for order in range(min(ORDERS, n // 10) + 1):
+        phi = solve_toeplitz(r[:order], r[1 : order + 1]) if order else np.zeros(0)
+        left = 1.0 - float(phi @ r[1 : order + 1]) / r[0]
+        if left < PREDICTED:
+            break
+        criterion = n * np.log(left) + order * np.log(n)
+        if criterion < least:
+            best, least = phi, criterion
+    if not len(best):
+        return r[:1]
+    # the recursion r[k] = sum phi[j] r[k - j] is a filter that goes on from the first lags
+    more = lfilter([1.0], [1.0, *-best], np.zeros(LONGEST), zi=_memory(best, r))[0]
+    every = np.concatenate([r[: len(best) + 1], more])
+    alive = np.flatnonzero(np.abs(every) > FAINT * r[0])
+    return every[: min(int(alive[-1]) + 1, n)]
+
+
+def _memory(phi: Array, r: Array) -> Array:
+    from scipy.signal import lfiltic
+
+    order = len(phi)
+    return np.asarray(lfiltic([1.0], [1.0, *-phi], r[order::-1][:order]))
+
+
+def scatter(slopes: Array, covariance: Array) -> Array:
+    """Return J' R J for slopes J, shape (n, p), and the R of an autocovariance, shape (p, p)."""
+    n = len(slopes)
+    kernel = np.concatenate([covariance[:0:-1], covariance])
+    size = 2 ** int(np.ceil(np.log2(n + len(kernel))))
+    spectrum = np.fft.rfft(kernel, size)[:, None] * np.fft.rfft(slopes, size, axis=0)
+    spread_out = np.fft.irfft(spectrum, size, axis=0)
+    first = len(covariance) - 1
+    return np.asarray(slopes.T @ spread_out[first : first + n])
+
+
+def inflation(residuals: Array) -> float:
+    """Return by how much correlation shrinks the number of independent residuals, at least 1."""
+    r = autocovariance(residuals)
+    return max(1.0, float(1.0 + 2.0 * np.sum(r[1:]) / r[0])) if r[0] > 0.0 else 1.0
+
+
+def autocorrelation(errors: Array) -> Array:
+    """Return the correlation of errors with themselves, at lags of 0 to a fifth of their length.
+
+    Empty for errors that do not move.
+    """
+    n = len(errors)
+    centred = errors - errors.mean()
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    spectrum = np.fft.rfft(centred, size)
+    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 5 + 1]
+    return correlation / correlation[0] if correlation[0] > 0.0 else correlation[:0]
+
+
+def memory(errors: Array) -> int:
+    """Return the lag up to which the correlation of errors is significant."""
+    correlation = autocorrelation(errors)
+    quiet = np.flatnonzero(correlation < 2.0 / np.sqrt(len(errors)))
+    return int(quiet[0]) - 1 if len(quiet) else max(len(correlation) - 1, 0)

@@ -1,0 +1,82 @@
+"""Find actuators and effects by looking into their folders: adding one is adding one there."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from pathlib import Path
+from types import ModuleType
+
+from servo_models.core.block import Block
+from servo_models.core.flatten import flatten
+from servo_models.core.own_actuator import check_trust, is_file, load_actuator
+from servo_models.core.plant import Actuator, unknown
+from servo_models.errors import UserError
+
+
+def _modules(folder: str, packages: bool) -> dict[str, ModuleType]:
+    """The modules of a folder of the package, or the packages in it."""
+    package = importlib.import_module(f"servo_models.{folder}")
+    every = pkgutil.iter_modules(package.__path__)
+    names = sorted(module.name for module in every if module.ispkg is packages)
+    return {name: importlib.import_module(f"{package.__name__}.{name}") for name in names}
+
+
+@functools.cache
+def actuators() -> dict[str, Actuator]:
+    """Every actuator by name."""
+    found = [module.ACTUATOR for module in _modules("actuators", packages=True).values()]
+    return {actuator.name: actuator for actuator in found}
+
+
+@functools.cache
+def effects() -> dict[str, tuple[Block, ...]]:
+    """Every effect by its file's name; an effect may have several functions."""
+    return {
+        name: tuple(
+            value for value in vars(module).values() if isinstance(value, Block) and value.acts_on
+        )
+        for name, module in _modules("effects", packages=False).items()
+    }
+
+
+def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Actuator:
+    """Return an actuator by name, or the one that a Python file of your own defines.
+
+    Args:
+        name: of the actuator, or the path of a file that ends in ``.py``, which is run.
+        named_in: file that names it, None for a person; a path begins in that file's folder.
+        trust: run the Python file even if it does not lie beside ``named_in``.
+
+    Raises:
+        UserError: nobody knows that name; see ``own_actuator.load_actuator`` and ``check_trust``.
+    """
+    if is_file(name):
+        return _own(Path(name), named_in, trust)
+    return of_catalogue(name)
+
+
+def of_catalogue(name: str) -> Actuator:
+    """Return an actuator by name; what stands in an FMU can name no other.
+
+    Raises:
+        UserError: nobody knows that name.
+    """
+    if name not in actuators():
+        raise UserError(unknown("actuator", name, actuators()))
+    return actuators()[name]
+
+
+def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
+    """Load a person's own actuator and find out whether its declarations fit together."""
+    if named_in:
+        path = named_in.parent / path
+        check_trust(path, named_in, trust)
+    found = load_actuator(path)
+    for variant in found.variants:
+        try:
+            flatten(found.plant_of(variant.name), found.name)
+        except ValueError as error:
+            raise UserError(f"'{path}': {error}") from error
+    return found

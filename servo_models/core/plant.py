@@ -1,0 +1,426 @@
+"""The declaration of an actuator: wires, the chain of blocks between them, named variants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+from servo_models.core.block import RESERVED, SIGNAL, Block, Param, check_name
+from servo_models.core.bounds import outside
+from servo_models.core.flat import owned
+from servo_models.errors import UserError, did_you_mean
+
+TIME_AXIS = "time"
+"""What tables and FMI masters call their first column."""
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A named scalar between blocks.
+
+    Attributes:
+        unit: SI unit.
+        about: what flows in it.
+        scale: full scale in ``unit``; bounds and nominals derive from it.
+        rest: value in equilibrium before the run.
+        low, high: bounds, for an input.
+        display: unit a person wants to read it in.
+        flag: it is 0 or 1, a Boolean to the outside.
+
+    Raises:
+        ValueError: a name that no wire can have.
+    """
+
+    name: str
+    unit: str
+    about: str
+    scale: float = 1.0
+    rest: float | str = 0.0
+    low: float | None = None
+    high: float | None = None
+    display: str | None = None
+    flag: bool = False
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"wire '{self.name}'")
+
+
+@dataclass(frozen=True)
+class State:
+    """A continuous state, integrated from the wire ``rate``.
+
+    ``start`` is a number or a wire that depends on parameters only.
+    """
+
+    wire: Wire
+    rate: str
+    start: float | str = 0.0
+    owner: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.wire.name
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An effect at its place: ``name = effect`` on wire ``on``.
+
+    Two effects placed under one name share that name's parameters.  ``reads`` maps further
+    arguments of the effect to wires where the names differ; ``defaults`` overrides the
+    bounds and default of single parameters.
+
+    Raises:
+        ValueError: a name that no effect can have, or ``reads`` or ``params`` of what the effect
+            has not.
+    """
+
+    name: str
+    effect: Block
+    on: tuple[str, ...]
+    reads: Mapping[str, str] = field(default_factory=dict)
+    params: Mapping[str, Param] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"effect '{self.name}'")
+        for argument in self.reads:
+            if argument not in self.effect.wires:
+                raise ValueError(self._has_not("argument", argument, self.effect.wires))
+        for key in self.params:
+            if key not in self.effect.params:
+                raise ValueError(self._has_not("parameter", key, self.effect.params))
+
+    def _has_not(self, kind: str, name: str, known: Iterable[str]) -> str:
+        return unknown(kind, name, dict.fromkeys(known), f"effect '{self.name}'")
+
+    def wire_of(self, argument: str) -> str:
+        if argument in self.effect.acts_on:
+            return self.on[self.effect.acts_on.index(argument)]
+        return self.reads.get(argument, argument)
+
+
+def place(
+    name: str,
+    effect: Block,
+    /,  # an effect may have arguments of these names
+    *on: str,
+    params: Mapping[str, Param] | None = None,
+    **reads: str,
+) -> Placement:
+    """Say on which wires an effect acts, and where it stands in a chain.
+
+    Blocks before it in the chain read its wires as they were, those after it as it leaves them.
+
+    Args:
+        name: of the effect at this place; its parameters are ``name.key``.  Effects placed under
+            one name share the parameters of one key.
+        effect: from ``servo_models.effects`` or made by ``block.effect``.
+        on: the wires that it rewrites, as many and in the order of its ``acts_on``.  The plant
+            declares them: a unit ``"signal"`` becomes theirs.
+        params: in place of the effect's own, by key: whole ``Param``; with the unit ``"signal"``
+            its bounds and typical value are fractions of the wire's full scale, else SI.
+        reads: wires for its other arguments; one that is not named reads the wire, or the
+            parameter of the plant, that is called like it.
+
+    Raises:
+        ValueError: another number of wires; see also ``Placement``.
+
+    Example:
+        ``place("drive_dead_zone", dead_zone, "drive_voltage")``
+    """
+    if len(on) != len(effect.acts_on):
+        raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")
+    return Placement(name, effect, on, reads, params or {})
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the whole actuator, in SI: ``param`` with the wire's unit filled in."""
+
+    name: str
+    param: Param
+    owner: str
+
+    @property
+    def text(self) -> str:
+        """Its name in the flat text."""
+        owner, dot, key = self.name.rpartition(".")
+        return owned(owner, key) if dot else key
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A chain of blocks between wires; one plant equals itself only.
+
+    A block finds its arguments by name: inputs, states, parameters of the plant, and what blocks
+    before it in the chain give.  A name means one thing: a wire is given by one block, and no
+    wire, parameter or output has the name of another.  There may be any number of inputs; effects
+    are also shown under a constant load where one of them is called ``load_...``.
+
+    Attributes:
+        inputs: wires set from outside, held during a communication step.
+        wires: the other wires with a unit: outputs and those that effects act on.  A wire that
+            only blocks read needs no declaration, a state has its own.
+        chain: plant blocks and placements in the order of evaluation.
+        states: continuous states.
+        projection: block applied to new states after each smooth sub-step, or None.
+        outputs: names of the wires offered outside, each declared, none of them an input; the
+            first is the one that pictures and figures are about.
+        constants: parameters of the plant that no block's signature declares; one of them is
+            ``internal_step`` [s], the longest step of the integration.
+
+    Raises:
+        ValueError: a wire or a parameter has a name that none can have.
+    """
+
+    inputs: tuple[Wire, ...]
+    wires: tuple[Wire, ...]
+    chain: tuple[Block | Placement, ...]
+    states: tuple[State, ...]
+    outputs: tuple[str, ...]
+    projection: Block | None = None
+    constants: Mapping[str, Param] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.constants:
+            check_name(name, f"parameter '{name}'")
+        for wire in (*self.inputs, *self.wires, *(state.wire for state in self.states)):
+            if wire.name in (*RESERVED, TIME_AXIS):
+                raise ValueError(f"'{wire.name}' is time itself: give the wire another name")
+
+    @cached_property
+    def wire(self) -> dict[str, Wire]:
+        """Declared wires by name."""
+        every = (*self.inputs, *self.wires, *(state.wire for state in self.states))
+        return {wire.name: wire for wire in every}
+
+    @cached_property
+    def placements(self) -> dict[str, tuple[Placement, ...]]:
+        """Placements by effect name as placed; two functions of one effect stay together."""
+        found: dict[str, tuple[Placement, ...]] = {}
+        for link in self.chain:
+            if isinstance(link, Placement):
+                found[link.name] = (*found.get(link.name, ()), link)
+        return found
+
+    def main_wire(self, effect: str) -> str:
+        """Return the declared wire on which an effect acts, the first where it acts on several.
+
+        A function of it for the internal step acts on no declared one.
+        """
+        wires = [wire for link in self.placements[effect] for wire in link.on]
+        return next((wire for wire in wires if wire in self.wire), wires[0])
+
+    @cached_property
+    def parameters(self) -> dict[str, Parameter]:
+        """All parameters by name, plant first, in chain order.
+
+        Raises:
+            ValueError: two blocks declare one unlike each other.
+        """
+        found = {name: Parameter(name, param, owner="") for name, param in self.constants.items()}
+        blocks: list[Block | Placement] = [*self.chain]
+        if self.projection:
+            blocks.append(self.projection)
+        for link in blocks:
+            if isinstance(link, Placement):
+                for key, param in link.effect.params.items():
+                    name = f"{link.name}.{key}"
+                    known = self._on_wire(link.params.get(key, param), link.on[0])
+                    found.setdefault(name, Parameter(name, known, owner=link.name))
+            else:
+                for key, param in link.params.items():
+                    if found.setdefault(key, Parameter(key, param, owner="")).param != param:
+                        raise ValueError(
+                            f"parameter '{key}' of block '{link.name}' is declared otherwise"
+                            " elsewhere: give it another name, or take that of the other block"
+                            " as a plain argument"
+                        )
+        return dict(sorted(found.items(), key=lambda item: item[1].owner != ""))
+
+    def rated(
+        self, rests: Mapping[str, float] | None = None, scales: Mapping[str, float] | None = None
+    ) -> Plant:
+        """Return the same equations with other rests and full scales [SI] of single wires.
+
+        A variant has them where its supply or its size is not that of the others.
+
+        Example:
+            ``PLANT.rated(rests={"supply": 7.4}, scales={"supply": 7.4})``
+        """
+        rest, scale = rests or {}, scales or {}
+        for name in (*rest, *scale):
+            if name not in self.wire:
+                raise ValueError(unknown("wire", name, self.wire))
+
+        def of(wire: Wire) -> Wire:
+            return replace(
+                wire,
+                rest=rest.get(wire.name, wire.rest),
+                scale=scale.get(wire.name, wire.scale),
+            )
+
+        return replace(
+            self,
+            inputs=tuple(of(wire) for wire in self.inputs),
+            wires=tuple(of(wire) for wire in self.wires),
+            states=tuple(replace(state, wire=of(state.wire)) for state in self.states),
+        )
+
+    def has_equations_of(self, other: Plant) -> bool:
+        """Return whether both differ at most in rests and full scales of their wires."""
+
+        def equations(plant: Plant) -> tuple[object, ...]:
+            states = [(state.name, state.rate, state.start) for state in plant.states]
+            return plant.chain, states, plant.projection, plant.outputs
+
+        return equations(self) == equations(other)
+
+    def _on_wire(self, param: Param, wire_name: str) -> Param:
+        if SIGNAL not in param.unit:
+            return param
+        if wire_name not in self.wire:
+            raise ValueError(unknown("wire", wire_name, self.wire))
+        wire = self.wire[wire_name]
+        if param.unit == f"1/{SIGNAL}":
+            compound = "." in wire.unit or "/" in wire.unit
+            unit = f"1/({wire.unit})" if compound else f"1/{wire.unit}"
+            scale, display = 1.0 / wire.scale, None
+        else:
+            scale, unit = wire.scale, param.unit.replace(SIGNAL, wire.unit)
+            display = wire.display and param.unit.replace(SIGNAL, wire.display)
+        return replace(
+            param,
+            unit=unit,
+            low=param.low * scale,
+            high=param.high * scale,
+            default=param.default * scale,
+            typical=param.typical * scale,
+            display=param.display or display,
+        )
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A named parameter set, with where it comes from.
+
+    ``uncertainty`` holds relative standard deviations (prior) of its parameters;
+    ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
+    not for it.
+    """
+
+    name: str
+    about: str
+    values: Mapping[str, float]
+    source: str
+    plant: Plant | None = None
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    warning: str = ""
+    stop_time: float | None = None
+    step_size: float | None = None
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An identified product: a plant and its variants.
+
+    A file of your own defines one as ``ACTUATOR``.  It may import and compute what it likes; a
+    block is read from its source, so it is a ``def`` in a file.
+
+    Attributes:
+        name: one string everywhere, also in the FMU: letters, digits and single underscores
+            between them, beginning with a letter.
+        title, about, source: for people; may be empty.
+        plant: what the variants without a plant of their own use.
+        variants: at least one; the first one is the default.  Their values are in SI; what
+            a variant does not name has the default of its ``Param``.
+        stop_time, step_size: default experiment [s].
+        step: name of the main input, its value [SI] in the standard step, to which it goes from
+            its ``rest``.
+        file: that defines it, None for one of the catalogue.
+
+    Raises:
+        ValueError: a name that no FMU can have, no variant, an output without a ``Wire`` of its
+            unit, a standard step of what is no input, or an uncertainty of what is no parameter.
+    """
+
+    name: str
+    title: str
+    about: str
+    source: str
+    plant: Plant
+    variants: tuple[Variant, ...]
+    stop_time: float
+    step_size: float
+    step: tuple[str, float]
+    picture: str = ""
+    file: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name, f"actuator '{self.name}'")
+        if not self.variants:
+            raise ValueError(f"actuator '{self.name}' has no variant: give it one")
+        for variant in self.variants:
+            plant = variant.plant or self.plant
+            inputs = {wire.name: wire for wire in plant.inputs}
+            for kind, names, known in (
+                ("output", plant.outputs, plant.wire),
+                ("input of the standard step", self.step[:1], inputs),
+                ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
+            ):
+                for name in names:
+                    if name not in known:
+                        raise ValueError(unknown(kind, name, known))
+
+    @property
+    def key(self) -> str:
+        """What ``catalogue.actuator`` finds it by: the name, or the path of its file."""
+        return str(self.file) if self.file else self.name
+
+    @property
+    def default_variant(self) -> str:
+        return self.variants[0].name
+
+    def variant(self, name: str | None = None) -> Variant:
+        """Return a variant by name, the default one for None."""
+        known = {variant.name: variant for variant in self.variants}
+        name = self.default_variant if name is None else name
+        if name not in known:
+            raise UserError(unknown("variant", name, known, f"actuator '{self.name}'"))
+        return known[name]
+
+    def plant_of(self, variant: str | None = None) -> Plant:
+        """Return the plant that a variant runs on."""
+        return self.variant(variant).plant or self.plant
+
+    def values(
+        self, variant: str | None = None, overrides: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Return every parameter in SI: defaults, then the variant, then ``overrides``.
+
+        Raises:
+            UserError: unknown parameter, or a value outside its bounds.
+        """
+        parameters = self.plant_of(variant).parameters
+        chosen = {name: p.param.default for name, p in parameters.items()}
+        for name, value in {**self.variant(variant).values, **(overrides or {})}.items():
+            if name not in parameters:
+                raise UserError(unknown("parameter", name, parameters, f"actuator '{self.name}'"))
+            check_bounds(parameters[name], value)
+            chosen[name] = float(value)
+        return chosen
+
+
+def check_bounds(parameter: Parameter, value: float) -> None:
+    """Raise UserError unless ``value`` [SI] is inside the parameter's bounds."""
+    param = parameter.param
+    if not param.low <= value <= param.high:
+        raise UserError(outside("parameter", parameter.name, value, param))
+
+
+def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") -> str:
+    """Sentence about a name nobody knows, with the nearest one that exists."""
+    place_ = f" in {where}" if where else ""
+    return f"unknown {kind} '{name}'{place_}; {did_you_mean(name, known)}"

@@ -1,0 +1,326 @@
+"""Simulate an actuator in this process, on any grid of communication points.
+
+The same text runs here through numba and in the FMU as plain Python, on the same grid, so
+both agree to the last bit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from servo_models.core.bounds import is_outside, on_bound, outside
+from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.core.compiled import compiled_run, plain_make
+from servo_models.core.flat import Flat, neutral_effects, trouble
+from servo_models.core.flatten import flatten
+from servo_models.core.plant import Actuator, Plant, Wire, check_bounds, unknown
+from servo_models.core.stepper import run_text, start_text, step_text
+from servo_models.core.types import Array
+from servo_models.errors import UserError
+from servo_models.units import parse
+
+LONGEST_RUN = 1e8
+"""Internal steps in a run: some ten seconds of work.  More is a slip of a unit or of a clock."""
+MOST_TRIED = 10
+"""Changed parameters of a run that fails, up to which each is put back alone to name its part."""
+SHORTEST = 1e-12
+"""Communication step [s] below which an internal step is not halved."""
+PLANTS = 64
+"""Plants whose texts are kept, the latest ones: a person's own come and go."""
+CHANGED = 1e-3
+"""Change of an output with half the internal step, in full scales, that is worth a word."""
+FAR = 100.0
+"""Full scales beyond which an output is hardly meant."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A simulated response.
+
+    Attributes:
+        times: communication points [s], shape (n,).
+        inputs, outputs: SI values by name, each of shape (n,); an input is held from its
+            row on, an output is the value at its row.
+        warnings: in words, what of it is not to be relied on: see ``doubts``.
+    """
+
+    times: Array
+    inputs: dict[str, Array]
+    outputs: dict[str, Array]
+    warnings: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Array:
+        if name in self.outputs:
+            return self.outputs[name]
+        if name in self.inputs:
+            return self.inputs[name]
+        raise UserError(unknown("signal", name, {**self.outputs, **self.inputs}))
+
+
+@functools.lru_cache(maxsize=PLANTS)
+def flat_of(plant: Plant, name: str) -> Flat:
+    """Return the flattened plant; flattening is done once per plant and process."""
+    return flatten(plant, name)
+
+
+@functools.lru_cache(maxsize=PLANTS)
+def _compiled(plant: Plant, name: str) -> Callable[..., Any]:
+    return compiled_run(run_text(flat_of(plant, name)))
+
+
+@functools.lru_cache(maxsize=PLANTS)
+def _starter(plant: Plant, name: str) -> Callable[..., Any]:
+    return plain_make(start_text(flat_of(plant, name)))
+
+
+@dataclass(frozen=True)
+class Model:
+    """An actuator with all parameters chosen: what a simulation and an FMU are made of.
+
+    Attributes:
+        actuator, variant: where it comes from.
+        values: every parameter in SI by name, in the order of the parameter vector.
+        provenance: where values come from that are not the variant's own, in words.
+    """
+
+    actuator: Actuator
+    variant: str
+    values: dict[str, float]
+    flat: Flat = field(repr=False)
+    provenance: str = ""
+
+    @cached_property
+    def plant(self) -> Plant:
+        return self.actuator.plant_of(self.variant)
+
+    @property
+    def stop_time(self) -> float:
+        """End of the default experiment [s]."""
+        return self.actuator.variant(self.variant).stop_time or self.actuator.stop_time
+
+    @property
+    def step_size(self) -> float:
+        """Communication step of the default experiment [s]."""
+        return self.actuator.variant(self.variant).step_size or self.actuator.step_size
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the variant's values, "" for nothing and for values not its own."""
+        return "" if self.provenance else self.actuator.variant(self.variant).warning
+
+    @property
+    def vector(self) -> Array:
+        """Parameter vector in the order of ``values``, SI."""
+        return np.array(list(self.values.values()))
+
+    def stepper(self) -> tuple[Callable[[], list[float]], Callable[..., Any]]:
+        """Plain-Python ``start()`` and ``step(x, u, t, size)``; see ``stepper.step_text``."""
+        values = list(self.values.values())
+        text = step_text(self.flat, neutral_effects(self.flat, values))
+        start, step = plain_make(text)(values)
+        return start, step
+
+    def start(self) -> Array:
+        """State at rest, shape (flat.size,)."""
+        return self._at_rest(self.vector)
+
+    def _at_rest(self, vector: Array) -> Array:
+        begin = _starter(self.plant, self.actuator.name)(vector.tolist())
+        state = np.zeros(self.flat.size)
+        state[: len(begin)] = begin
+        return state
+
+    def run(self, times: Array, inputs: Array, state: Array | None = None) -> Array:
+        """Return the outputs, shape (n, outputs), for inputs of shape (n, inputs), SI.
+
+        ``state`` is advanced in place; without it the run begins at rest.
+
+        Raises:
+            UserError: times that run backward, inputs that are not finite, or a run that
+                leaves the finite numbers.
+        """
+        check_grid(times, inputs, self.plant.inputs, self.values["internal_step"])
+        x = self.start() if state is None else state
+        begin = x.copy()
+        try:
+            return self._ran(self.vector, x, times, inputs)
+        except UserError as error:
+            raise UserError(f"{error}{self._responsible(begin, times, inputs)}") from None
+
+    def from_rest(self, vector: Array, times: Array, inputs: Array) -> Array:
+        """Return ``run`` from rest with another parameter vector [SI], in the order of ``values``.
+
+        Hundreds of simulations share an experiment, which has to have passed ``check_grid``.
+        """
+        return self._ran(vector, self._at_rest(vector), times, inputs)
+
+    def _ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
+        out = np.empty((len(times), len(self.plant.outputs)))
+        run = _compiled(self.plant, self.actuator.name)
+        given = (np.ascontiguousarray(it, dtype=float) for it in (vector, times, inputs))
+        parameters, grid, columns = given
+        code, row = run(parameters, state, grid, columns, out)
+        if code:
+            raise UserError(f"{trouble(self.flat, code, state.tolist())}, at t = {times[row]:g} s")
+        return out
+
+    def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:
+        """Clause about the parameters without each of which a run that fails would succeed."""
+        own = self.actuator.values(self.variant)
+        changed = [name for name, value in self.values.items() if value != own[name]]
+        blamed = []
+        for name in changed if len(changed) <= MOST_TRIED else ():
+            vector = np.array(list({**self.values, name: own[name]}.values()))
+            with contextlib.suppress(UserError):
+                self._ran(vector, begin.copy(), times, inputs)
+                unit = self.plant.parameters[name].param.unit
+                instead = f"{own[name]:g} {unit}".removesuffix(" 1")
+                blamed.append(f"with '{name}' = {instead} instead of {self.values[name]:g} it runs")
+        return f" ({'; '.join(blamed)})" if blamed else ""
+
+
+def model(
+    actuator: str | Actuator,
+    variant: str | None = None,
+    parameters: Mapping[str, float | str] | None = None,
+) -> Model:
+    """Choose an actuator, a variant of it and overrides of single parameters.
+
+    Args:
+        actuator: name, path of a ``.py`` file of your own, or a declaration of your own.
+        variant: name of a parameter set; None for the default one.
+        parameters: overrides by name, numbers in SI or strings such as ``"3 deg"``.
+
+    Raises:
+        UserError: an unknown name, a wrong unit, a value outside its bounds.
+    """
+    found = find_actuator(actuator) if isinstance(actuator, str) else actuator
+    chosen = found.variant(variant).name
+    plant = found.plant_of(chosen)
+    overrides: dict[str, float] = {}
+    for name, value in (parameters or {}).items():
+        if name not in plant.parameters:
+            raise UserError(
+                unknown("parameter", name, plant.parameters, f"actuator '{found.name}'")
+            )
+        parameter = plant.parameters[name]
+        try:
+            given = parse(value, parameter.param.unit)
+        except UserError as error:
+            raise UserError(f"parameter '{name}': {error}") from error
+        overrides[name] = on_bound(given, parameter.param)
+        check_bounds(parameter, overrides[name])
+    return Model(found, chosen, found.values(chosen, overrides), flat_of(plant, found.name))
+
+
+def simulate(
+    chosen: Model, times: ArrayLike, inputs: Mapping[str, ArrayLike] | None = None
+) -> Result:
+    """Simulate from rest.
+
+    Args:
+        chosen: from ``model``.
+        times: communication points [s], increasing, shape (n,); equal neighbours are a
+            clean step of the inputs.
+        inputs: SI values by name, scalars or shape (n,); an input not named stays at rest.
+
+    Raises:
+        UserError: see ``Model.run``; also an unknown input, or one of another length.
+    """
+    grid = np.ascontiguousarray(times, dtype=float)
+    known = {wire.name: wire for wire in chosen.plant.inputs}
+    given = dict(inputs or {})
+    for name in given:
+        if name not in known:
+            raise UserError(unknown("input", name, known, f"actuator '{chosen.actuator.name}'"))
+    columns: dict[str, Array] = {}
+    for name, wire in known.items():
+        values = np.asarray(given.get(name, wire.rest), dtype=float)
+        if values.shape not in ((), grid.shape):
+            raise UserError(f"input '{name}' has shape {values.shape}, the times {grid.shape}")
+        columns[name] = np.broadcast_to(values, grid.shape)
+    matrix = np.column_stack(list(columns.values()))
+    out = chosen.run(grid, matrix)
+    named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
+    return Result(grid, columns, named, tuple(doubts(chosen, grid, matrix, out)))
+
+
+def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[str]:
+    """Yield, in words, why ``out`` of a run from rest is not to be relied on.
+
+    The run is made again with half the internal step: where an output other than a flag
+    changes by more than a thousandth of its full scale, what it does at a time is chance, as
+    behind a jump of the right-hand side that is not a mode or where a loop is chaotic.  An
+    output beyond a hundred full scales is told as well.
+    """
+    step = min(chosen.values["internal_step"], float(np.diff(times).max(initial=0.0)))
+    if step > SHORTEST:
+        step *= 0.5
+    else:  # nothing moves meanwhile, and equations divide by the step
+        step = chosen.values["internal_step"]
+    finer = {**chosen.values, "internal_step": step}
+    try:
+        again = chosen.from_rest(np.array(list(finer.values())), times, inputs)
+    except UserError as error:
+        yield f"with half the internal step the run fails: {error}"
+        return
+    for name, column, other in zip(chosen.plant.outputs, out.T, again.T):
+        wire = chosen.plant.wire[name]
+        change, size = np.abs(column - other) / wire.scale, np.abs(column) / wire.scale
+        row, largest = int(change.argmax()), int(size.argmax())
+        if change[row] > CHANGED and not wire.flag:
+            yield (
+                f"output '{name}' depends on the internal step: with half of it, it changes by"
+                f" {100.0 * change[row]:.2g} % of full scale at t = {times[row]:g} s; rely on what"
+                " both runs share, or choose a shorter internal_step"
+            )
+        if size[largest] > FAR and not wire.flag:
+            yield (
+                f"output '{name}' reaches {size[largest]:.2g} times its full scale at"
+                f" t = {times[largest]:g} s: check parameters and inputs"
+            )
+
+
+def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step: float) -> None:
+    """Check what a run begins with: times of shape (n,), inputs of shape (n, inputs) in SI.
+
+    Raises:
+        UserError: no times, times that run backward or last too long for the internal step [s],
+            inputs outside their bounds or not finite.
+    """
+    if len(times) == 0:
+        raise UserError("no communication points: give at least one time")
+    if not np.all(np.isfinite(times)):
+        row = int(np.argmin(np.isfinite(times)))
+        raise UserError(f"time in row {row} is not finite: remove that row")
+    backward = np.flatnonzero(np.diff(times) < 0.0)
+    if len(backward):
+        row = int(backward[0]) + 1
+        raise UserError(
+            f"time runs backward in row {row} ({times[row - 1]:g} s, then {times[row]:g} s):"
+            " sort the rows by time"
+        )
+    lasts = float(times[-1]) - float(times[0])
+    if lasts > LONGEST_RUN * internal_step:
+        row = int(np.argmax(np.diff(times)))
+        raise UserError(
+            f"the times last {lasts:.3g} s, {lasts / internal_step:.2g} internal steps, more than"
+            f" {LONGEST_RUN:.0e}; the largest step, {times[row + 1] - times[row]:.3g} s, follows"
+            f" row {row}: correct the unit or that row, or choose a longer internal_step"
+        )
+    for wire, column in zip(wires, inputs.T):
+        bad = np.flatnonzero(is_outside(column, wire) | ~np.isfinite(column))
+        if len(bad) and not math.isfinite(column[bad[0]]):
+            raise UserError(f"input '{wire.name}' in row {bad[0]} is not finite: fill or drop it")
+        if len(bad):
+            message = outside("input", wire.name, float(column[bad[0]]), wire)
+            raise UserError(f"{message} (row {bad[0]})")

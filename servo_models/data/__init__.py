@@ -1,0 +1,1 @@
+"""What was measured: readers, descriptions of logs, their audit, and files of parameters."""

@@ -1,0 +1,117 @@
+"""Single readings that lie far from their neighbours: row and size."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from servo_models.core.plant import Wire
+from servo_models.core.types import Array, Mask
+from servo_models.data.audit.steps import reading_step
+from servo_models.data.recording import Log
+from servo_models.units import factor
+
+WINDOW = 5
+"""Readings of a running median; it passes over up to two neighbouring outliers."""
+APART = 5.0
+"""An outlier is this many times as far from its neighbours as any other reading, or step."""
+LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
+MOST = 0.005
+"""Share of the readings that may be outliers: more of them belong to the signal."""
+JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
+SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
+BEFORE, AFTER = 2, 5
+"""Samples before and after such a jump at which a peak is an answer; stamps may be late."""
+POSITIONS = ("m", "rad")
+"""Units of what does not leap; rates, currents and voltages do."""
+NAMED = 3
+"""Outliers of an output that a sentence names."""
+
+
+class Outlier(NamedTuple):
+    """A reading in ``row`` of the file that is ``size`` [SI] off the median of its neighbours."""
+
+    row: int
+    size: float
+
+
+def outliers(values: Array, excused: Mask | None = None) -> Array:
+    """Return by how much outliers lie off the running median, 0 for all other readings.
+
+    Edges and ramps pass a median of five unharmed (Tukey, Exploratory Data Analysis, 1977,
+    ch. 7), so that what is left is noise, peaks and outliers; these stand out of the rest.
+
+    Args:
+        values: readings in the order of time, shape (n,).
+        excused: where a peak is none, shape (n,).
+
+    Returns:
+        Distances with their sign, shape (n,).
+    """
+    off = np.zeros(len(values))
+    if len(values) < WINDOW:
+        return off
+    ends = np.pad(values, WINDOW // 2, mode="edge")
+    off = values - np.median(np.lib.stride_tricks.sliding_window_view(ends, WINDOW), axis=1)
+    if excused is not None:
+        off[excused] = 0.0
+    sizes = np.sort(np.abs(off))[::-1]
+    most = min(max(NAMED, int(MOST * len(values))), len(values) - 1)
+    low, high = np.percentile(values, [1.0, 99.0])
+    least = max(reading_step(values).size, LEAST_SHARE * float(high - low) / APART)
+    apart = np.flatnonzero(sizes[:most] > APART * np.maximum(sizes[1 : most + 1], least))
+    bar = sizes[apart[-1]] if len(apart) else np.inf
+    return np.where(np.abs(off) >= bar, off, 0.0)
+
+
+def outliers_of(log: Log, wire: Wire) -> tuple[Outlier, ...]:
+    """Return the outliers of an output that a fit would see, the largest first.
+
+    A peak beside a jump of a command is its answer, unless a position cannot get there.
+    """
+    if wire.flag:
+        return ()
+    values = log.outputs[wire.name]
+    off = outliers(values, _answering(log) & ~_out_of_reach(values, wire))
+    found = [int(i) for i in np.flatnonzero((off != 0.0) & log.fitted)]
+    found.sort(key=lambda i: -abs(off[i]))
+    return tuple(Outlier(int(log.rows[i]), float(off[i])) for i in found)
+
+
+def _answering(log: Log) -> Mask:
+    """Mark samples beside a jump of a command."""
+    marked = np.zeros(len(log.times), dtype=bool)
+    for values in log.inputs.values():
+        moves = np.abs(np.diff(values))
+        if np.median(moves) > SMOOTH * np.ptp(values):
+            continue
+        jumps = np.flatnonzero(moves > JUMP * np.ptp(values)) + 1
+        for shift in range(-BEFORE, AFTER + 1):
+            marked[np.clip(jumps + shift, 0, len(marked) - 1)] = True
+    return marked
+
+
+def _out_of_reach(values: Array, wire: Wire) -> Mask:
+    """Mark positions outside the range of most others by more than that range."""
+    if wire.unit not in POSITIONS:
+        return np.zeros(len(values), dtype=bool)
+    low, high = np.percentile(values, [1.0, 99.0])
+    return np.asarray((values > 2.0 * high - low) | (values < 2.0 * low - high))
+
+
+def about_outliers(log: Log, wire: Wire) -> list[str]:
+    """Return a sentence on the outliers of an output with its cure, none without any."""
+    found = outliers_of(log, wire)
+    if not found:
+        return []
+    unit = wire.display or wire.unit
+    shown = ", ".join(
+        f"row {one.row} by {one.size * factor(wire.unit, unit):.4g} {unit}".strip()
+        for one in found[:NAMED]
+    )
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return [
+        f"'{wire.name}' jumps away from its neighbours and back: {shown}{more}; a fit would follow"
+        " such outliers: remove these rows, or cut them off with 'window'"
+    ]

@@ -1,0 +1,234 @@
+"""Log descriptions: which actuator, what is known of it, and what the columns of its logs are.
+
+A description is a TOML file beside the logs; ``docs/description.md`` shows every key.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.core.own_actuator import check_trust, is_file
+from servo_models.core.plant import Actuator, unknown
+from servo_models.core.simulate import Model, model
+from servo_models.data.description.log import read_log
+from servo_models.data.description.values import named, quantity, setting
+from servo_models.data.parameters import ParameterSet, read_parameters
+from servo_models.data.readers import read_columns
+from servo_models.data.recording import Log
+from servo_models.data.toml_file import Section, read_toml
+from servo_models.errors import UserError, did_you_mean
+
+KEYS = (
+    "actuator",
+    "variant",
+    "params",
+    "free",
+    "method",
+    "parameters",
+    "uncertainty",
+    "bounds",
+    "logs",
+)
+RECORDS = ("sweeps", "elements")
+"""Records other than logs, which those who use them read from ``Description.document``."""
+SIMULATION, TRANSFER_FUNCTION, ELEMENTS = METHODS = ("simulation", "transfer_function", "elements")
+"""Ways of an identification."""
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """What a description says.
+
+    Attributes:
+        path: the file, and ``document`` what stands in it.
+        model: the actuator with its nominal values.
+        parameters: overrides of the variant's values [SI] by name.
+        uncertainty: standard deviation [SI] of nominal values, by name; of the variant
+            where the description is silent.
+        bounds: least and largest value [SI] of a fit, by name.
+        logs: at least one, unless there are other records.
+        free: parameters or effects to be estimated.
+        method: how, None if not told.
+    """
+
+    path: Path
+    document: Section
+    model: Model
+    parameters: Mapping[str, float]
+    uncertainty: Mapping[str, float]
+    logs: tuple[Log, ...]
+    free: tuple[str, ...] = ()
+    method: str | None = None
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def actuator(self) -> Actuator:
+        return self.model.actuator
+
+    @property
+    def variant(self) -> str:
+        return self.model.variant
+
+
+def read_description(path: str | Path, trust: bool = False) -> Description:
+    """Read a description and its logs.
+
+    Where its actuator is a Python file, that is run: ``trust`` allows this wherever it lies.
+
+    Raises:
+        UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
+            that does not convert; a value out of bounds; a log that cannot be read or used,
+            see ``description.log.read_log``.  It names the file, and the key or row and column.
+    """
+    document = read_toml(Path(path))
+    document.check_keys((*KEYS, *RECORDS))
+    document.sections("sweeps")  # of a wrong type they are refused even where nobody uses them
+    document.section("elements")
+    method = _method(document)
+    chosen, parameters = _model(document, trust)
+    uncertainty = _uncertainty(document.section("uncertainty"), chosen)
+    return Description(
+        path=document.file,
+        document=document,
+        model=chosen,
+        parameters=parameters,
+        uncertainty=uncertainty,
+        logs=_logs(document, chosen),
+        free=_free(document, chosen),
+        method=method,
+        bounds=_bounds(document.section("bounds"), chosen, uncertainty),
+    )
+
+
+def _model(document: Section, trust: bool) -> tuple[Model, dict[str, float]]:
+    """The nominal model, and the overrides that made it of its variant."""
+    known = _known_before(document, trust)
+    actuator = _actuator(document, known, trust)
+    own = known.variant if known else actuator.default_variant
+    given = document.text("variant", own)
+    if known and (actuator.key, given) != (known.actuator, own):
+        document.fail(
+            "params",
+            f"'{known.file}' is of actuator '{known.actuator}', variant '{own}', not of"
+            f" '{actuator.key}', '{given}'; leave out actuator and variant here",
+        )
+    try:
+        variant = actuator.variant(given).name
+    except UserError as error:
+        document.fail("variant", error)
+    parameters = actuator.plant_of(variant).parameters
+    section = named(document.section("parameters"), "parameter", parameters)
+    overrides = {name: setting(section, name, parameters[name]) for name in section}
+    if known:
+        return known.model(overrides), {**known.settings(), **overrides}
+    return model(actuator, variant, overrides), overrides
+
+
+def _known_before(document: Section, trust: bool) -> ParameterSet | None:
+    if "params" not in document:
+        return None
+    path = document.file.parent / document.text("params")
+    try:
+        actuator = read_toml(path).text("actuator")
+        if is_file(actuator):
+            check_trust(path.parent / actuator, document.file, trust)
+        return read_parameters(path, trust)
+    except UserError as error:
+        document.fail("params", error)
+
+
+def _actuator(document: Section, known: ParameterSet | None, trust: bool) -> Actuator:
+    if known and "actuator" not in document:
+        return find_actuator(known.actuator)
+    if "actuator" not in document:
+        document.fail("actuator", "missing; name the actuator that made the logs")
+    try:
+        return find_actuator(document.text("actuator"), document.file, trust)
+    except UserError as error:
+        document.fail("actuator", error)
+
+
+def _uncertainty(given: Section, chosen: Model) -> dict[str, float]:
+    """Standard deviations [SI] by name."""
+    variant = chosen.actuator.variant(chosen.variant)
+    relative = {
+        name: share * abs(chosen.values[name]) for name, share in variant.uncertainty.items()
+    }
+    spread = {name: size for name, size in relative.items() if size > 0.0}
+    known = chosen.plant.parameters
+    section = named(given, "parameter", known)
+    for name in section:
+        text = section.content[name]
+        if isinstance(text, str) and text.strip().endswith("%"):
+            share = quantity(section, name, "1")
+            spread[name] = share * abs(chosen.values[name])
+            cure = "it is a share of the nominal value; give a size with a unit"
+            if chosen.values[name]:
+                cure = "give a share above 0"
+        else:
+            spread[name] = quantity(section, name, known[name].param.unit)
+            cure = "give a size above 0"
+        if not spread[name] > 0.0:
+            section.fail(name, f"a standard deviation of {spread[name]:g}: {cure}")
+    return spread
+
+
+def _bounds(
+    given: Section, chosen: Model, uncertain: Container[str]
+) -> dict[str, tuple[float, float]]:
+    """Least and largest value [SI] by name, each inside the bounds of the actuator.
+
+    The nominal value lies between them, unless it says that an effect is off and surely so.
+    """
+    known = chosen.plant.parameters
+    section, found = named(given, "parameter", known), {}
+    for name in section:
+        pair = section.content[name]
+        if not isinstance(pair, list) or len(pair) != 2:
+            section.fail(name, 'no pair; write a least and a largest value, ["1 V", "2 V"]')
+        ends = [Section(section.file, section.name, {name: end}) for end in pair]
+        low, high = (setting(end, name, known[name]) for end in ends)
+        if not low < high:
+            section.fail(name, "leaves no room; give the lower one first")
+        value = chosen.values[name]
+        off = known[name].param.switch and not value and name not in uncertain
+        if not (off or low <= value <= high):
+            unit = known[name].param.unit
+            section.fail(
+                name, f"the nominal value, {value:g} {unit}, lies outside these; give wider ones"
+            )
+        found[name] = (low, high)
+    return found
+
+
+def _method(document: Section) -> str | None:
+    given = document.text("method")
+    if given and given not in METHODS:
+        document.fail("method", f"'{given}' is unknown; {did_you_mean(given, METHODS)}")
+    return given or None
+
+
+def _free(document: Section, chosen: Model) -> tuple[str, ...]:
+    known = {**chosen.plant.parameters, **chosen.plant.placements}
+    for name in document.texts("free"):
+        if name not in known:
+            document.fail("free", unknown("parameter or effect", name, known))
+    return document.texts("free")
+
+
+def _logs(document: Section, chosen: Model) -> tuple[Log, ...]:
+    entries = document.sections("logs")
+    if not entries and not any(key in document for key in RECORDS):
+        document.fail("logs", "missing; add [[logs]] with file, time and outputs")
+    read = functools.cache(read_columns)
+    logs: list[Log] = []
+    for entry in entries:
+        log = read_log(entry, chosen, read)
+        if log.name in (other.name for other in logs):
+            entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
+        logs.append(log)
+    return tuple(logs)

@@ -1,0 +1,229 @@
+"""What a reader of measured files gives: columns whose numbers are checked when asked for."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.core.types import Array
+from servo_models.errors import UserError, did_you_mean
+from servo_models.files import check_size
+
+if TYPE_CHECKING:
+    import polars as pl
+
+NUMBER = 8  # bytes
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file to read, and what of it.
+
+    Attributes:
+        path, content: the file and its bytes.
+        table: name of the one table wanted, None for all.
+        header: whether the first row of a text file names the columns, None to find out.
+    """
+
+    path: Path
+    content: bytes
+    table: str | None = None
+    header: bool | None = None
+
+    @property
+    def place(self) -> str:
+        """File and table, for messages."""
+        return _place(self.path, self.table or "")
+
+    def wanted(self, tables: Iterable[str]) -> list[str]:
+        """Return which of the file's tables to read.
+
+        Raises:
+            UserError: the table asked for is none of them.
+        """
+        names = list(tables)
+        if self.table is None:
+            return names
+        if self.table not in names:
+            cure = did_you_mean(self.table, names) if any(names) else "name none"
+            raise UserError(f"'{self.path}' has no table '{self.table}'; {cure}")
+        return [self.table]
+
+    def damaged(self, kind: str) -> UserError:
+        return UserError(f"'{self.path}' is damaged or no {kind} file: write it again")
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Columns by table, ``""`` for the only one of a file that knows no tables.
+
+    Attributes:
+        cells: the columns of each table, named, as they stand in the file.
+        first_row: number by which the author calls the first row of cells.
+    """
+
+    cells: Mapping[str, Sequence[pl.Series]]
+    first_row: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of one table; a column that nobody asks for may hold anything.
+
+    Attributes:
+        path: the file, and ``sha256`` of its bytes.
+        cells: the columns, named, as they stand in the file.
+        first_row: number by which the author calls the first row of cells.
+        table: where the file has several.
+    """
+
+    path: Path
+    cells: tuple[pl.Series, ...]
+    first_row: int = 1
+    table: str = ""
+    sha256: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns; their numbers where the file names none."""
+        return tuple(column.name for column in self.cells)
+
+    def index(self, column: str | int) -> int:
+        """Return the place of a column, counted from 0, by its name or its number from 1.
+
+        Raises:
+            UserError: no such column, or two of that name.
+        """
+        place = _place(self.path, self.table)
+        if isinstance(column, int):
+            if not 1 <= column <= len(self.cells):
+                raise UserError(
+                    f"{place} has no column {column}: give a number from 1 to {len(self.cells)}"
+                )
+            return column - 1
+        found = [i for i, name in enumerate(self.names) if name == column]
+        if not found:
+            raise UserError(f"{place} has no column '{column}'; {did_you_mean(column, self.names)}")
+        if len(found) > 1:
+            raise UserError(f"{place} has two columns '{column}': give the number of one")
+        return found[0]
+
+    def where(self, column: str | int, row: int | None = None) -> str:
+        """File, table, row (counted from 0 here) and column in words."""
+        row_ = "" if row is None else f", row {row + self.first_row}"
+        name = self.names[self.index(column)]
+        return f"{_place(self.path, self.table)}{row_}, column '{name}'"
+
+    def numbers(self, column: str | int, keep: slice = slice(None)) -> Array:
+        """Return a column by name or number as finite floats, of the rows ``keep``, shape (n,).
+
+        Raises:
+            UserError: no such column; a cell that is empty, no number or not finite.
+        """
+        import polars as pl
+
+        index = self.index(column)
+        first = keep.indices(len(self.cells[index]))[0]
+        cells = self.cells[index][keep]
+        if not (cells.dtype.is_numeric() or cells.dtype in (pl.String, pl.Boolean)):
+            raise UserError(f"{self.where(column)} holds {cells.dtype}: give numbers")
+        if cells.dtype == pl.String:
+            cells = cells.str.strip_chars(' \t"')
+            cells = cells.set(cells == "", None)
+        values = cells.cast(pl.Float64, strict=False)
+        bad = ~values.is_finite().fill_null(value=False)
+        if bad.any():
+            row = int(bad.arg_max() or 0)
+            place = self.where(column, row + first)
+            if cells[row] is None:
+                raise UserError(f"{place} is empty: fill the gap or remove the row")
+            if values[row] is None:
+                raise UserError(
+                    f"{place}: '{cells[row]}' is not a number; correct it or remove the row"
+                )
+            raise UserError(
+                f"{place}: '{cells[row]}' is not finite: give a number or remove the row"
+            )
+        return values.to_numpy().astype(np.float64)
+
+    def check_order(self, column: str | int, times: Array) -> None:
+        """Raise UserError where ``times`` [s], the ones of that column, run backward."""
+        backward = np.flatnonzero(np.diff(times) < 0.0)
+        if len(backward):
+            row = int(backward[0]) + 1
+            raise UserError(
+                f"{self.where(column, row)}: time runs backward from {times[row - 1]:.9g} s to"
+                f" {times[row]:.9g} s; sort the rows by time"
+            )
+
+
+def extra(name: str, module: str) -> Any:
+    """Return the module of a library that only the extra ``name`` brings.
+
+    Raises:
+        UserError: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise UserError(
+            f"reading this format takes one more library: pip install 'servo-models[{name}]'"
+        ) from error
+
+
+def column_of(name: str, values: Sequence[Any]) -> pl.Series:
+    """Return Python values as a column: of floats if all are numbers or missing, else of text."""
+    import polars as pl
+
+    if all(value is None or isinstance(value, (int, float)) for value in values):
+        floats = [None if value is None else float(value) for value in values]
+        return pl.Series(_unicode(name), floats, dtype=pl.Float64)
+    texts = [None if value is None else _unicode(str(value)) for value in values]
+    return pl.Series(_unicode(name), texts, dtype=pl.String)
+
+
+def _unicode(text: str) -> str:
+    """The text with ``?`` for what JSON can spell and Unicode does not have: half a pair."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def columns_of(source: Source, records: Iterable[Any]) -> list[pl.Series]:
+    """Return the columns of a list of records, such as JSON objects.
+
+    Inner objects are named by dots and items of lists by their index from 0: ``pose.q[3]``.
+
+    Raises:
+        UserError: records have so many names that a table of all of them would be too large.
+    """
+    rows = [dict(_leaves("", record)) for record in records]
+    names = dict.fromkeys(name for row in rows for name in row)
+    check_size(source.path, float(len(rows)) * len(names) * NUMBER)
+    return [column_of(name, [row.get(name) for row in rows]) for name in names]
+
+
+def _leaves(name: str, value: Any) -> Iterable[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _leaves(f"{name}.{key}" if name else str(key), inner)
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from _leaves(f"{name}[{i}]", inner)
+    else:
+        yield name, value
+
+
+def array_column(name: str, values: NDArray[Any]) -> pl.Series:
+    """Return an array of shape (n,) as a column, whatever the byte order of its file."""
+    import polars as pl
+
+    return pl.Series(name, np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("=")))
+
+
+def _place(path: Path, table: str) -> str:
+    return f"'{path}', table '{table}'" if table else f"'{path}'"

@@ -1,0 +1,140 @@
+"""CSV and its relatives: separated by commas, semicolons or tabs, decimals as the country has it.
+
+Lines that start with ``#`` before the header are passed over.  Where columns are not
+separated by commas, a number may have a decimal comma.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from servo_models.data.readers.columns import Source, Tables
+from servo_models.errors import UserError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+SUFFIXES = (".csv", ".tsv", ".txt")
+SEPARATORS = "\t;,"
+"""In the order in which they are looked for: a comma may be a decimal one."""
+DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d*(?:[eE][-+]?\d+)?\s*)$"
+
+
+def read(source: Source) -> Tables:
+    """Read a text file; a file without a header has columns ``"1"``, ``"2"`` and so on.
+
+    Raises:
+        UserError: no UTF-8, empty, or rows of unequal length.
+    """
+    source.wanted([""])
+    lines = _lines(source)
+    start = next((i for i, line in enumerate(lines) if _is_content(line)), len(lines))
+    if start == len(lines):
+        raise UserError(f"'{source.path}' is empty: it needs a header and rows of numbers")
+    separator = _separator(lines[start : start + 2])
+    names = _split(lines[start], separator)
+    header = source.header
+    if header is None:
+        header = _is_header([_split(line, separator) for line in lines[start : start + 2]])
+    if header:
+        start += 1
+    else:
+        names = _commented(lines[:start], separator, len(names))
+    rows = [_plain(line, separator) for line in lines[start:]]
+    for row, line in enumerate(rows, start=start + 1):
+        if not line.strip():
+            raise UserError(f"'{source.path}', row {row} is empty: remove it")
+        if line.count(separator) != len(names) - 1:
+            raise UserError(
+                f"'{source.path}', row {row} has {line.count(separator) + 1} cells, the"
+                f" {'header' if header else 'first row'} {len(names)}: give every row as many;"
+                f" decimals take a point{'' if separator == ',' else ' or comma'}"
+            )
+    return Tables({"": _cells(rows, separator, names)}, start + 1)
+
+
+def _lines(source: Source) -> list[str]:
+    content = source.content
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        raise UserError(
+            f"'{source.path}', row {row}: byte 0x{content[error.start]:02x} is not UTF-8;"
+            " save the file as CSV UTF-8"
+        ) from error
+    return text.rstrip("\r\n ").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def _is_content(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """The first separator that stands as often in the first row as in the second."""
+    bare = [re.sub(r'"[^"]*"', "", line) for line in lines]
+    for separator in SEPARATORS:
+        counts = {line.count(separator) for line in bare}
+        if len(counts) == 1 and counts != {0}:
+            return separator
+    return max(reversed(SEPARATORS), key=bare[0].count)
+
+
+def _split(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in _plain(line, separator).split(separator)]
+
+
+def _plain(line: str, separator: str) -> str:
+    """The line without quotes; a separator inside quotes becomes a blank."""
+    if '"' not in line:
+        return line
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error:  # a cell beyond the limit of the reader: its quote does not end
+        return line.replace('"', "")
+    return separator.join(cell.replace(separator, " ") for cell in cells)
+
+
+def _is_header(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether the first of two rows names the columns: it has words where numbers follow."""
+    numeric = [[_is_number(cell) for cell in row] for row in rows]
+    words = [bool(cell) and not number for cell, number in zip(rows[0], numeric[0])]
+    return not any(numeric[0]) or any(word and number for word, number in zip(words, numeric[-1]))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _commented(comments: Sequence[str], separator: str, count: int) -> list[str]:
+    """Names of the columns of a file without header: in its last comment, or numbers."""
+    last = comments[-1].lstrip("# ") if comments else ""
+    names = _split(last, separator)
+    return names if last and len(names) == count else [str(i + 1) for i in range(count)]
+
+
+def _cells(rows: Sequence[str], separator: str, names: Sequence[str]) -> list[pl.Series]:
+    """Cells as text, one column for each name."""
+    import polars as pl
+
+    if not rows:
+        return [pl.Series(name, [], dtype=pl.String) for name in names]
+    text = "\n".join(rows)
+    frame = pl.read_csv(
+        io.BytesIO(text.encode()),
+        has_header=False,
+        separator=separator,
+        infer_schema=False,
+        quote_char=None,
+    )
+    if separator != "," and "," in text:
+        frame = frame.with_columns(pl.all().str.replace(DECIMAL_COMMA, "$1.$2"))
+    return [column.alias(name) for column, name in zip(frame.get_columns(), names)]

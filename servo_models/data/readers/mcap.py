@@ -1,0 +1,86 @@
+"""MCAP files with messages in JSON or of ROS 2: a topic is a table.
+
+Besides the fields of its messages a table has ``log_time`` and ``publish_time`` in ns since
+the first message of the file.  Rows count the topic's messages from 1.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from servo_models.data.readers.columns import Source, Tables, column_of, columns_of, extra
+from servo_models.errors import UserError
+from servo_models.files import check_size
+
+if TYPE_CHECKING:
+    import polars as pl
+
+SUFFIXES = (".mcap",)
+ENCODINGS = ("json", "cdr")
+
+
+def read(source: Source) -> Tables:
+    """Read an MCAP file.
+
+    Raises:
+        UserError: it is damaged, or has no such topic; messages that are encoded otherwise.
+    """
+    reader = extra("mcap", "mcap.reader")
+    try:
+        opened = reader.make_reader(io.BytesIO(source.content))
+        summary = opened.get_summary()
+        chunks = summary.chunk_indexes if summary else ()
+        check_size(source.path, sum(chunk.uncompressed_size for chunk in chunks))
+        found = list(opened.iter_messages())
+    except UserError:
+        raise
+    except Exception as error:  # mcap raises many kinds
+        raise source.damaged("MCAP") from error
+    topics: dict[str, list[Any]] = {}
+    for item in found:
+        if item[1].message_encoding in ENCODINGS or item[1].topic == source.table:
+            topics.setdefault(item[1].topic, []).append(item)
+    first = min((message.log_time for _, _, message in found), default=0)
+    return Tables({name: _columns(source, topics[name], first) for name in source.wanted(topics)})
+
+
+def _columns(source: Source, items: list[Any], first: int) -> list[pl.Series]:
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    for schema, channel, _ in items:
+        if channel.id not in decoders:
+            decoders[channel.id] = _decoder(source, schema, channel)
+    times = [
+        column_of(name, [getattr(message, name) - first for _, _, message in items])
+        for name in ("log_time", "publish_time")
+    ]
+    try:
+        records = [decoders[channel.id](message.data) for _, channel, message in items]
+    except Exception as error:  # as many kinds as there are decoders
+        raise source.damaged("MCAP") from error
+    return times + columns_of(source, records)
+
+
+def _decoder(source: Source, schema: Any, channel: Any) -> Callable[[bytes], Any]:
+    if channel.message_encoding == "json":
+        return functools.partial(json.loads, parse_int=float)
+    if channel.message_encoding not in ENCODINGS:
+        raise UserError(
+            f"'{source.path}': messages of '{channel.topic}' are encoded as"
+            f" '{channel.message_encoding}': record them as JSON or by ROS 2"
+        )
+    factory = extra("mcap", "mcap_ros2.decoder").DecoderFactory()
+    decode = factory.decoder_for(channel.message_encoding, schema)
+    return lambda data: _plain(decode(data))
+
+
+def _plain(value: Any) -> Any:
+    """A message of ROS 2 as dictionaries, lists and scalars."""
+    if hasattr(value, "__slots__"):
+        return {name: _plain(getattr(value, name)) for name in value.__slots__}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value

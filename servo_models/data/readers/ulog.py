@@ -1,0 +1,58 @@
+"""ULog files of PX4: a topic is a table.
+
+A further instance of a topic is called ``topic.1``, ``topic.2`` and so on.  Times stand in
+``timestamp``, in us.  Rows count the topic's messages from 1.  Of a file that was cut short
+the messages before the cut are read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import struct
+
+from servo_models.data.readers.columns import Source, Tables, array_column, extra
+
+SUFFIXES = (".ulg", ".ulog")
+HEADER = 16
+DEFINITIONS = b"BFIMPQ"
+FIRST_DATA = b"ALC"
+
+
+def read(source: Source) -> Tables:
+    """Read a ULog file.
+
+    Raises:
+        UserError: it is damaged, or has no such topic.
+    """
+    pyulog = extra("ulog", "pyulog")
+    if not _is_defined(source.content):
+        raise source.damaged("ULog")
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # pyulog talks about damaged messages
+            topics = pyulog.ULog(io.BytesIO(source.content)).data_list
+    except Exception as error:  # pyulog raises many kinds
+        raise source.damaged("ULog") from error
+    named = {t.name if t.multi_id == 0 else f"{t.name}.{t.multi_id}": t for t in topics}
+    return Tables(
+        {
+            name: [array_column(field, values) for field, values in named[name].data.items()]
+            for name in source.wanted(named)
+        }
+    )
+
+
+def _is_defined(content: bytes) -> bool:
+    """Whether the definitions are whole; pyulog does not return from damaged ones.
+
+    Source: PX4 User Guide, ULog File Format, definition section.
+    """
+    place = HEADER
+    while place + 3 <= len(content):
+        size, kind = struct.unpack_from("<HB", content, place)
+        if kind in FIRST_DATA:
+            return True
+        if kind not in DEFINITIONS:
+            return False
+        place += 3 + size
+    return False

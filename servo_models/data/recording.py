@@ -1,0 +1,129 @@
+"""A measured log in SI, ready to be compared with a simulation.
+
+Readers of files (``logs/``) and log descriptions (``description/``) make it;
+the audit, the identification and the diagnosis only know this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.core.types import Array, Mask
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How a column of a file becomes a signal: SI value = ``scale`` * raw + ``offset``.
+
+    Attributes:
+        signal: name of an input or output of the actuator, or ``"time"``.
+        column: name of the column, or its number as text, 1 for the first.
+        unit: unit of the column in words of its author, for people: ``"deg"``, ``"count"``.
+        scale: SI per number in the file, with unit and sign in it.
+        offset: in SI.
+    """
+
+    signal: str
+    column: str
+    unit: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One recorded run.
+
+    Attributes:
+        name: short and unique within a description.
+        path: the file, and ``sha256`` of its bytes.
+        times: [s], shape (n,), strictly increasing from 0.
+        inputs: SI by name of the input, each (n,); held from its row on.
+        outputs: SI by name of the output, each (n,); measured at its row.
+        channels: by signal, ``"time"`` included.
+        rows: row of the file for each sample, as its author would count, shape (n,).
+        constants: SI values of parameters or inputs that hold in this log only.
+        held_out: True for samples that no fit may see, shape (n,).
+        skipped: True for samples that neither count in a fit nor in a score, such as long rests
+            that would thin out every figure; None for no such samples.
+        settle: time [s] for which the first row's inputs are held before the log begins, so
+            that the simulation starts in equilibrium.
+        begin: time [s] from the file's first row to the first sample here.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    times: Array
+    inputs: Mapping[str, Array]
+    outputs: Mapping[str, Array]
+    channels: Mapping[str, Channel]
+    rows: NDArray[np.int64]
+    held_out: Mask
+    constants: Mapping[str, float] = field(default_factory=dict)
+    settle: float = 0.0
+    skipped: Mask | None = None
+    begin: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """Length of the log [s]."""
+        return float(self.times[-1])
+
+    @property
+    def stamps(self) -> Array:
+        """Times since the file's first row [s], shape (n,): a description counts like that."""
+        return self.begin + self.times
+
+    @property
+    def fitted(self) -> Mask:
+        """Samples that a fit sees, shape (n,)."""
+        return self._counted(~self.held_out)
+
+    @property
+    def checked(self) -> Mask:
+        """Samples held out, that a score sees, shape (n,)."""
+        return self._counted(self.held_out)
+
+    def _counted(self, mask: Mask) -> Mask:
+        return mask if self.skipped is None else mask & ~self.skipped
+
+
+ROUNDING = 1e-3
+"""Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
+that ticks evenly."""
+
+
+def regular(times: Array) -> Array:
+    """Return times on the regular grid that they only miss by rounding; others as they are.
+
+    Time stamps of a few digits would shift samples against the clocks of a model, and a
+    digital loop that misses a tick now and then is another loop.  The step is the shortest
+    decimal number that fits.
+    """
+    n = len(times)
+    count = np.arange(n)
+    step = (times[-1] - times[0]) / (n - 1)
+    tolerance = ROUNDING * step
+    if np.abs(times - times[0] - step * count).max() > tolerance:
+        return times
+    for digits in range(2, 16):
+        short = float(f"{step:.{digits - 1}e}")
+        if np.abs(times - times[0] - short * count).max() <= tolerance:
+            return np.asarray(times[0] + short * count)
+    return times
+
+
+def hashes(logs: Iterable[Log]) -> dict[str, str]:
+    """Return the SHA-256 of each log's file by name, with its folder where names repeat."""
+    files = {log.path: log.sha256 for log in logs}
+    names = [path.name for path in files]
+    return {
+        path.name if names.count(path.name) == 1 else f"{path.parent.name}/{path.name}": digest
+        for path, digest in files.items()
+    }

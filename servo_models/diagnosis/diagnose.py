@@ -1,0 +1,81 @@
+"""Diagnose the gap between a model and logs: what ``servo-models diagnose`` does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from servo_models.core.threads import one_blas_thread
+from servo_models.data.audit import audits, noise_floors, noise_origins
+from servo_models.data.description import Description, read_description
+from servo_models.diagnosis.claims import claims, estimates
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.nominal import nominal_parameters
+from servo_models.diagnosis.gap import gaps, whole_gap
+from servo_models.diagnosis.preconditions import check_logs, without_flags
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.causes import TOLERANCE, find_causes
+from servo_models.diagnosis.search.fits import Tell
+from servo_models.diagnosis.verdict import decide
+
+__all__ = ["Diagnosis", "diagnose"]
+
+
+def diagnose(
+    description: Description | str | Path,
+    tolerance: float = TOLERANCE,
+    seed: int = 0,
+    jobs: int | None = None,
+    left_out: Iterable[str] = (),
+    tell: Tell | None = None,
+) -> Diagnosis:
+    """Find out where a gap lies, what causes it and how far it closes.
+
+    Args:
+        description: model, uncertainties of its parameters and logs; or its TOML file.
+        tolerance: gap in noise floors that counts as none.
+        seed: of the bootstrap.
+        jobs: simulations at once, by default the processors there are.
+        left_out: effects that are not considered.
+        tell: is told what goes on.
+
+    Raises:
+        UserError: see ``read_description`` and ``preconditions``.
+    """
+    told = description if isinstance(description, Description) else read_description(description)
+    logs, flags = without_flags(told.logs, told.model.plant)
+    told = replace(told, logs=logs)
+    check_logs(told.path, told.model, told.logs)
+    with one_blas_thread():
+        found = _diagnose(told, tolerance, seed, jobs or os.cpu_count() or 1, left_out, tell)
+    return replace(found, flags=flags)
+
+
+def _diagnose(
+    told: Description,
+    tolerance: float,
+    seed: int,
+    jobs: int,
+    left_out: Iterable[str],
+    tell: Tell | None,
+) -> Diagnosis:
+    audited = audits(told.logs, told.model.plant)
+    floors, origins = noise_floors(audited), noise_origins(audited)
+    bench = Bench(told.model, told.logs, nominal_parameters(told), floors, jobs)
+    causes = find_causes(bench, left_out, tell, tolerance)
+    verdict = decide(causes, tolerance)
+    return Diagnosis(
+        model=told.model,
+        logs=told.logs,
+        audits=audited,
+        floors=floors,
+        causes=causes,
+        verdict=verdict,
+        gap=whole_gap(causes, seed),
+        gaps=gaps(causes, floors, origins, seed),
+        claims=claims(causes, verdict),
+        moved=estimates(causes.retuned),
+        tolerance=tolerance,
+    )

@@ -1,0 +1,19 @@
+"""A servo identified element by element, and the synthesis of its loop (SG90 paper)."""
+
+from __future__ import annotations
+
+from servo_models.identification.elements.identify import identify_elements
+from servo_models.identification.elements.loop import Choice, Loop, Response
+from servo_models.identification.elements.result import ElementsResult, Figure, Synthesis
+from servo_models.identification.elements.sheet import sheet
+
+__all__ = [
+    "Choice",
+    "ElementsResult",
+    "Figure",
+    "Loop",
+    "Response",
+    "Synthesis",
+    "identify_elements",
+    "sheet",
+]

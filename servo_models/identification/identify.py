@@ -1,0 +1,305 @@
+"""Identify an actuator from measured files: what ``servo-models identify`` does.
+
+A description decides the way.  *Simulation*: logs, any parameters.  *Transfer function*:
+logs and frequency responses, a linear model and, where the actuator has a grey box, its
+physical constants.  *Elements*: tables of single elements, which are put together.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servo_models.core.simulate import Model
+from servo_models.data.description import (
+    ELEMENTS,
+    SIMULATION,
+    TRANSFER_FUNCTION,
+    Description,
+    read_description,
+)
+from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.data.recording import hashes
+from servo_models.errors import UserError
+from servo_models.files import write_whole
+from servo_models.identification.fit import fit, fixed_by
+from servo_models.identification.result import FIT, HELD_OUT, Identification
+from servo_models.identification.search import LOCAL, Progress
+from servo_models.identification.sheet import identification_sheet
+from servo_models.report.sheets import Sheet
+
+HARDLY = 0.7
+"""Error left over the standard deviation of a reading, from which a fit does not follow it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an identification found, ready to be shown and written.
+
+    Attributes:
+        result: ``Identification``, ``TransferResult`` or ``Elements``, by the method.
+        sheet: for the terminal.
+        parameters: for a parameter file; None where nothing became a parameter.
+        page: makes the report of a date.
+        converged: False for a search that was stopped, or has not found a best value.
+        believable: False where it says itself that values are not to be believed.
+    """
+
+    result: Any
+    sheet: Sheet
+    parameters: ParameterSet | None
+    page: Callable[[str], str] = field(repr=False)
+    converged: bool = True
+    believable: bool = True
+
+    def write_report(self, path: Path) -> None:
+        """Write the report as one HTML file.
+
+        Raises:
+            UserError: the folder cannot be written.
+        """
+        write_whole(path, self.page(_today().isoformat()).encode())
+
+
+def identify(
+    description: Description | str | Path,
+    free: Sequence[str] = (),
+    search: str = LOCAL,
+    starts: int = 1,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Estimate parameters of an actuator from the measured files of a description.
+
+    Args:
+        description: it, or the path of its TOML file.
+        free: parameters or effects to fit by simulation; by default those of the
+            description's ``free``, else those with an uncertainty.
+        search, starts, seed, jobs: of a fit by simulation, see ``identification.fit.fit``.
+        progress: is told what goes on.
+
+    Raises:
+        UserError: see ``read_description``, ``identification.fit.fit``,
+            ``transfer.identify.identify_transfer`` and ``elements.identify_elements``.
+    """
+    told = description if isinstance(description, Description) else read_description(description)
+    method = method_of(told)
+    if method != SIMULATION and free:
+        raise UserError(f"'{told.path}': --free belongs to a fit by simulation, this is {method}")
+    if method != SIMULATION and told.bounds:
+        raise UserError(f"'{told.path}': bounds belong to a fit by simulation, this is {method}")
+    if method == TRANSFER_FUNCTION:
+        return _by_transfer_function(told, progress)
+    if method == ELEMENTS:
+        return _by_elements(told)
+    names = tuple(free) or told.free
+    if not names:
+        known = fixed_by(told.logs, told.uncertainty)
+        names = tuple(name for name in told.uncertainty if name not in known)
+        if known and not names:
+            raise UserError(
+                f"'{told.path}': every log states every uncertain parameter, so nothing is left to"
+                " estimate: name one under free, or leave out a constant"
+            )
+    found = fit(
+        told.model,
+        told.logs,
+        names,
+        told.uncertainty,
+        search,
+        starts,
+        seed,
+        jobs,
+        progress,
+        told.bounds,
+    )
+    odd = tuple(_not_followed(found))
+    said = (*found.warnings, *odd)
+    return _by_simulation(
+        told, replace(found, warnings=said, believable=found.believable and not odd)
+    )
+
+
+def method_of(told: Description) -> str:
+    """Return the way that a description asks for, by name or by what it holds."""
+    if told.method:
+        return told.method
+    if ELEMENTS in told.document:
+        return ELEMENTS
+    return TRANSFER_FUNCTION if "sweeps" in told.document else SIMULATION
+
+
+def _not_followed(found: Identification) -> Iterator[str]:
+    """A sentence on each output whose motion the fitted model misses almost whole."""
+    for name in found.sigma:
+        own = [log.outputs[name][log.fitted] for log in found.logs if name in log.outputs]
+        if found.rms(name, FIT) > HARDLY * float(np.std(np.concatenate(own))):
+            yield (
+                f"the fitted model explains hardly anything of '{name}', so its values say nothing"
+                " of this log: check unit, scale and sign of the column, and that the log is of"
+                f" '{found.fitted.actuator.name}'"
+            )
+
+
+def _by_simulation(told: Description, found: Identification) -> Outcome:
+    from servo_models.data.audit import audits, noise_floors
+    from servo_models.identification.page import identification_page
+    from servo_models.report.conditions import conditions
+
+    def page(date: str) -> str:
+        return identification_page(
+            f"Identification of {told.actuator.name}",
+            found,
+            _figures_of_merit(replace(found.fitted, provenance="this identification")),
+            floors=noise_floors(audits(found.logs, found.fitted.plant)),
+            conditions=conditions(),
+            date=date,
+        )
+
+    return Outcome(
+        result=found,
+        sheet=identification_sheet(found),
+        parameters=_of_simulation(found),
+        page=page,
+        converged=found.converged,
+        believable=found.believable,
+    )
+
+
+def _figures_of_merit(fitted: Model) -> Sheet:
+    """Figures of the fitted model, or why it has none."""
+    from servo_models.analysis.figures import figures
+    from servo_models.analysis.figures_sheet import figures_sheet
+
+    try:
+        return replace(figures_sheet(figures(fitted)), title="Figures of merit")
+    except UserError as error:
+        return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
+
+
+def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
+    from servo_models.identification.transfer.identify import identify_transfer
+    from servo_models.identification.transfer.pictures import bode, responses
+    from servo_models.identification.transfer.sheet import sheet
+    from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
+    from servo_models.report.sheet import sheet_page
+
+    sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
+    of_sweeps = raw_records(told.document)
+    found = identify_transfer(
+        [log for log in told.logs if log.name not in of_sweeps],
+        sweeps,
+        model=told.model,
+        known_errors=told.uncertainty,
+        progress=progress or (lambda _: None),
+    )
+    table = sheet(found)
+
+    def page(date: str) -> str:
+        drawn = {"Bode plot with the data": bode(found), **responses(found)}
+        return sheet_page(table.title, table, drawn, date)
+
+    files = hashes(told.logs) | _sweep_hashes(told)
+    method = f"transfer function, {found.chosen.name}; grey box"
+    constants = found.constants.estimates if found.constants else None
+    parameters = constants and _of_tables(told, constants, method, files, found.warnings)
+    physical = found.constants.constants.values() if found.constants else ()
+    return Outcome(
+        found,
+        table,
+        parameters or None,
+        page,
+        converged=not found.interrupted,
+        believable=all(constant.determined for constant in physical),
+    )
+
+
+def _by_elements(told: Description) -> Outcome:
+    from servo_models.identification.elements import identify_elements, sheet
+    from servo_models.identification.elements.pictures import synthesis_picture
+    from servo_models.report.sheet import sheet_page
+
+    found = identify_elements(told)
+    table = sheet(found)
+
+    def page(date: str) -> str:
+        picture = synthesis_picture(found)
+        return sheet_page(table.title, table, {"Feedback coefficient K_f": picture}, date)
+
+    parameters = _of_tables(
+        told, found.parameters, "element by element", found.files, found.warnings
+    )
+    return Outcome(found, table, parameters, page)
+
+
+def _of_simulation(found: Identification) -> ParameterSet:
+    """The estimates; parameters that were given and differ from the variant go with them."""
+    model = found.fitted
+    errors = dict(zip((free.name for free in found.free), found.standard_errors.tolist()))
+    estimated = {
+        name: Estimate(name, model.values[name], known_error(error), "estimated")
+        for name, error in errors.items()
+    }
+    return ParameterSet(
+        actuator=model.actuator.key,
+        variant=model.variant,
+        estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        method=found.method,
+        logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
+        date=_today(),
+        figures=_figures(found),
+        warnings=tuple(found.warnings),
+    )
+
+
+def _of_tables(
+    told: Description,
+    found: Mapping[str, tuple[float, float | None]],
+    method: str,
+    files: Mapping[str, str],
+    warnings: Sequence[str],
+) -> ParameterSet:
+    """Values and standard errors [SI] by name, with what the description gives beside them."""
+    estimated = {name: Estimate(name, *pair, "estimated") for name, pair in found.items()}
+    nominal = told.actuator.values(told.variant)
+    return ParameterSet(
+        actuator=told.actuator.key,
+        variant=told.variant,
+        estimates=with_given(nominal, told.model.values, estimated),
+        method=method,
+        logs={name: f"sha256:{digest}" for name, digest in files.items()},
+        date=_today(),
+        warnings=tuple(warnings),
+    )
+
+
+def _sweep_hashes(told: Description) -> dict[str, str]:
+    """SHA-256 of the tables of sweeps, by name of the file."""
+    entries = told.document.content.get("sweeps", [])
+    paths = [told.path.parent / entry["file"] for entry in entries if "file" in entry]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _figures(found: Identification) -> dict[str, Figure]:
+    """RMS error of every output, over the samples fitted and over those held out."""
+    parts = {(row.output, row.part) for row in found.accuracy}
+    wires = found.fitted.plant.wire
+    return {
+        f"{output}_rms_{part.replace(' ', '_')}": Figure(
+            found.rms(output, part), wires[output].unit
+        )
+        for output in found.sigma
+        for part in (FIT, HELD_OUT)
+        if (output, part) in parts
+    }
+
+
+def _today() -> datetime.date:
+    return datetime.date.today()

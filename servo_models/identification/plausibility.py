@@ -1,0 +1,461 @@
+"""Whether the numbers of a description make sense beside its actuator: units, supply, priors.
+
+A column in another unit than is said is off by a large known factor.  Two things tell: the
+nominal model then moves otherwise than the log, and moves as the log does once the unit is
+another; or the motion leaves the full scale of the actuator.  A judgement takes both sides, so
+that a poor model alone is no reason for a warning.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servo_models.core.bounds import is_outside
+from servo_models.core.plant import Plant, Wire
+from servo_models.core.simulate import Model, simulate
+from servo_models.core.types import Array, Mask
+from servo_models.data.audit.outliers import outliers
+from servo_models.data.description import Description
+from servo_models.data.description.values import named
+from servo_models.data.recording import Channel, Log
+from servo_models.data.scaffold.guess import other_units
+from servo_models.errors import UserError
+from servo_models.identification.run import prepared
+from servo_models.units import parse
+
+TIME = "time"
+UNLIKE = 0.5
+"""Misfit from which a log moves otherwise than the nominal model.  Of 42 measured outputs of real
+logs beside simple models 4 reach it, by friction, and none 0.6; a factor of 6 makes it 0.68."""
+BETTER = 0.5
+"""Share of the misfit that may be left with another unit."""
+CLOSE = 0.05
+"""Misfits that differ by less count as alike."""
+SLOWER = 0.8
+"""The same as ``BETTER`` for a log sampled more slowly than the actuator answers."""
+STILL_FITS = 1.05
+"""Misfit with another unit over that without, where the motion exceeds the full scale."""
+SEEN = 0.02
+"""Misfit below which no other unit of time is looked for."""
+FAR = 4.0
+"""Ratio of two motions from which one of them is not scaled."""
+FOLLOWS = 0.8
+"""Correlation with the model from which a reading is one of its output, scaled or not."""
+BEYOND = 3.0
+"""Full scales of a rate, or of an output, that no actuator reaches."""
+LONGEST = 5e6
+"""Internal steps that are worth a look at another unit of time."""
+MOST_SUPPLY, LEAST_SUPPLY = 2.0, 0.2
+"""Supply over the one that a variant is for, beyond which no motor stands or turns."""
+MOST_LOAD = 5.0
+"""Full scales of a constant load: several times what stalls the actuator."""
+MOST_PRIOR = 3.0
+"""Standard deviation over a positive value: more says less than no prior."""
+MOST_INTERVAL = 2.0
+"""Sampling interval over the time of an answer, from which a log shows only where it ends."""
+LEAST_DURATION = 0.1  # of the time of an answer
+ANSWERED = 0.05
+"""Distance from its end, relative to the whole, at which a step response has been answered."""
+GRID = 1001  # points of a step response; its time is needed to a percent
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Another unit or scale for columns; ``ratio`` is by what their SI values are multiplied."""
+
+    columns: tuple[str, ...]
+    ratio: float
+    unit: str
+
+    def of(self, log: Log) -> Log:
+        """Return the log as it would be read; the time it is held at rest for follows."""
+        inputs, outputs = dict(log.inputs), dict(log.outputs)
+        for values in (inputs, outputs):
+            for name in self.columns:
+                if name in values:
+                    values[name] = self.ratio * values[name]
+        scale = self.ratio if TIME in self.columns else 1.0
+        return replace(log, times=scale * log.times, inputs=inputs, outputs=outputs)
+
+
+def implausible(described: Description) -> tuple[str, ...]:
+    """Return what makes no sense beside the actuator, one sentence each with the value that would.
+
+    Example:
+        ``implausible(read_description("mine.toml"))`` is empty where all is well.
+    """
+    model = described.model
+    said = list(_about_priors(described))
+    answer = answer_time(model)
+    for log in described.logs:
+        texts = [*_about_held_inputs(model, log), *_about_units(model, log, answer)]
+        said += [f"log '{log.name}': {text}" for text in texts]
+    return tuple(said)
+
+
+def implausible_clocks(described: Description) -> tuple[str, ...]:
+    """Return which logs are no match for the time in which the actuator answers a step.
+
+    Nothing of the log is simulated, so that it is told before days of simulation begin.
+    """
+    answer = answer_time(described.model)
+    return tuple(
+        f"log '{log.name}': {text}"
+        for log in described.logs
+        for text in _about_clock(described.model, log, answer)
+    )
+
+
+def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
+    interval = float(np.median(np.diff(log.times)))
+    slow, short = interval > MOST_INTERVAL * answer, log.duration < LEAST_DURATION * answer
+    if not (slow or short):
+        return
+    units = [
+        unit
+        for unit, ratio in other_units("s", _unit_of(_channel(log, TIME)))
+        if ratio * interval <= answer and ratio * log.duration >= answer
+    ]
+    lasts = f"is sampled every {interval:.3g} s" if slow else f"lasts {log.duration:.3g} s"
+    cure = "no sample shows how it moves: log faster" if slow else "log longer"
+    if units:
+        cure = f'{units[0]} would make sense: give it time.unit = "{units[0]}"'
+    yield (
+        f"{_column(log, TIME)} is read in {_unit_of(_channel(log, TIME))}, so the log {lasts},"
+        f" while '{model.actuator.name}' answers a step in {answer:.3g} s; {cure}"
+    )
+
+
+# Priors
+
+
+def _about_priors(described: Description) -> Iterator[str]:
+    plant, values = described.model.plant, described.model.values
+    texts = named(described.document.section("uncertainty"), "parameter", plant.parameters).content
+    for name in texts:
+        size, param = described.uncertainty[name], plant.parameters[name].param
+        low, high = described.bounds.get(name, (param.low, param.high))
+        value = abs(values[name])
+        told = f"[uncertainty] {name} = a standard deviation of {size:.4g} {param.unit}"
+        cure = f"write a share such as {_share(texts[name])}"
+        if size > high - low:
+            yield (
+                f"{told}, but '{name}' lies between {low:g} and {high:g} {param.unit}: {cure}, or a"
+                " size within these bounds"
+            )
+        elif value and low >= 0.0 and not param.switch and size > MOST_PRIOR * value:
+            yield (
+                f"{told}, {size / value:.3g} times its value of {value:.4g} {param.unit}: {cure};"
+                " leave it out if nothing is known, and name it under free"
+            )
+
+
+def _share(text: object) -> str:
+    """The number of an uncertainty as the share that was meant."""
+    number = re.match(r"\s*([\d.eE+-]+)", str(text))
+    try:
+        size = parse(number[1], "1") if number else math.nan
+    except UserError:
+        size = math.nan
+    return f'"{size:g} %"' if 1.0 <= size <= 100.0 else '"30 %"'
+
+
+# Inputs that stay: supply and load
+
+
+def _about_held_inputs(model: Model, log: Log) -> Iterator[str]:
+    main = model.actuator.step[0]
+    for wire in model.plant.inputs:
+        values = log.inputs.get(wire.name, log.constants.get(wire.name))
+        if wire.name == main or wire.flag or values is None or not isinstance(wire.rest, float):
+            continue
+        level = float(np.median(values))
+        if wire.rest:
+            yield from _about_supply(model, log, wire, level)
+        elif (
+            wire.name in log.constants
+            and _is_declared(wire)
+            and abs(level) > MOST_LOAD * wire.scale
+        ):
+            yield (
+                f"'{wire.name}' = {level:g} {wire.unit} is {abs(level) / wire.scale:.3g} times the"
+                f" full scale of '{model.actuator.name}', {wire.scale:g} {wire.unit}: give what"
+                " the rig has, with its unit"
+            )
+
+
+def _about_supply(model: Model, log: Log, wire: Wire, level: float) -> Iterator[str]:
+    rest = float(wire.rest)
+    if LEAST_SUPPLY * rest <= level <= MOST_SUPPLY * rest:
+        return
+    told = _unit_of(log.channels[wire.name]) if wire.name in log.channels else wire.unit
+    units = [
+        unit
+        for unit, ratio in other_units(wire.unit, told)
+        if LEAST_SUPPLY * rest <= ratio * level <= MOST_SUPPLY * rest
+    ]
+    cure = f"read in {units[0]} it would make sense" if units else f"about {rest:g} makes sense"
+    what = "no motor stands that" if level > rest else "that moves no motor"
+    yield (
+        f"{_column(log, wire.name)} is {level:.4g} {wire.unit}, {level / rest:.3g} times the"
+        f" {rest:g} {wire.unit} that variant '{model.variant}' is for: {what}; {cure}"
+    )
+
+
+# Units of columns
+
+
+def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
+    """A sentence on the columns whose unit or scale makes no sense."""
+    now = _misfits(model, log)
+    if not now:
+        return
+    found: list[tuple[float, float, Correction]] = []
+    for correction in _corrections(model, log, now, answer):
+        changed = correction.of(log)
+        if _leaves_bounds(model.plant, changed):
+            continue
+        then = _misfits(model, changed)
+        if _makes_sense(model, log, changed, correction, now, then, answer):
+            found.append((_mean(then), _strangeness(model.plant, changed), correction))
+    if not found:
+        return
+    counts = [correction for *_, correction in found if not correction.unit]
+    found = [row for row in found if row[2].unit] or found  # a unit is a better cure than a figure
+    least = min(misfit for misfit, *_ in found)
+    alike = [row for row in found if row[0] <= least + CLOSE]
+    alike.sort(key=lambda row: row[1])
+    yield _sentence(log, [correction for *_, correction in alike], counts)
+
+
+def _sentence(log: Log, corrections: Sequence[Correction], counts: Sequence[Correction]) -> str:
+    """The first correction, one of other columns that would do as well, and one by a figure."""
+    first, *others = corrections
+    other = next((one for one in others if not set(one.columns) & set(first.columns)), None)
+    texts = [_cure(log, one) for one in ((first, other) if other else (first,))]
+    count = next((one for one in counts if one.columns == first.columns and first.unit), None)
+    if count:
+        told, unit = _told(_channel(log, count.columns[0]))
+        size = f"scale = {count.ratio * told:.4g}"
+        texts.append(f"{size} in {unit or 'SI'} where its numbers are counts")
+    return ", or else ".join(texts) + "; as it stands the log contradicts the model and its scale"
+
+
+def _cure(log: Log, one: Correction) -> str:
+    names = " and ".join(_column(log, name) for name in one.columns)
+    channel = _channel(log, one.columns[0])
+    verb, them = ("is", "it") if len(one.columns) == 1 else ("are", "them")
+    if one.unit:
+        key = "time.unit" if TIME in one.columns else "unit"
+        return (
+            f"{names} {verb} read in {_unit_of(channel)}, but {one.unit} would make sense: give"
+            f' {them} {key} = "{one.unit}"'
+        )
+    told, unit = _told(channel)
+    return (
+        f"{names} {verb} not scaled: the model moves {one.ratio:.3g} times as far; give {them}"
+        f" scale = {one.ratio * told:.4g} (so many {unit or 'SI units'} is a number worth)"
+    )
+
+
+def _column(log: Log, name: str) -> str:
+    channel = log.channels.get(name)
+    return f"column '{channel.column}' ('{name}')" if channel else f"'{name}'"
+
+
+def _channel(log: Log, name: str) -> Channel:
+    return log.channels.get(name, Channel(name, name, "s" if name == TIME else ""))
+
+
+def _told(channel: Channel) -> tuple[float, str]:
+    """What a number of a column is worth: how many of which unit."""
+    parts = re.fullmatch(r"([-+]?[\d.]+(?:e[-+]?\d+)?) (.+)", channel.unit)
+    return (float(parts[1]), parts[2]) if parts else (1.0, channel.unit)
+
+
+def _unit_of(channel: Channel) -> str:
+    return _told(channel)[1]
+
+
+def _corrections(
+    model: Model, log: Log, now: Mapping[str, float], answer: float
+) -> Iterator[Correction]:
+    """What else the columns could be, the cheap ones first."""
+    unlike = [name for name, misfit in now.items() if misfit > UNLIKE]
+    every = {
+        name: other_units(model.plant.wire[name].unit, _unit_of(_channel(log, name)))
+        for name in (*log.inputs, *log.outputs)
+        if not model.plant.wire[name].flag
+    }
+    singles = [*(name for name in log.inputs if name in every and unlike), *unlike]
+    for name in singles:
+        for unit, ratio in every[name]:
+            yield Correction((name,), ratio, unit)
+    yield from _unscaled(model, log, unlike)
+    yield from _together(every, unlike or _beyond(model, log, answer))
+    yield from _other_times(model, log, now, answer)
+
+
+def _together(
+    every: Mapping[str, Sequence[tuple[str, float]]], wanted: Iterable[str]
+) -> Iterator[Correction]:
+    """Columns of one quantity that could all be in another unit, such as degrees."""
+    if not list(wanted):
+        return
+    sharing: dict[float, list[tuple[str, str]]] = {}
+    for name, units in every.items():
+        for unit, ratio in units:
+            sharing.setdefault(ratio, []).append((name, unit))
+    for ratio, columns in sharing.items():
+        if len(columns) > 1:
+            shared = '" and "'.join(dict.fromkeys(unit for _, unit in columns))
+            yield Correction(tuple(name for name, _ in columns), ratio, shared)
+
+
+def _unscaled(model: Model, log: Log, unlike: Sequence[str]) -> Iterator[Correction]:
+    """Outputs that follow the model but are larger or smaller by any factor."""
+    simulated = _simulated(model, log)
+    for name in unlike:
+        measured, response = _kept(log, name), simulated[name][_usual(log, name)]
+        if not np.std(response) or not np.std(measured):
+            continue
+        ratio = float(np.std(response) / np.std(measured))
+        follows = float(np.corrcoef(measured, response)[0, 1]) > FOLLOWS
+        if follows and not 1.0 / FAR < ratio < FAR:
+            yield Correction((name,), ratio, "")
+
+
+def _other_times(
+    model: Model, log: Log, now: Mapping[str, float], answer: float
+) -> Iterator[Correction]:
+    """Shorter ones where the misfit can be seen, longer ones where the log is over at once."""
+    step = model.values.get("internal_step", answer)
+    for unit, ratio in other_units("s", _unit_of(_channel(log, TIME))):
+        shorter = ratio < 1.0 and _mean(now) > SEEN
+        longer = ratio > 1.0 and log.duration < BEYOND * answer and _mean(now) > UNLIKE
+        if (shorter or longer) and ratio * log.duration < LONGEST * step:
+            yield Correction((TIME,), ratio, unit)
+
+
+def _makes_sense(
+    model: Model,
+    log: Log,
+    changed: Log,
+    correction: Correction,
+    now: Mapping[str, float],
+    then: Mapping[str, float],
+    answer: float,
+) -> bool:
+    """Whether a log fits far better with a correction, or as well and inside the full scale."""
+    touched = [name for name in correction.columns if name in log.outputs] or list(now)
+    if len(correction.columns) > 1:
+        touched = list(now)
+    before = float(np.mean([now[name] for name in touched]))
+    after = float(np.mean([then.get(name, math.inf) for name in touched]))
+    if TIME in correction.columns:
+        slow = correction.ratio < 1.0 and float(np.median(np.diff(log.times))) > answer
+        return after < UNLIKE and after < (SLOWER if slow else BETTER) * before
+    if before > UNLIKE and after < BETTER * before:
+        return True
+    if len(correction.columns) == 1 or after > STILL_FITS * before + CLOSE * UNLIKE:
+        return False
+    return bool(_beyond(model, log, answer)) and not _beyond(model, changed, answer)
+
+
+def _beyond(model: Model, log: Log, answer: float) -> list[str]:
+    """Outputs that leave their full scale, or turn faster than that of their rate."""
+    found = []
+    wires = model.plant.wire
+    for name in log.outputs:
+        wire = wires[name]
+        rate = next((w for w in wires.values() if w.unit == f"{wire.unit}/s"), None)
+        if wire.flag or rate is None or not _is_declared(rate):
+            continue
+        values = _kept(log, name)
+        times = log.times[_usual(log, name)]
+        stride = max(1, round(0.25 * answer / float(np.median(np.diff(times)))))
+        if len(values) <= stride:
+            continue
+        rates = np.abs(values[stride:] - values[:-stride]) / (times[stride:] - times[:-stride])
+        if float(np.percentile(rates, 99.9)) > BEYOND * rate.scale:
+            found.append(name)
+    return found
+
+
+def _is_declared(wire: Wire) -> bool:
+    """Whether somebody has said how large a signal is at full scale; 1 in SI is nobody's word."""
+    return wire.scale != Wire.scale
+
+
+def _strangeness(plant: Plant, log: Log) -> float:
+    """How far the columns are from the full scale of their signals, in orders of e."""
+    columns = {**log.inputs, **log.outputs}
+    wires = [plant.wire[name] for name in columns if not plant.wire[name].flag]
+    spans = [(float(np.ptp(columns[wire.name])), wire.scale) for wire in wires]
+    return sum(abs(math.log(span / scale)) for span, scale in spans if span > 0.0)
+
+
+def _leaves_bounds(plant: Plant, log: Log) -> bool:
+    return any(is_outside(values, plant.wire[name]).any() for name, values in log.inputs.items())
+
+
+# The nominal model beside a log
+
+
+def _misfits(model: Model, log: Log) -> dict[str, float]:
+    """Mean squared difference to the nominal model over the power of both, by output.
+
+    Both without their means: 0 for the same motion, near 1 where one hardly moves beside the
+    other, whichever that is.
+    """
+    simulated = _simulated(model, log)
+    found: dict[str, float] = {}
+    for name in log.outputs:
+        if model.plant.wire[name].flag:
+            continue
+        measured, response = _kept(log, name), simulated[name][_usual(log, name)]
+        measured, response = measured - np.mean(measured), response - np.mean(response)
+        power = float(np.mean(measured**2) + np.mean(response**2))
+        misfit = float(np.mean((measured - response) ** 2)) / power if power > 0.0 else 0.0
+        found[name] = misfit if math.isfinite(misfit) else math.inf
+    return found
+
+
+def _simulated(model: Model, log: Log) -> dict[str, Array]:
+    """Measured outputs as the nominal model gives them; NaN where it cannot be simulated."""
+    try:
+        found = prepared(model, log).outputs_or_nan({})
+    except UserError:
+        found = np.full((len(log.times), len(log.outputs)), np.nan)
+    return dict(zip(log.outputs, found.T))
+
+
+def _usual(log: Log, name: str) -> Mask:
+    """Mark readings that are no outliers."""
+    return np.asarray(outliers(log.outputs[name]) == 0.0)
+
+
+def _kept(log: Log, name: str) -> Array:
+    return log.outputs[name][_usual(log, name)]
+
+
+def _mean(misfits: Mapping[str, float]) -> float:
+    return float(np.mean(list(misfits.values())))
+
+
+def answer_time(model: Model) -> float:
+    """Time [s] in which the first output answers the standard step; that of its run at most."""
+    name, size = model.actuator.step
+    times = np.linspace(0.0, model.stop_time, GRID)
+    try:
+        response = simulate(model, times, {name: size})[model.plant.outputs[0]]
+    except UserError:
+        return model.stop_time
+    whole = float(np.ptp(response))
+    late = np.flatnonzero(np.abs(response - response[-1]) > ANSWERED * whole)
+    return float(times[late[-1] + 1]) if whole > 0.0 and len(late) else model.stop_time

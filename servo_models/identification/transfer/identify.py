@@ -1,0 +1,236 @@
+"""Transfer functions of many structures from records and sweeps, and the one that will do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from servo_models.actuators.torque_motor.grey_box import (
+    DELAY,
+    KNOWN,
+    Constant,
+    PhysicalConstants,
+    torque_motor_constants,
+)
+from servo_models.core.plant import Wire, unknown
+from servo_models.core.simulate import Model
+from servo_models.data.recording import Log
+from servo_models.errors import UserError
+from servo_models.identification.transfer.choose import (
+    Candidate,
+    Scored,
+    choose,
+    warnings,
+    with_criteria,
+)
+from servo_models.identification.transfer.evidence import Evidence, Record, Sweep
+from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
+from servo_models.identification.transfer.scores import score
+from servo_models.identification.transfer.starts import band, starts
+
+INTERRUPTED = "interrupted: larger structures were not tried; the best of the others is chosen"
+
+
+@dataclass(frozen=True, eq=False)
+class TransferResult:
+    """All candidates with verdicts, and the one chosen.
+
+    Attributes:
+        source, output: wires that the functions connect.
+        evidence: records and frequency responses.
+        candidates: in order of size, given ones first.
+        chosen: the one without a reason against it.
+        constants: physical constants, where the actuator has a grey box.
+        warnings: sentences.
+        interrupted: not every structure was tried.
+    """
+
+    source: Wire
+    output: Wire
+    evidence: tuple[Evidence, ...]
+    candidates: tuple[Candidate, ...]
+    chosen: Candidate
+    constants: PhysicalConstants | None = None
+    warnings: tuple[str, ...] = field(default=())
+    interrupted: bool = False
+
+
+def identify_transfer(
+    logs: Sequence[Log] = (),
+    sweeps: Sequence[Sweep] = (),
+    *,
+    model: Model,
+    source: str | None = None,
+    output: str | None = None,
+    structures: Iterable[Structure] = STRUCTURES,
+    given: Mapping[str, TransferFunction] | None = None,
+    known_errors: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> TransferResult:
+    """Identify the transfer function between two signals of an actuator.
+
+    Args:
+        logs: time records; ``held_out`` samples score, all others fit.
+        sweeps: frequency responses; fitted together with the logs, each weighted by its
+            own noise.
+        model: says what the signals are, and the known constants of a grey box.
+        source, output: names of input and output; default the actuator's main input and
+            first output.
+        structures: to be fitted.
+        given: transfer functions to be judged beside the fitted ones, SI.
+        known_errors: standard errors of the grey box's known constants, SI by parameter.
+        progress: is told the name of each structure before its fit.
+
+    Raises:
+        UserError: an unknown signal, no data of it, or no structure that is fit for use.
+    """
+    ends = _wires(model, source, output)
+    evidence = _evidence(logs, sweeps, ends)
+    longest = max((float(e.times[-1]) for e in evidence if isinstance(e, Record)), default=None)
+    seen = [one for one in evidence if not np.all(one.rows_held_out)]
+    fits, interrupted = _fits(structures, seen, progress)
+    scored: list[Scored] = [(n, f, None, score(f, evidence)) for n, f in (given or {}).items()]
+    scored += [(str(f.structure), f.function, f, score(f.function, evidence)) for f in fits]
+    judged = choose(with_criteria(scored, evidence), longest)
+    chosen = next(c for c in judged if not c.reason)
+    constants, vague = _grey_box(model, ends, judged, chosen, known_errors)
+    warned = (
+        *((INTERRUPTED,) if interrupted else ()),
+        *_left_out(sweeps, ends),
+        *warnings(chosen, judged, longest),
+        *vague,
+        *(constants.warnings if constants else ()),
+    )
+    return TransferResult(
+        *ends, tuple(evidence), tuple(judged), chosen, constants, warned, interrupted
+    )
+
+
+def _wires(model: Model, source: str | None, output: str | None) -> tuple[Wire, Wire]:
+    plant, place = model.plant, f"actuator '{model.actuator.name}'"
+    inputs = {wire.name: wire for wire in plant.inputs}
+    outputs = {name: plant.wire[name] for name in plant.outputs}
+    first, last = source or model.actuator.step[0], output or plant.outputs[0]
+    if first not in inputs:
+        raise UserError(unknown("input", first, inputs, place))
+    if last not in outputs:
+        raise UserError(unknown("output", last, outputs, place))
+    return inputs[first], outputs[last]
+
+
+def _evidence(
+    logs: Sequence[Log], sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]
+) -> list[Evidence]:
+    source, output = ends
+    rest = source.rest if isinstance(source.rest, float) else 0.0
+    found: list[Evidence] = [Record.of(log, source.name, output.name, rest) for log in logs]
+    found += [s for s in sweeps if (s.source, s.output) == (source.name, output.name)]
+    if not found or all(np.all(one.rows_held_out) for one in found):
+        raise UserError(
+            f"nothing to fit from '{source.name}' to '{output.name}': give a log or a sweep of"
+            " them that is not held out"
+        )
+    return found
+
+
+def _left_out(sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]) -> tuple[str, ...]:
+    source, output = (wire.name for wire in ends)
+    return tuple(
+        f"'{one.name}' is from '{one.source}' to '{one.output}', and is left out of what is fitted"
+        f" from '{source}' to '{output}'"
+        for one in sweeps
+        if (one.source, one.output) != (source, output)
+    )
+
+
+def _fits(
+    structures: Iterable[Structure], evidence: Sequence[Evidence], progress: Callable[[str], None]
+) -> tuple[list[Fit], bool]:
+    """Fit every structure, the small ones first since they are starts of the larger ones.
+
+    Whoever interrupts gets those that are done, and True.
+    """
+    noise = [one.noise_guess for one in evidence]
+    rows = min(int(np.sum(~one.rows_held_out)) for one in evidence)
+    slowest = 1.0 / band(evidence)[0]
+    done: dict[Structure, Fit] = {}
+    for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
+        if structure.size >= rows:
+            continue
+        smaller = [done[s].function for s in _parents(structure) if s in done]
+        try:
+            progress(str(structure))
+            first = starts(structure, evidence, noise, smaller)
+            found = fit(structure, evidence, noise, first, slowest)
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            return list(done.values()), True
+        if found:
+            done[structure] = found
+    return list(done.values()), False
+
+
+def _parents(structure: Structure) -> tuple[Structure, ...]:
+    n, m = structure.poles, structure.zeros
+    parents = [replace(structure, poles=n - 1), replace(structure, zeros=m - 1)]
+    if structure.delay:
+        parents.append(replace(structure, delay=False))
+    return tuple(p for p in parents if p.zeros >= 0)
+
+
+def _grey_box(
+    model: Model,
+    ends: tuple[Wire, Wire],
+    candidates: Sequence[Candidate],
+    chosen: Candidate,
+    known_errors: Mapping[str, float] | None,
+) -> tuple[PhysicalConstants | None, tuple[str, ...]]:
+    """Constants from the third-order candidate, chosen or not; and what to say of it."""
+    if (model.actuator.name, *(wire.name for wire in ends)) != ("torque_motor", "voltage", "angle"):
+        return None, ()
+    shaped = [c for c in candidates if c.fit and _third_order(c.function.structure)]
+    sound = [c for c in shaped if not c.fault]
+    if not sound:
+        faults = "; ".join(f"'{c.name}': {c.fault}" for c in shaped) or "none was asked for"
+        return None, (f"no physical constants, since no third-order function will do ({faults})",)
+    taken = chosen if chosen in sound else min(sound, key=lambda c: c.bic)
+    assert taken.fit
+    known = {name: model.values[name] for name in KNOWN}
+    found = torque_motor_constants(
+        taken.fit.coefficients, taken.fit.covariance, known, known_errors
+    )
+    found, moved = _inside(found, model)
+    if taken is chosen:
+        return found, moved
+    return found, (
+        *moved,
+        f"the physical constants are those of '{taken.name}', which the data do not prefer:"
+        f" {taken.reason}",
+    )
+
+
+def _inside(found: PhysicalConstants, model: Model) -> tuple[PhysicalConstants, tuple[str, ...]]:
+    """Constants that the actuator takes: no delay where the function has none, and those beyond
+    a bound on it, with what to say of these."""
+    known, constants, said = model.plant.parameters, dict(found.constants), []
+    if model.values.get(DELAY):
+        constants.setdefault(DELAY, Constant(DELAY, 0.0, None))
+    for name, one in constants.items():
+        low, high = known[name].param.low, known[name].param.high
+        if not low <= one.value <= high:
+            value = min(max(one.value, low), high)
+            constants[name] = replace(one, value=value, standard_error=None)
+            unit = known[name].param.unit
+            said.append(
+                f"'{name}' was found at {one.value:.3g} {unit} and is taken as {value:g}, on its"
+                " bound: the constants no longer make this function; check those that are known"
+            )
+    return replace(found, constants=constants), tuple(said)
+
+
+def _third_order(structure: Structure) -> bool:
+    return (structure.poles, structure.zeros) == (3, 0)

@@ -1,1 +1,0 @@
-"""Plants: one file, one physics."""

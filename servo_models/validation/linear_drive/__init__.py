@@ -1,0 +1,1 @@
+"""Validation of the linear drive: independent reference, cases, figures of its paper, pictures."""

@@ -1,0 +1,203 @@
+"""Validate actuators: two claims and the figures of the papers, as rows.
+
+*Implementation*: the FMU equals the simulation in this process.  *Model*: the responses of
+the FMU equal independent references.  *Paper*: the model gives the printed figures, and
+what cannot be reproduced is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from servo_models.errors import UserError
+from servo_models.files import scratch
+from servo_models.report.conditions import conditions
+from servo_models.validation.limits import LIMITS, Limits
+from servo_models.validation.rows import (
+    CLAIMS,
+    IMPLEMENTATION,
+    MODEL,
+    PAPER,
+    CostCurve,
+    CostPoint,
+    Row,
+    Validation,
+    failure,
+)
+
+if TYPE_CHECKING:
+    from servo_models.core.plant import Actuator
+    from servo_models.core.simulate import Model
+    from servo_models.validation.cases import Case
+    from servo_models.validation.subject import Subject
+
+Progress = Callable[[int, int, str], None]
+"""Called with the number of jobs done, the number of all, and the name of the next one."""
+Job = tuple[str, Callable[[], "list[Row] | CostCurve"]]
+
+
+def validate(
+    subjects: Iterable[Model | str | Path] | None = None,
+    on_progress: Progress | None = None,
+    own: Actuator | None = None,
+    limits: Limits = LIMITS,
+) -> Validation:
+    """Validate FMUs against the simulation, references and the papers.
+
+    Every FMU is compared with the simulation of the same parameters.  Then it runs all
+    cases of its actuator, with the parameters of each case set before initialisation and
+    its own internal step, against the references.  Figures of the papers and the cost of
+    accuracy belong to the actuator and are measured in this process.
+
+    The code of an FMU runs in a process of its own, which finds the standard library and the
+    files of the FMU only.  Whatever it does there is a row that failed.
+
+    Args:
+        subjects: FMU files, or models that are built first; None for every actuator and
+            every plant of it.
+        own: an actuator of your own, which its FMU files need; there are no references for it.
+        on_progress: is told of the jobs; the last call is (n, n, "").
+        limits: of time, memory and size for each FMU.
+
+    Raises:
+        UserError: an FMU that cannot be read, or one of an unknown actuator.
+    """
+    with ExitStack() as stack:
+        folder = stack.enter_context(scratch())
+        chosen = every_model() if subjects is None else subjects
+        opened: list[Subject] = []
+        for k, subject in enumerate(chosen):
+            opened.append(_open(subject, folder / str(k), own, limits))
+            stack.callback(opened[-1].close)
+        rows: list[Row] = []
+        curves: list[CostCurve] = []
+        jobs = [*(job for subject in opened for job in _fmu_jobs(subject)), *_actuator_jobs(opened)]
+        for done, (label, work) in enumerate(jobs):
+            if on_progress:
+                on_progress(done, len(jobs), label)
+            began = perf_counter()
+            result = work()
+            spent = perf_counter() - began
+            if isinstance(result, CostCurve):
+                curves.append(result)
+            else:
+                rows += [replace(row, seconds=spent / len(result)) for row in result]
+        if on_progress:
+            on_progress(len(jobs), len(jobs), "")
+    return Validation(tuple(rows), tuple(curves), conditions())
+
+
+def every_model() -> list[Model]:
+    """Return the default model of every actuator, and one for other equations that it has."""
+    from servo_models.core.catalogue import actuators
+    from servo_models.core.simulate import model
+
+    return [
+        model(actuator, variant.name)
+        for actuator in actuators().values()
+        for variant in actuator.variants
+        if variant.name == actuator.default_variant
+        or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
+    ]
+
+
+def _open(
+    subject: Model | str | Path, folder: Path, own: Actuator | None, limits: Limits
+) -> Subject:
+    from servo_models.build import build
+    from servo_models.core.simulate import Model
+    from servo_models.validation.subject import Subject
+
+    if isinstance(subject, Model):
+        own = subject.actuator
+        subject = build(subject, folder / f"{own.name}.fmu")
+    return Subject(subject, own, limits)
+
+
+def _fmu_jobs(subject: Subject) -> list[Job]:
+    from servo_models.core.catalogue import actuators
+    from servo_models.validation.cases import all_cases
+    from servo_models.validation.implementation import implementation_rows
+    from servo_models.validation.plain_rows import named_cases
+
+    own = subject.model
+    name = own.actuator.name
+    jobs: list[Job] = [
+        (f"{name}: FMU against simulation", lambda: implementation_rows(subject)),
+    ]
+    each = actuators().get(name) is not own.actuator  # those of the catalogue have references
+    for case_name, chosen in named_cases(own, each).items():
+        jobs.append((f"{name}: blocks, {case_name}", _plain_job(subject, chosen, case_name)))
+    for case in all_cases():
+        if case.actuator != name:
+            continue
+        if own.actuator.plant_of(case.variant).has_equations_of(own.plant):
+            jobs.append((f"{name} {case.variant}: {case.name}", _case_job(case, subject)))
+    return jobs
+
+
+def _plain_job(subject: Subject, chosen: Model, name: str) -> Callable[[], list[Row]]:
+    from servo_models.validation.plain_rows import plain_row
+
+    return lambda: [] if subject.over else [plain_row(subject, chosen, name)]
+
+
+def _case_job(case: Case, subject: Subject) -> Callable[[], list[Row]]:
+    from servo_models.core.simulate import model
+    from servo_models.validation.responses import response_rows
+
+    step = {"internal_step": subject.model.values["internal_step"]}
+    where = (case.actuator, case.variant, case.name)
+
+    def rows() -> list[Row]:
+        if subject.over:
+            return []  # its first row says why
+        try:
+            chosen = model(case.actuator, case.variant, {**case.parameters, **step})
+            return response_rows(case, chosen, subject.run, subject.name)
+        except UserError as error:
+            return [failure(MODEL, where, str(error), subject.name)]
+
+    return rows
+
+
+def _actuator_jobs(opened: list[Subject]) -> list[Job]:
+    from servo_models.validation.cases import all_cases
+    from servo_models.validation.sg90 import paper as paper_sg90
+    from servo_models.validation.torque_motor import paper as paper_torque_motor
+
+    papers = {"sg90": paper_sg90.rows, "torque_motor": paper_torque_motor.rows}
+    names = list(dict.fromkeys(subject.model.actuator.name for subject in opened))
+    jobs: list[Job] = [
+        (f"{name}: figures of the paper", papers[name]) for name in names if name in papers
+    ]
+    for case in all_cases():
+        if case.cost and case.actuator in names:
+            jobs.append((f"{case.actuator}: error against step size", _cost_job(case)))
+    return jobs
+
+
+def _cost_job(case: Case) -> Callable[[], CostCurve]:
+    from servo_models.validation.cost import cost_curve
+
+    return lambda: cost_curve(case)
+
+
+__all__ = [
+    "CLAIMS",
+    "IMPLEMENTATION",
+    "MODEL",
+    "PAPER",
+    "CostCurve",
+    "CostPoint",
+    "Limits",
+    "Row",
+    "Validation",
+    "every_model",
+    "validate",
+]

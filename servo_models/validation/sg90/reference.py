@@ -1,0 +1,197 @@
+"""SG90 servo written from its paper, in its units: volts, rad/s of the motor, degrees.
+
+Source: S. Kochuk et al., "Methodology of synthesis nonlinear mathematical model of a
+servo"; secs. 4.1 to 4.4, eqs. 5 to 7.  The angle is counted from the middle of the
+potentiometer, at which the servo rests with a pulse of 1.5 ms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from servo_models.core.types import Array
+from servo_models.validation.solvers.inputs import Edges, changes, sampled
+from servo_models.validation.solvers.linear import LinearSystem
+from servo_models.validation.solvers.switching import Exit, Key, Regime, Values, follow
+
+VOLTS_PER_SECOND = 5.0 / 0.020
+REST = 1.5e-3
+K_FS = 0.025
+GEAR = 24.0
+POLE = 1.307
+VOLTS_PER_LOAD = 1.923 / 0.1765
+LOADED, UNLOADED = 7.47, 5.79
+STOP = 90.0
+DEGREE = math.pi / 180.0
+
+LINE = 425.64
+CURVE = (
+    (-math.inf, -1.5, 0.0, -544.0),
+    (-1.5, -0.6, LINE, 1.5 * LINE - 544.0),
+    (-0.6, 0.5, 0.0, 0.0),
+    (0.5, 0.6 + (670.0 - 106.76) / LINE, LINE, 106.76 - 0.6 * LINE),
+    (0.6 + (670.0 - 106.76) / LINE, math.inf, 0.0, 670.0),
+)
+"""Motor characteristic by pieces: from and to [V], slope [rad/s/V], value at 0 V [rad/s]."""
+
+OUTPUTS = ("angle", "rate", "feedback_voltage", "motor_voltage", "motor_speed", "saturated")
+
+
+def _named(columns: Array) -> dict[str, Array]:
+    return {name: columns[:, k] for k, name in enumerate(OUTPUTS)}
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The servo of eq. 7: no frame, no limits.
+
+    ``degrees`` is the output angle in the paper's degrees per motor radian over the gear:
+    1 as printed, 180/pi read strictly.  ``rejected`` takes the motor of eq. 5 for eq. 6.
+    """
+
+    k_f: float = 0.1
+    k_ap: float = LOADED
+    degrees: float = 1.0
+    rejected: bool = False
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Exact response; inputs pulse_width, load_torque, supply_voltage."""
+        command = changes(times, VOLTS_PER_SECOND * (inputs["pulse_width"] - REST))
+        load = changes(times, inputs["load_torque"])
+        columns = self.system().response(times, [command, load])
+        out = _named(np.column_stack([columns, np.zeros(len(times))]))
+        out["feedback_voltage"] += VOLTS_PER_SECOND * REST / self.k_f
+        full = np.abs(out["motor_voltage"]) >= np.abs(inputs["supply_voltage"])
+        out["saturated"] = full.astype(float)
+        return out
+
+    def system(self) -> LinearSystem:
+        """States angle [deg], motor speed [rad/s] (and its rate); inputs command [V], load."""
+        turn = self.degrees / GEAR
+        back = -self.k_ap * self.k_f * K_FS
+        static, rest = (686.9, 2.255) if self.rejected else (633.3, POLE)
+        drive = [static * self.k_ap, -static * VOLTS_PER_LOAD]
+        a = [[0.0, turn], [static * back, -rest]]
+        b = [[0.0, 0.0], drive]
+        c = [[DEGREE, 0.0], [0.0, turn * DEGREE], [K_FS, 0.0], [back, 0.0], [0.0, 1.0]]
+        if self.rejected:
+            a = [[0.0, turn, 0.0], [0.0, 0.0, 1.0], [static * back, -rest, -3.434e-11]]
+            b = [[0.0, 0.0], *b]
+            c = [[*row, 0.0] for row in c]
+        d = [[0.0, 0.0]] * 3 + [[self.k_ap, 0.0], [0.0, 0.0]]
+        return LinearSystem.of(a, b, c, d)
+
+
+def equation_7(k_f: float = 0.1, k_ap: float = LOADED) -> LinearSystem:
+    """Angle [deg] over command [V] as a transfer function, unrounded (eq. 7 at K_f = 0.1)."""
+    gain = 633.3 * k_ap / GEAR
+    return LinearSystem.transfer([gain], [1.0, POLE, gain * k_f * K_FS])
+
+
+def equation_7_response(times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+    """Angle [rad] by eq. 7; input pulse_width."""
+    command = changes(times, VOLTS_PER_SECOND * (inputs["pulse_width"] - REST))
+    return {"angle": DEGREE * equation_7().response(times, [command])[:, 0]}
+
+
+@dataclass(frozen=True)
+class Printed:
+    """The servo element by element: frame, levels, supply, motor characteristic, stops."""
+
+    k_f: float = 0.1
+    k_ap: float = LOADED
+    start: ClassVar[Sequence[float]] = (0.0, 0.0)
+    scale: ClassVar[Sequence[float]] = (90.0, 600.0)
+    longest_step: ClassVar[float] = 0.05
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Response with located events; inputs pulse_width, load_torque, supply_voltage."""
+        pulses = sampled(changes(times, inputs["pulse_width"]), 0.020, float(times[-1]))
+        level = 5.0 / 1024.0
+        command: Edges = []
+        for time, pulse in pulses:
+            volts = level * math.floor(VOLTS_PER_SECOND * pulse / level)
+            if not command or volts != command[-1][1]:
+                command.append((time, volts))
+        others = [changes(times, inputs[name]) for name in ("load_torque", "supply_voltage")]
+        return _named(follow(self, times, [command, *others]))
+
+    def wanted(self, x: Array, u: Values) -> float:
+        """Voltage [V] that the amplifier would give without a limit."""
+        rest = VOLTS_PER_SECOND * REST / self.k_f
+        return self.k_ap * (u[0] - self.k_f * (rest + K_FS * float(x[0])))
+
+    def pieces(self, u: Values) -> list[tuple[float, float, float, float]]:
+        """Characteristic over the wanted voltage: from, to, slope, value at 0."""
+        lost, limit = VOLTS_PER_LOAD * u[1], abs(u[2])
+        edges = [low + lost for low, *_ in CURVE[1:]]
+        cuts = sorted([-limit, limit, *(edge for edge in edges if -limit < edge < limit)])
+        made = []
+        for low, high in zip([-math.inf, *cuts], [*cuts, math.inf]):
+            inside = low + 1.0 if high == math.inf else high - 1.0
+            inside = 0.5 * (low + high) if math.isfinite(low + high) else inside
+            applied = min(max(inside, -limit), limit) - lost
+            slope, at_0 = next((s, f) for a, b, s, f in CURVE if a <= applied <= b)
+            if abs(inside) > limit:
+                made.append((low, high, 0.0, slope * applied + at_0))
+            else:
+                made.append((low, high, slope, at_0 - slope * lost))
+        return made
+
+    def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
+        """Find the piece of the characteristic, and whether a stop still holds."""
+        volts = self.wanted(x, u)
+        piece = next(k for k, (a, b, _, _) in enumerate(self.pieces(u)) if a <= volts <= b)
+        return self._rest_or_go(piece, x, u)
+
+    def _rest_or_go(self, piece: int, x: Array, u: Values) -> tuple[Key, Array]:
+        """On a stop and pushed against it nothing moves; the piece lasts."""
+        _, _, slope, at_0 = self.pieces(u)[piece]
+        push = slope * self.wanted(x, u) + at_0
+        held = x[1] == 0.0 and abs(x[0]) >= STOP and push * x[0] > 0.0
+        return ("stop" if held else piece), x
+
+    def regime(self, key: Key, u: Values) -> Regime:
+        """On a stop, or on a piece of the characteristic."""
+        if key == "stop":
+            return Regime(lambda x: (0.0, 0.0))
+        assert isinstance(key, int)
+        low, high, slope, at_0 = self.pieces(u)[key]
+
+        def rates(x: Array) -> tuple[float, float]:
+            return x[1] / GEAR, POLE * (slope * self.wanted(x, u) + at_0 - x[1])
+
+        def landed(x: Array) -> tuple[Key, Array]:
+            return self._rest_or_go(key, np.array([math.copysign(STOP, x[0]), 0.0]), u)
+
+        exits = [
+            Exit(lambda x: STOP - float(x[0]), STOP, landed),
+            Exit(lambda x: STOP + float(x[0]), STOP, landed),
+        ]
+        if math.isfinite(low):
+            exits.append(Exit(lambda x: self.wanted(x, u) - low, 1.0, lambda x: (key - 1, x)))
+        if math.isfinite(high):
+            exits.append(Exit(lambda x: high - self.wanted(x, u), 1.0, lambda x: (key + 1, x)))
+        return Regime(rates, tuple(exits))
+
+    def outputs(self, key: Key, x: Array, u: Values) -> tuple[float, ...]:
+        """See ``OUTPUTS``; SI."""
+        wanted, limit = self.wanted(x, u), abs(u[2])
+        volts = min(max(wanted, -limit), limit)
+        drive = volts - VOLTS_PER_LOAD * u[1]
+        top = drive >= CURVE[-1][0] or drive <= CURVE[0][1]
+        rest = VOLTS_PER_SECOND * REST / self.k_f
+        speed = float(x[1])
+        return (
+            float(x[0]) * DEGREE,
+            speed / GEAR * DEGREE,
+            rest + K_FS * float(x[0]),
+            volts,
+            speed,
+            1.0 if top or abs(volts) >= limit else 0.0,
+        )

@@ -1,0 +1,1 @@
+"""Validation of the smart servos: independent reference, cases, figures of its paper, pictures."""

@@ -1,0 +1,1 @@
+"""Validation of the torque motor: independent reference, cases, figures of its paper, pictures."""

@@ -1,0 +1,139 @@
+"""The causes drawn: those of the catalogue, by the product's names, and those outside of it.
+
+Left out, since a description states it already, with its uncertainty: ``transport_delay`` and
+``supply_limit`` of the sg90, ``end_stops`` of the torque motor.  Left out, since its log cannot
+show it: ``thermal_drift`` of the torque motor, over 1 s in logs of 0.2 s, and what a gyro does,
+as none is logged.
+"""
+
+from __future__ import annotations
+
+import math
+
+from servo_models.withheld.generator.cause import Cause, Quantity
+
+D = math.pi / 180.0
+TURN = 2.0 * math.pi
+
+
+def _one(
+    name: str,
+    parameter: str,
+    setting: str,
+    weak: float,
+    strong: float,
+    unit: str = "1",
+    shape: tuple[Quantity, ...] = (),
+    signed: bool = False,
+    grid: bool = False,
+) -> Cause:
+    return Cause(name, Quantity(parameter, setting, weak, strong, unit, signed, grid), shape)
+
+
+def _signed(name: str, parameter: str, setting: str, weak: float, strong: float) -> Cause:
+    return _one(name, parameter, setting, weak, strong, signed=True)
+
+
+def _mass(low: float, high: float, slow: float, fast: float) -> Cause:
+    """A load on a spring; its resonance with the shaft held is between two frequencies [Hz]."""
+    shape = (
+        Quantity("frequency", "load_frequency", TURN * slow, TURN * fast),
+        Quantity("damping", "load_damping", 0.03, 0.15),
+    )
+    return _one("gear_compliance", "inertia", "load_inertia", low, high, shape=shape)
+
+
+def _ripple(low: float, high: float, few: float, many: float) -> Cause:
+    shape = (
+        Quantity("count", "cogging_count", few, many),
+        Quantity("phase", "cogging_phase", -math.pi, math.pi),
+    )
+    return _one("cogging", "torque", "cogging", low, high, shape=shape)
+
+
+def _gravity(low: float, high: float) -> Cause:
+    shape = (Quantity("phase", "gravity_phase", -math.pi, math.pi),)
+    return _one("gravity_load", "torque", "gravity", low, high, shape=shape)
+
+
+def _stribeck(low: float, high: float, slow: float, fast: float) -> Cause:
+    shape = (Quantity("speed", "stribeck_speed", slow, fast, "speed"),)
+    return _one("stribeck_friction", "excess", "stiction", low, high, shape=shape)
+
+
+_WARM = (Quantity("time_constant", "heating_time", 1.0, 2.0),)
+_TURN = Quantity("turn", "turn", 0.1, 2.0, "drive")
+
+SG90: tuple[Cause, ...] = (
+    _one("load_inertia", "inertia", "extra_inertia", 2e-5, 1.2e-3),
+    _mass(3e-5, 1e-3, 30.0, 60.0),
+    _one("end_stops", "half_range", "travel", 75.0 * D, 20.0 * D),
+    _one("sample_hold", "period", "hold", 4e-3, 0.06, grid=True),
+    _one("dead_band", "half_width", "dead_band", 1e-6, 1e-4),
+    _one("command_quantisation", "step", "command_step", 2e-3, 0.06, "command"),
+    _signed("gain_error", "error", "command_gain", 5e-4, 0.1),
+    _one("command_offset", "value", "command_offset", 1e-3, 0.08, "command", signed=True),
+    _one("rate_limit", "rate", "slew", 30.0, 0.6, "command"),
+    _one("backlash", "half_width", "play", 0.05 * D, 6.0 * D),
+    _one("sensor_lag", "time_constant", "lag", 1e-3, 0.03),
+    _signed("sensor_nonlinearity", "bow", "bow", 2e-3, 0.2),
+    _signed("sensor_nonlinearity", "cubic", "cubic", 3e-3, 0.3),
+    _one("sensor_offset", "value", "feedback_offset", 0.01, 0.8, "feedback", signed=True),
+    _one("sensor_quantisation", "step", "feedback_step", 0.03, 0.8, "feedback"),
+    _signed("direction_asymmetry", "ratio", "asymmetry", 0.01, 0.5),
+    _one("hysteresis", "half_width", "hysteresis", 0.05, 1.5, "drive", (_TURN,)),
+    _one("drive_dead_zone", "half_width", "dead_zone", 0.01, 1.0, "drive"),
+    _one("drive_saturation", "limit", "ceiling", 4.8, 1.2, "drive"),
+    _one("supply_sag", "resistance", "sag", 0.2, 30.0, "source"),
+    _signed("constant_load", "torque", "constant_load", 2e-3, 0.15),
+    _gravity(1e-3, 0.17),
+    _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
+    _one("viscous_friction", "torque", "drag", 5e-3, 0.35, "drag"),
+    _ripple(5e-4, 0.09, 6.0, 30.0),
+    _one("thermal_drift", "loss", "heating", 0.03, 0.5, shape=_WARM),
+    _one("coulomb_friction", "level", "coulomb", 5e-4, 0.09),
+    _stribeck(1e-3, 0.09, 0.02, 0.2),
+    _one("reading_lag", "time_constant", "reading_lag", 1e-3, 0.05),
+    _signed("reading_gain", "error", "reading_gain", 5e-3, 0.3),
+    _signed("reading_offset", "value", "reading_offset", 0.2 * D, 15.0 * D),
+    _one("reading_quantisation", "step", "reading_step", 0.5 * D, 15.0 * D),
+)
+
+_COIL_TURN = Quantity("turn", "turn", 2e-4, 4e-3)
+
+TORQUE_MOTOR: tuple[Cause, ...] = (
+    _one("load_inertia", "inertia", "extra_inertia", 5e-8, 3e-6),
+    _mass(1e-7, 1e-6, 700.0, 1500.0),
+    _one("transport_delay", "time", "delay", 1e-4, 4e-3, grid=True),
+    _one("sample_hold", "period", "hold", 2e-4, 8e-3, grid=True),
+    _one("dead_band", "half_width", "dead_band", 0.03, 5.0),
+    _one("command_quantisation", "step", "command_step", 0.3, 8.0),
+    _signed("gain_error", "error", "command_gain", 0.01, 0.4),
+    _signed("voltage_offset", "value", "command_offset", 0.1, 8.0),
+    _signed("direction_asymmetry", "ratio", "command_asymmetry", 0.01, 0.4),
+    _one("drive_dead_zone", "half_width", "command_dead_zone", 0.02, 6.0),
+    _one("drive_saturation", "limit", "command_ceiling", 25.0, 6.0),
+    _one("rate_limit", "rate", "slew", 1e5, 500.0),
+    _one("supply_sag", "resistance", "sag", 20.0, 1000.0),
+    _signed("constant_load", "torque", "constant_load", 5e-5, 0.03),
+    _gravity(2e-4, 0.055),
+    _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
+    _one("viscous_friction", "torque", "drag", 5e-3, 0.12, "drag"),
+    _ripple(5e-5, 0.02, 100.0, 400.0),
+    _one("coulomb_friction", "level", "coulomb", 3e-5, 0.02),
+    _stribeck(5e-5, 0.02, 0.01, 0.06),
+    _one("flux_saturation", "inverse_current", "knee", 20.0, 500.0),
+    _signed("flux_saturation", "curvature", "curvature", 3.0, 100.0),
+    _one("hysteresis", "half_width", "hysteresis", 5e-5, 3e-3, shape=(_COIL_TURN,)),
+    _one("torque_saturation", "inverse_torque", "inverse_torque", 3.0, 80.0),
+    _signed("null_shift", "angle", "null", 0.004 * D, 1.2 * D),
+    _one("stiffness_hardening", "coefficient", "hardening", 10.0, 1000.0),
+    _one("backlash", "half_width", "reading_play", 1e-3 * D, 0.5 * D),
+    _one("sensor_lag", "time_constant", "reading_lag", 5e-5, 5e-3),
+    _signed("sensor_nonlinearity", "bow", "reading_bow", 5e-3, 0.35),
+    _signed("sensor_nonlinearity", "cubic", "reading_cubic", 5e-3, 0.35),
+    _signed("sensor_offset", "value", "reading_offset", 0.01 * D, 1.0 * D),
+    _one("sensor_quantisation", "step", "reading_step", 0.03 * D, 0.6 * D),
+)
+
+CATALOGUE = {"sg90": SG90, "torque_motor": TORQUE_MOTOR}

@@ -1,0 +1,226 @@
+"""What could have been said of a case: fits to the logs without noise, begun at the truth.
+
+Where the logs hardly tell the truth from something else, to miss it is no fault of a
+diagnosis.  So the truth and its rivals are fitted to the noise-free logs, the hidden effect
+of a case, if there is one, switched on as it is.  A rival is *seen* if an ideal observer who
+knows both fitted responses would confuse them in the noise of the case in fewer than 1 of 160
+cases: their squared errors differ by at least 5^2 = 25 times the noise power of one
+independent sample.  The truth is
+
+* *separated* from a rival that is seen, if it leaves less than half of the rival's RMS error
+  as well: laws of the generator are other ones than the product's, so the truth leaves an
+  error too;
+* *absorbed* if nominal parameters alone are a rival that is not seen.
+
+Source: Kay, Fundamentals of Statistical Signal Processing II (1998), sec. 4.3: two known
+signals at a distance of d standard deviations are confused with probability Q(d/2).
+Both numbers were set before any diagnosis was scored.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servo_models.core.threads import one_blas_thread
+from servo_models.data.description import Description, read_description
+from servo_models.data.readers import read_columns
+from servo_models.data.recording import Log
+from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.fitting.evidence import dispersion
+from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.nominal import nominal_parameters
+from servo_models.diagnosis.search.fits import beside, likeliest, together
+from servo_models.diagnosis.search.pairs_seen import pairs
+from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.identification.problem import Problem
+from servo_models.withheld.said import Said
+
+HALF = 0.5
+DISTANCE = 5.0
+RIVALS = 4
+"""Nearest rivals that are fitted, of those that the diagnosis has tried."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What could have been said of a case.
+
+    Attributes:
+        case: its name.
+        truth: error [noise floors] that the truth leaves in the noise-free logs, 0 for a cause
+            outside the catalogue; None where nothing could be fitted since the diagnosis failed.
+        parameters: that of nominal parameters alone.
+        rival: that of the best rival, and ``rival_effects`` its effects, none for nominal
+            parameters alone.
+        separated: from its best rival.
+        absorbed: not separated from nominal parameters alone: they imitate the truth.
+        after: held-out error [noise floors] of the product's own fit to the noisy logs when told
+            the names; None for a cause outside the catalogue.
+        without: verdict with the truth left out of the catalogue; "" where that is not asked.
+    """
+
+    case: str
+    truth: float | None
+    parameters: float
+    rival: float
+    rival_effects: list[str]
+    separated: bool
+    absorbed: bool
+    after: float | None
+    without: str
+
+
+@dataclass(frozen=True)
+class Question:
+    """A case to be judged: the folder of all cases, its answer, and what was said of it."""
+
+    folder: Path
+    answer: dict[str, Any]
+    said: Said
+
+
+def seen(truth: float, rival: float, samples: int, noise: float) -> bool:
+    """Return whether an ideal observer sees a rival of the truth, see the top of this file.
+
+    Args:
+        truth, rival: RMS errors in the noise-free logs [noise floors].
+        samples: of the logs, all outputs counted.
+        noise: mean square of the noise times the samples of which one is independent.
+    """
+    distance = samples * (rival * rival - truth * truth) / noise
+    return distance >= DISTANCE * DISTANCE
+
+
+def ask_oracle(question: Question) -> dict[str, Any]:
+    """Return the ``Known`` of a case as a dictionary."""
+    said, answer = question.said, question.answer
+    if not said.floors:
+        return asdict(Known(said.case, None, 0.0, 0.0, [], True, False, None, ""))
+    with warnings.catch_warnings(), one_blas_thread():
+        warnings.simplefilter("ignore")
+        return asdict(_known(question, [it["name"] for it in answer["effects"]]))
+
+
+def _known(question: Question, names: Sequence[str]) -> Known:
+    said, foreign = question.said, question.answer["kind"] == "foreign"
+    noisy, clean = _logs(question)
+    bench, measured = _bench(clean, said), _bench(noisy, said)
+    true = {**question.answer["parameters"], **_parameters(question.answer["effects"])}
+    truth = 0.0 if foreign else _error(_begun(bench, names, true))
+    hidden = [it["name"] for it in question.answer["hidden"]]
+    found = dict(zip(map(tuple, said.tried), said.values))
+    nearest = rivals(said, () if foreign else names, hidden)
+    others = [_begun(bench, it, found[tuple(it)]) for it in nearest]
+    # one search may stop short where what parameters alone can do is asked
+    begins = [true, *(it.values for it in sorted(others, key=_error)[:2])]
+    retuned = min([bench.fit((), ()), *(_begun(bench, (), it) for it in begins)], key=_error)
+    best = min([retuned, *others], key=_error)
+    samples, vector = retuned.problem.samples, retuned.evidence.vector
+    apart = Problem(bench.model, noisy.logs, bench.nominal, dict(bench.floors)).residuals(vector)
+    noise = dispersion((apart - retuned.problem.residuals(vector))[:samples])
+    separated = seen(truth, _error(best), samples, noise) and truth < HALF * _error(best)
+    after, without = None, ""
+    if not foreign:
+        named = set(said.named) == set(names)  # to be told what one knows changes nothing
+        fit = None if named else told(measured, names, measured.fit((), ()))
+        after = fit.evidence.rms if fit else said.after
+    if len(names) == 1 and separated and not foreign:
+        without = diagnose(noisy, jobs=1, left_out=names).verdict.kind
+    return Known(
+        case=said.case,
+        truth=truth,
+        parameters=_error(retuned),
+        rival=_error(best),
+        rival_effects=list(best.effects),
+        separated=separated,
+        absorbed=not seen(truth, _error(retuned), samples, noise),
+        after=after,
+        without=without,
+    )
+
+
+def rivals(said: Said, names: Iterable[str], hidden: Iterable[str]) -> list[list[str]]:
+    """Return the nearest explanations tried that are not the truth, with no more effects.
+
+    A cause outside the catalogue has no names, and every explanation is a rival.
+    """
+    truth, on = set(names), set(hidden)
+    most = len(truth) or 2
+    others = [it for it in said.tried if len(it) <= most and not on & set(it)]
+    return [it for it in others if not truth or set(it) != truth][:RIVALS]
+
+
+def _begun(bench: Bench, names: Sequence[str], values: Mapping[str, float]) -> Explanation:
+    """The fit of some effects that begins at these values [SI]."""
+    nominal = tuple(replace(free, start=values[free.name]) for free in bench.nominal)
+    every = candidates(bench.model, bench.logs)
+    extra = [free for one in every if one.name in names for free in one.at(dict(values))]
+    return replace(bench, nominal=nominal).fit(tuple(names), extra)
+
+
+def _parameters(effects: Iterable[dict[str, Any]]) -> dict[str, float]:
+    return {name: value for it in effects for name, value in it["parameters"].items()}
+
+
+def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanation:
+    """Return the product's own fit when told the names of one or two effects.
+
+    Two effects are fitted both at once, and one beside the other in either order; where an
+    effect moves nothing, it is the fit without.
+    """
+    found = [retuned]
+    for order in permutations(names):
+        explanation = retuned
+        for name in order:
+            sights = _sights([name], explanation)
+            if sights:
+                explanation = beside(bench, explanation, likeliest(sights))
+                found.append(explanation)
+    for pair in pairs(_sights(names, retuned))[:1] if len(names) == 2 else ():
+        found.append(together(bench, pair))
+    return min(found, key=_error)
+
+
+def _sights(names: Iterable[str], first: Explanation) -> list[Sight]:
+    """Sizes of some effects, those that explain most first."""
+    model, wanted = first.problem.model, set(names)
+    every = candidates(model, first.problem.logs)
+    return look((first.view,), [one for one in every if one.name in wanted])
+
+
+def _error(explanation: Explanation) -> float:
+    """RMS error [noise floors] of a fit to everything: nothing can be learnt by heart here."""
+    return float(np.sqrt(np.mean(explanation.evidence.errors**2)))
+
+
+def _bench(told: Description, said: Said) -> Bench:
+    return Bench(told.model, told.logs, nominal_parameters(told), dict(said.floors), 1).surveyed()
+
+
+def _logs(question: Question) -> tuple[Description, Description]:
+    """The description of a case, and the same with noise-free logs and the hidden effect."""
+    noisy = read_description(question.folder / "cases" / question.said.case / "description.toml")
+    files = {Path(name).name: question.folder / name for name in question.answer["noise_free"]}
+    logs = tuple(_without_noise(log, files[log.path.name]) for log in noisy.logs)
+    on = {**noisy.model.values, **_parameters(question.answer["hidden"])}
+    return noisy, replace(noisy, logs=logs, model=replace(noisy.model, values=on))
+
+
+def _without_noise(log: Log, path: Path) -> Log:
+    """A log with the outputs of another file with the same rows and columns.
+
+    Without noise a quantised reading may stand still, which no description of logs allows.
+    """
+    columns, outputs = read_columns(path), {}
+    for name in log.outputs:
+        channel = log.channels[name]
+        outputs[name] = channel.scale * columns.numbers(channel.column) + channel.offset
+    return replace(log, outputs=outputs)
