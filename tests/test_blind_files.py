@@ -25,6 +25,7 @@ from servo_models.withheld.generator.case import HIDDEN, RATIO
 from servo_models.withheld.generator.effects import CATALOGUE
 from servo_models.withheld.generator.files import generate
 from servo_models.withheld.generator.foreign import FOREIGN
+from servo_models.withheld.run import Asked, sealed_cases
 
 CASES, SEED = 36, 20
 
@@ -181,3 +182,15 @@ def test_it_runs_as_a_process_of_its_own_and_prints_the_seal(tmp_path: Path) -> 
     assert again.returncode == 2
     assert again.stderr.count("\n") == 1
     assert "exists already" in again.stderr
+
+
+def test_cases_that_were_half_generated_are_generated_again(tmp_path: Path) -> None:
+    """A kill while cases are generated leaves them beside the folder, which is not there yet."""
+    left = tmp_path / ".part-runs"
+    (left / "cases" / "000").mkdir(parents=True)
+    (left / "truth").write_bytes(b"half")
+    asked = Asked(cases=1, seed=5, tiers=("easy",))
+    seal = sealed_cases(tmp_path / "runs", asked, lambda done, every, what: None)
+    assert sealed_cases(tmp_path / "runs", asked, lambda done, every, what: None) == seal
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+    assert not (tmp_path / "runs" / "truth").is_file()

@@ -24,7 +24,7 @@ from servo_models.data.tables import read_signals
 from servo_models.errors import UserError
 
 MOTOR = list(actuator("torque_motor").plant.wire.values())
-HEAVY = ("numpy", "scipy", "numba", "pint", "polars", "matplotlib", "fmpy", "control")
+HEAVY = ("scipy", "numba", "pint", "polars", "matplotlib", "fmpy", "control")
 
 
 def python(*words: str, **options: object) -> subprocess.CompletedProcess[str]:

@@ -22,8 +22,7 @@ from servo_models.errors import UserError
 SOURCE = '''
 import pathlib
 from typing import Annotated
-from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
-from servo_models.core.block import Param, block
+from servo_models import Actuator, Param, Plant, State, Variant, Wire, block
 
 with open(pathlib.Path(__file__).with_suffix(".ran"), "a") as ran:
     ran.write("x")
@@ -305,3 +304,16 @@ def test_an_fmu_names_no_file(
                 bad.writestr(entry, content)
         assert run("validate", evil)[0] in (1, 2)
         assert runs(path) == 0
+
+
+def test_a_file_for_the_modules_of_version_0_2_runs(tmp_path: Path) -> None:
+    old = SOURCE.replace(
+        "from servo_models import Actuator, Param, Plant, State, Variant, Wire, block",
+        "from servo_models.actuator import Actuator, Plant, State, Variant, Wire\n"
+        "from servo_models.block import Param, block",
+    )
+    assert old != SOURCE
+    path = tmp_path / "old_joint.py"
+    path.write_text(old.replace("TIME", "0.2"))
+    response = simulate(model(str(path)), [0.0, 0.2], {"goal": 1.0})
+    assert response["angle"][-1] == pytest.approx(1.0 - math.exp(-1.0), rel=1e-6)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import servo_models.validation.solvers
 from servo_models.core.types import Array
 from servo_models.validation.sg90 import reference as sg90
 from servo_models.validation.solvers import inputs
@@ -26,14 +23,6 @@ TABLE_1 = torque_motor.TABLE_1
 def held(times: Array, **values: float | Array) -> dict[str, Array]:
     rest = {"pulse_width": 1.5e-3, "load_torque": 0.0, "supply_voltage": 5.0, "voltage": 0.0}
     return {name: np.broadcast_to(v, times.shape) * 1.0 for name, v in {**rest, **values}.items()}
-
-
-def test_references_use_nothing_of_the_model() -> None:
-    for path in Path(servo_models.validation.solvers.__path__[0]).glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("servo_models"):
-                assert node.module is not None
-                assert node.module.startswith("servo_models.validation.solvers"), path.name
 
 
 def test_edges_keep_changes_only_and_come_later_by_the_delay() -> None:

@@ -12,10 +12,9 @@ from html_page import Page
 
 from servo_models.core.simulate import model, simulate
 from servo_models.errors import UserError
-from servo_models.report import write_report
 from servo_models.report.parts import number
 from servo_models.report.style import PALETTE
-from servo_models.validation.page import verdict
+from servo_models.validation.page import verdict, write_report
 from servo_models.validation.page.claim import share
 from servo_models.validation.page.paper import DIGITS
 from servo_models.validation.rows import (

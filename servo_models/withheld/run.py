@@ -89,7 +89,7 @@ def run_blind(
             or answers that were changed.
     """
     workers = jobs or os.cpu_count() or 1
-    seal = _sealed(folder, asked, tell)
+    seal = sealed_cases(folder, asked, tell)
     announce(seal)
     said = {
         case: Said(**row)
@@ -119,7 +119,7 @@ def run_blind(
     return Check(asked.seed, asked.tiers, seal, join(answers, said, known))
 
 
-def _sealed(folder: Path, asked: Asked, tell: Tell) -> str:
+def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
     """The seal of the cases in a folder, which are generated if it is new."""
     path = folder / "run.json"
     wanted = {**asdict(asked), "tiers": list(asked.tiers)}

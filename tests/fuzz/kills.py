@@ -404,7 +404,7 @@ KINDS: dict[str, Callable[[Path, bytes, Path, random.Random], object]] = {
     "longer": lambda file, found, other, rng: file.write_bytes(found + rng.randbytes(30)),
     "removed": lambda file, found, other, rng: file.unlink(),
     "a folder": _folder,
-    "another file": lambda file, found, other, rng: shutil.copy(other, file),
+    "another file": lambda file, found, other, rng: file.write_bytes(other.read_bytes()),
     "a new file": lambda file, found, other, rng: file.with_name("new.py").write_text("1 / 0"),
     "entry gone": lambda file, found, other, rng: shutil.rmtree(file.parent),
     "entry over another": _entry_over_another,
