@@ -14,7 +14,7 @@ from servo_models.analysis.lookalikes import EXPERIMENTS, FRICTION, GAIN, INERTI
 from servo_models.core.catalogue import effects
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from test_search_of_causes import made
 
 from servo_models.core.simulate import model, simulate
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.diagnosis.clock import Answers, answers
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.identification.problem import free_parameter

@@ -21,7 +21,7 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.threads import one_blas_thread
 from servo_models.data.audit import Floor
 from servo_models.data.description import read_description
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks

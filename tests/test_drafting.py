@@ -15,8 +15,7 @@ from test_check import TIMES, VOLTAGE, described, frame, motor_log
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
-from servo_models.data.scaffold import draft
-from servo_models.data.scaffold.columns import heading
+from servo_models.data.scaffold import draft, heading
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from test_identification import TRUE, log_of, noisy, nominal, prbs, rig
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel
+from servo_models.data.log import Channel
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.covariance import covariance
 from servo_models.identification.estimate import spread_of

@@ -20,7 +20,7 @@ from servo_models.core.block import Param
 from servo_models.core.plant import Parameter
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
 from servo_models.identification.beginning import false_starts

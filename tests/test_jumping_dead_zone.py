@@ -10,7 +10,7 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.fits import beside, starts_of

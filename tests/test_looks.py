@@ -14,7 +14,7 @@ from test_search_of_causes import made
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.diagnosis.fitting.evidence import advantage

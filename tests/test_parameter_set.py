@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from servo_models.build import build
 from servo_models.cli import main
 from servo_models.core.catalogue import actuator
+from servo_models.data.log import Log, hashes
 from servo_models.data.parameters import (
     Estimate,
     Figure,
@@ -23,7 +24,6 @@ from servo_models.data.parameters import (
     read_parameters,
     write_parameters,
 )
-from servo_models.data.recording import Log, hashes
 from servo_models.errors import UserError
 
 PLANT = actuator("torque_motor").plant

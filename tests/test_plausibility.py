@@ -13,9 +13,9 @@ from test_own_actuator import write
 
 from servo_models.core.bounds import is_outside
 from servo_models.core.simulate import Model, model, simulate
-from servo_models.data.audit.outliers import outliers, outliers_of
 from servo_models.data.description import read_description
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
+from servo_models.data.outliers import outliers, outliers_of
 from servo_models.errors import UserError
 from servo_models.identification.identify import identify
 from servo_models.identification.plausibility import implausible, implausible_clocks

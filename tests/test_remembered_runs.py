@@ -15,7 +15,7 @@ import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.identification.run import prepared
 
 TIMES = 1e-3 * np.arange(300.0)

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares, lsq_linear
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.descent import _Point, _step, descend
 from servo_models.diagnosis.fitting.evidence import blocks, judge

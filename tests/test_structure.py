@@ -18,8 +18,8 @@ from test_search_of_causes import made
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.audit.sensor import difference_noise
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
+from servo_models.data.sensor import difference_noise
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing, sure
 from servo_models.identification.problem import Problem

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.simulate import PLANTS, Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.causes import Causes

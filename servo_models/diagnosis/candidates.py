@@ -14,7 +14,7 @@ import numpy as np
 from servo_models.core.plant import Parameter, Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.sizes import (
     CHOICES,
     COUNT,

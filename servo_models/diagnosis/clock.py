@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.codes import bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.run import prepared

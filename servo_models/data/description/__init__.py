@@ -16,9 +16,9 @@ from servo_models.core.plant import Actuator, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.description.log import read_log
 from servo_models.data.description.values import named, quantity, setting
+from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.data.readers import read_columns
-from servo_models.data.recording import Log
 from servo_models.data.toml_file import Section, read_toml
 from servo_models.errors import UserError, did_you_mean
 

@@ -24,12 +24,11 @@ from servo_models.data.description.clock import (
 )
 from servo_models.data.description.held_out import held_out, skipped
 from servo_models.data.description.values import named, quantity, setting
+from servo_models.data.log import Channel, Log, regular
 from servo_models.data.readers import Columns
-from servo_models.data.recording import Channel, Log, regular
-from servo_models.data.scaffold.guess import other_units
 from servo_models.data.toml_file import Section
 from servo_models.errors import UserError
-from servo_models.units import factor
+from servo_models.units import factor, other_units
 
 Read = Callable[[Path, str | None, bool | None], Columns]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.data.recording import ROUNDING
+from servo_models.data.log import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.sizes import JUMP_PARTS, PHASE, STEPWISE
 from servo_models.identification.problem import Problem

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array, Mask
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.transfer.functions import TransferFunction
 from servo_models.identification.transfer.propagate import Held, propagate

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from servo_models.core.plant import Plant, unknown
 from servo_models.core.types import Array
 from servo_models.data.description.clock import column_key
+from servo_models.data.log import Log
 from servo_models.data.readers import Columns, read_columns
-from servo_models.data.recording import Log
 from servo_models.data.toml_file import Section
 from servo_models.errors import UserError
 from servo_models.identification.transfer.evidence import Sweep, check_signals
