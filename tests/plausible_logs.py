@@ -13,7 +13,7 @@ from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
-from servo_models.data.toml_file import Section
+from servo_models.data.schema import Section
 from servo_models.identification.problem import free_parameter
 from servo_models.units import WRITTEN_IN, factor
 

@@ -18,7 +18,7 @@ from test_own_actuator import write
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.data.readers import read_columns
-from servo_models.data.toml_file import Section, read_toml
+from servo_models.data.schema import Section, read_toml
 from servo_models.errors import UserError
 from servo_models.files import read_regular
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps

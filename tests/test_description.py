@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.core.simulate import simulate
-from servo_models.data import description
-from servo_models.data.description import Description, log, read_description
+from servo_models.data.description import Description, DescriptionTable, read_description
 from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
+from servo_models.data.signals import LogTable, Signal
 from servo_models.errors import UserError
 
 PAGE = (Path(__file__).parents[1] / "docs" / "description.md").read_text(encoding="utf-8")
@@ -73,7 +73,8 @@ def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
 
 def test_the_page_of_the_format_has_every_key() -> None:
     named = set(re.findall(r"`(\w+)[`.]", PAGE))
-    assert {*description.KEYS, *description.RECORDS, *log.KEYS, *log.SIGNAL_KEYS} <= named
+    for table in (DescriptionTable, LogTable, Signal):
+        assert {*table.__struct_encode_fields__} <= named
 
 
 def test_columns_become_signals_in_si(tmp_path: Path) -> None:

@@ -124,15 +124,21 @@ TORQUE = HEAD + "[parameters.torque_constant]\n"
         (TORQUE + "value = 5", 'add unit = "N.m/A"'),
         (TORQUE + 'value = 5\nunit = "N.m"', "unit 'N.m' does not convert to 'N.m/A'"),
         (TORQUE + 'value = 5\nunit = "parsec per"', "unknown unit"),
-        (TORQUE + 'value = "5"\nunit = "N.m/A"', "torque_constant.value: '5' is no number"),
-        (TORQUE + 'value = true\nunit = "N.m/A"', "value: 'True' is no number"),
+        (
+            TORQUE + 'value = "5"\nunit = "N.m/A"',
+            "torque_constant.value: no number; write for example value",
+        ),
+        (TORQUE + 'value = true\nunit = "N.m/A"', "value: no number"),
         (TORQUE + 'value = nan\nunit = "N.m/A"', "value: nan is not finite"),
         (TORQUE + 'value = -1\nunit = "N.m/A"', "is outside ["),
         (TORQUE + f'value = 1{400 * "0"}\nunit = "N.m/A"', "value: an integer beyond 64 bits"),
         (TORQUE + 'unit = "N.m/A"', "value: missing"),
-        (TORQUE + 'value = 5\nunit = "N.m/A"\nstandard_error = -1', "standard_error: below 0"),
+        (
+            TORQUE + 'value = 5\nunit = "N.m/A"\nstandard_error = -1',
+            "standard_error: -1 is out of range",
+        ),
         (TORQUE + 'value = 5\nunit = "N.m/A"\nstandart_error = 1', "did you mean 'standard_error'"),
-        (HEAD + '[figures.rms]\nvalue = "1"', "figures.rms.value: '1' is no number"),
+        (HEAD + '[figures.rms]\nvalue = "1"', "figures.rms.value: no number"),
         (
             HEAD + 'parameters.backlash.half_width = { value = 0, unit = "deg" }\n'
             'parameters."backlash.half_width" = { value = 0, unit = "deg" }',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servo_models.data.toml_file import Section
+from servo_models.data.schema import Section
 from servo_models.identification.elements.estimate import Estimate, combined, exactly
 from servo_models.identification.elements.found import Found, at
 from servo_models.identification.elements.lines import Line, line_with_flats, straight_line
