@@ -24,8 +24,8 @@ import pytest
 from servo_models.core.simulate import simulate
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification import fit as fit_module
-from servo_models.identification.estimate import Spread, spread
 from servo_models.identification.identify import identify
+from servo_models.identification.uncertainty import Spread, spread
 from tests.conftest import Run
 from tests.data.test_description import OWN
 from tests.identification.test_identification import STEP, TRUE, prbs, rig
