@@ -24,7 +24,7 @@ from servo_models.data.log import Channel, Log
 from servo_models.data.outliers import outliers
 from servo_models.data.schema import named
 from servo_models.errors import UserError
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import prepared
 from servo_models.units import other_units, parse
 
 TIME = "time"
