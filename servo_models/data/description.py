@@ -52,9 +52,9 @@ class DescriptionTable(Table):
         [elements]
     """
 
-    actuator: str = ""
-    variant: str = ""
-    params: str = ""
+    actuator: str | None = None
+    variant: str | None = None
+    params: str | None = None
     free: list[str] = []
     method: Literal["simulation", "transfer_function", "elements"] | None = None
     parameters: dict[str, Any] = {}
@@ -131,10 +131,10 @@ def _model(
     document: Section, table: DescriptionTable, trust: bool
 ) -> tuple[Model, dict[str, float]]:
     """The nominal model, and the overrides that made it of its variant."""
-    known = _known_before(document, table, trust) if table.params else None
-    actuator = _actuator(document, table, known, trust)
+    known = None if table.params is None else _known_before(document, table.params, trust)
+    actuator = _actuator(document, table.actuator, known, trust)
     own = known.variant if known else actuator.default_variant
-    given = table.variant or own
+    given = own if table.variant is None else table.variant
     if known and (actuator.key, given) != (known.actuator, own):
         document.fail(
             "params",
@@ -153,8 +153,8 @@ def _model(
     return model(actuator, variant, overrides), overrides
 
 
-def _known_before(document: Section, table: DescriptionTable, trust: bool) -> ParameterSet:
-    path = document.file.parent / table.params
+def _known_before(document: Section, params: str, trust: bool) -> ParameterSet:
+    path = document.file.parent / params
     try:
         actuator = read_toml(path).read(ParameterFile).actuator
         if is_file(actuator):
@@ -165,14 +165,14 @@ def _known_before(document: Section, table: DescriptionTable, trust: bool) -> Pa
 
 
 def _actuator(
-    document: Section, table: DescriptionTable, known: ParameterSet | None, trust: bool
+    document: Section, name: str | None, known: ParameterSet | None, trust: bool
 ) -> Actuator:
-    if known and not table.actuator:
+    if known and name is None:
         return find_actuator(known.actuator)
-    if not table.actuator:
+    if name is None:
         document.fail("actuator", "missing; name the actuator that made the logs")
     try:
-        return find_actuator(table.actuator, document.file, trust)
+        return find_actuator(name, document.file, trust)
     except UserError as error:
         document.fail("actuator", error)
 

@@ -54,7 +54,7 @@ class EstimateTable(Table):
     """
 
     value: Number
-    unit: str = ""
+    unit: str | None = None
     standard_error: Annotated[float, Meta(ge=0.0)] | None = None
     origin: str = "given"
 
@@ -87,7 +87,7 @@ class ParameterFile(Table):
     """
 
     actuator: str
-    variant: str = ""
+    variant: str | None = None
     method: str = ""
     date: datetime.date | None = None
     servo_models: str = ""
@@ -287,7 +287,8 @@ def _whose(document: Section, table: ParameterFile, trust: bool) -> tuple[Actuat
     try:
         actuator = find_actuator(table.actuator, document.file, trust)
         key = "variant"
-        return actuator, actuator.variant(table.variant or actuator.default_variant).name
+        default = actuator.default_variant
+        return actuator, actuator.variant(default if table.variant is None else table.variant).name
     except UserError as error:
         document.fail(key, error)
 
@@ -308,7 +309,7 @@ def _holds_tables_only(table: Mapping[str, object]) -> bool:
 
 def _estimate(section: Section, parameter: Parameter) -> Estimate:
     entry, own = section.read(EstimateTable), parameter.param.unit
-    if not entry.unit:
+    if entry.unit is None:
         section.fail("unit", f'missing; add unit = "{own}", or the one you mean')
     try:
         scale = factor(entry.unit, own)

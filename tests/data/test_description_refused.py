@@ -21,7 +21,7 @@ from tests.data.test_description import HEAD, LOG, TABLE, complaint, describe, t
         ('"measured"\n', '"measured\n', ["no TOML", "line 2"]),
         (LOG, "", ["logs: missing", "[[logs]]"]),
         (LOG, LOG + LOG, ["logs[2].name", "a second log 'log'"]),
-        ("[[logs]]", "[logs]", ["write [[logs]]"]),
+        ("[[logs]]", "[logs]", ["logs: no list; write for example [[logs]]"]),
         ('file = "log.csv"', "", ["logs[1].file: missing"]),
         ('"log.csv"', '"absent.csv"', ["no file", "absent.csv"]),
         ('file = "log.csv"', 'file = "log.csv"\nnmae = "a"', ["logs[1].nmae", "'name'"]),
