@@ -71,7 +71,7 @@ class Draft:
         names: dict[str, list[str | int]] = {}
         for column in self.unused:
             if column.table == self.table:
-                why = why_not(column, self.matches, self.actuator)
+                why = _why_not(column, self.matches, self.actuator)
                 names.setdefault(why, []).append(column.key)
             else:
                 names.setdefault("what else is in other tables", []).append(column.table or "")
@@ -101,7 +101,7 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
             columns that fit several equally well.
     """
-    columns, left_out = columns_of(path)
+    columns, left_out = _columns_of(path)
     asked = [find_actuator(actuator)] if actuator else list(actuators().values())
     drafts = [_draft(path, columns, candidate, bool(actuator)) for candidate in asked]
     best = max(drafts, key=_score)
@@ -126,13 +126,13 @@ def _draft_on(
     path: Path, columns: Sequence[Column], actuator: Actuator, given: bool, table: str | None
 ) -> Draft:
     own = [column for column in columns if column.table == table]
-    time = time_of(own)
-    times = {time_of([c for c in columns if c.table == column.table]) for column in columns}
+    time = _time_of(own)
+    times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
     stamps = [found[0] for found in times if found]
     rest = [c for c in columns if c.moves and c not in stamps]
     found = tuple(
         match
-        for match in matches(rest, actuator)
+        for match in _matches(rest, actuator)
         if match.column.table == table or match.wire in actuator.plant.inputs
     )
     used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
@@ -193,7 +193,7 @@ def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
         doubts = [f"scale and offset from {match.unit} to {unit} by the model's static gain"]
     if match.column.table != made.table:
         entry += f", table = {_quoted(match.column.table or '')}"
-    if not tells(match.column):
+    if not _tells(match.column):
         doubts = ["the signal", *doubts]
     low, high = match.column.values.min(), match.column.values.max()
     doubt = f"  {CHECK}: {' and '.join(doubts)}" if doubts else ""
@@ -302,7 +302,7 @@ class Match:
     score: float
 
 
-def time_of(columns: Sequence[Column]) -> tuple[Column, str] | None:
+def _time_of(columns: Sequence[Column]) -> tuple[Column, str] | None:
     """Return the column that is the time, and its unit; None if there is none."""
     rising = [column for column in columns if column.rising and column.moves]
     if not rising:
@@ -320,7 +320,7 @@ def _time_unit(column: Column) -> str:
     return next((u for u in ("s", "ms", "us") if step * factor(u, "s") <= LONGEST_STEP), "ns")
 
 
-def matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
+def _matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     """Return a column for each signal that one fits, best first; a column serves one signal.
 
     Where the names tell no reading, columns are told by their numbers: the command is the one
@@ -329,17 +329,17 @@ def matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     by_name = _chosen(columns, actuator, None, blind=False)
     if any(match.wire.name in actuator.plant.outputs for match in by_name):
         return by_name
-    nameless = [column for column in columns if not tells(column)]
+    nameless = [column for column in columns if not _tells(column)]
     named = any(COMMAND & set(column.words) for column in columns)
     command = None if named else max(nameless, key=_calm, default=None)
     return _chosen(columns, actuator, command, blind=True)
 
 
-def why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
+def _why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
     """Say why a column is taken for no signal."""
     if not column.moves:
         return "constant"
-    if not tells(column):
+    if not _tells(column):
         return "the name does not tell what it is"
     plant, main = actuator.plant, actuator.step[0]
     best = max(
@@ -362,7 +362,7 @@ def _chosen(
     offered = [
         _match(plant.wire[name], column, name in plant.outputs, name == main, column is command)
         for column in columns
-        if blind or tells(column)
+        if blind or _tells(column)
         for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
     ]
     chosen: list[Match] = []
@@ -385,7 +385,7 @@ def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) 
     score = 4.0 * (words == own) + 1.5 * len(words & own)
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
     if output:
-        score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not tells(column))
+        score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column))
     else:
         score += 3.0 * (main and is_command) - 1.5 * is_measured
     if not converts:
@@ -394,7 +394,7 @@ def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) 
     return Match(wire, column, unit, told, converts, 0.0 if wire.flag else score)
 
 
-def tells(column: Column) -> bool:
+def _tells(column: Column) -> bool:
     """Return whether the name of a column says anything about what is in it."""
     known = {word for text in QUANTITIES for word in text.split()} | COMMAND | MEASURED
     return column.unit is not None or bool(known & set(column.words))
@@ -440,7 +440,7 @@ def _is_unlike_rate(match: Match, command: Column) -> bool:
     A rate follows the command only once it is added up.
     """
     column = match.column
-    if tells(column) or column is command or len(column.values) != len(command.values):
+    if _tells(column) or column is command or len(column.values) != len(command.values):
         return False
     if not column.moves:
         return True
@@ -527,7 +527,7 @@ class LeftOut:
     damaged: bool
 
 
-def columns_of(path: Path) -> tuple[list[Column], list[LeftOut]]:
+def _columns_of(path: Path) -> tuple[list[Column], list[LeftOut]]:
     """Return the columns of a file that are numbers throughout, and the others, table by table.
 
     Raises:

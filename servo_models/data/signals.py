@@ -160,7 +160,7 @@ def read_log(section: Section, chosen: Model, read: Read) -> Log:
     path = section.file.parent / entry.file
     if not (entry.file and os.path.exists(path)):  # a text that is no name has no file either
         section.fail("file", f"no file '{path}'; name it as seen from the description")
-    main, plant = time_table(entry), chosen.plant
+    main, plant = _time_table(entry), chosen.plant
     wires = {wire.name: wire for wire in plant.inputs}
     readings = {name: plant.wire[name] for name in plant.outputs}
     inputs = _mapped(section.section("inputs"), "input", wires, main)
@@ -171,10 +171,10 @@ def read_log(section: Section, chosen: Model, read: Read) -> Log:
 
     columns = table(main)
     apart = dict.fromkeys(mapped.table for mapped in inputs.values() if mapped.table != main)
-    others = {name: read_clock(section, table(name), held=True) for name in apart}
-    clock = cut_window(section, entry.window, read_clock(section, columns))
+    others = {name: _read_clock(section, entry.time, table(name), held=True) for name in apart}
+    clock = _cut_window(section, entry.window, _read_clock(section, entry.time, columns))
     clock = _begun(clock, others.values(), path)
-    check_duration(clock, chosen.values["internal_step"])
+    _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
     fed = {
         name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
@@ -204,13 +204,13 @@ def read_log(section: Section, chosen: Model, read: Read) -> Log:
     )
 
 
-def time_table(entry: LogTable) -> str | None:
-    """Return the name of the table that the log's times are in, None if there is but one."""
+def _time_table(entry: LogTable) -> str | None:
+    """The name of the table that the log's times are in, None if there is but one."""
     own = entry.time.table if isinstance(entry.time, Time) else ""
     return own or entry.table or None
 
 
-def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
+def _begun(clock: _Clock, others: Iterable[_Clock], path: Path) -> _Clock:
     """The clock of a log from where every other table has begun."""
     firsts = (int(np.searchsorted(clock.stamps, other.stamps[0])) for other in others)
     clock = clock.cut(max(firsts, default=0), len(clock.stamps))
@@ -346,7 +346,7 @@ def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -
     return outputs
 
 
-def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Array:
+def _input(mapped: Mapped, clock: _Clock, other: _Clock | None, wire: Wire) -> Array:
     """An input in SI at the times of the log; from another table each value is held."""
     if other is None:
         own, held = clock, np.arange(len(clock.rows))
@@ -376,7 +376,7 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     return f": in {units[0]} it would fit" if units else ""
 
 
-def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
+def _output(mapped: Mapped, clock: _Clock, wire: Wire) -> Array:
     values = in_si(mapped, clock.numbers(mapped.column))
     check_size(mapped, clock.columns, clock.rows, values, wire)
     if not wire.flag and np.ptp(values) < LEAST:
@@ -405,7 +405,7 @@ def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Clock:
+class _Clock:
     """The rows kept of a table, with their times.
 
     Attributes:
@@ -431,7 +431,7 @@ class Clock:
         """Times since the file's first row [s], shape (n,)."""
         return (self.stamps - self.begin) * self.scale
 
-    def cut(self, first: int, last: int) -> Clock:
+    def cut(self, first: int, last: int) -> _Clock:
         """Keep rows ``first`` to ``last`` - 1 of the ones kept."""
         return replace(self, stamps=self.stamps[first:last], rows=self.rows[first:last])
 
@@ -452,19 +452,13 @@ class Clock:
         return found[self.rows - first]
 
 
-def read_clock(section: Section, columns: Columns, held: bool = False) -> Clock:
-    """Read the times of a table as the description of a log gives them.
+def _read_clock(
+    section: Section, given: str | int | Time, columns: Columns, held: bool = False
+) -> _Clock:
+    """The times of a table, from the column ``given`` in the description of a log.
 
-    Args:
-        section: the description of the log.
-        columns: the table.
-        held: the values of the table are held, so that a time may repeat: the last row counts.
-
-    Raises:
-        UserError: no such column, a unit that is none of time, time that runs backward or
-            repeats.
+    Where the values of the table are ``held``, a time may repeat: the last row counts.
     """
-    given = section.read(LogTable).time
     time = given if isinstance(given, Time) else Time(column=given)
     try:
         scale = factor(time.unit, "s")
@@ -482,11 +476,11 @@ def read_clock(section: Section, columns: Columns, held: bool = False) -> Clock:
             ' the row or set time.repeats = "drop"'
         )
     rows = np.arange(len(stamps)) if held else np.flatnonzero(~again)
-    return Clock(columns, time.column, time.unit, stamps[rows], rows, float(stamps[0]))
+    return _Clock(columns, time.column, time.unit, stamps[rows], rows, float(stamps[0]))
 
 
-def cut_window(section: Section, window: tuple[float, float] | None, clock: Clock) -> Clock:
-    """Return the rows inside the log's window [s], ends included; all where it has none."""
+def _cut_window(section: Section, window: tuple[float, float] | None, clock: _Clock) -> _Clock:
+    """The rows inside the log's window [s], ends included; all where it has none."""
     if window is None:
         return clock
     inside = _between(section, "window", window, clock.since)
@@ -507,17 +501,11 @@ def _between(
     return marked
 
 
-def check_duration(clock: Clock, internal_step: float) -> None:
+def _check_duration(clock: _Clock, internal_step: float) -> None:
     """Refuse times that no run of the actuator has, before anything is simulated.
 
-    Args:
-        clock: the rows of the log.
-        internal_step: of the model [s].
-
-    Raises:
-        UserError: the steps of the times are shorter than those of any clock; one is longer than
-            a thousand logs; or they hold so many internal ones that a simulation would hardly end.
-            It names the row, or the unit that makes sense.
+    The steps of the times are shorter than those of any clock; one is longer than a thousand
+    logs; or they hold so many internal steps [s] of the model that a simulation would hardly end.
     """
     since = clock.since
     steps = np.diff(since)
