@@ -19,56 +19,7 @@ from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError
 from tests.conftest import Run
 from tests.support import one_input
-
-SOURCE = '''
-import pathlib
-from typing import Annotated
-from servo_models import Actuator, Param, Plant, State, Variant, Wire, block
-
-with open(pathlib.Path(__file__).with_suffix(".ran"), "a") as ran:
-    ran.write("x")
-
-@block("speed")
-def follow(
-    goal: float,
-    angle: float,
-    time_constant: Annotated[float, Param("s", "lag", default=TIME, low=0.01, high=10.0)],
-) -> float:
-    """The speed is the error over the time constant."""
-    return (goal - angle) / time_constant
-
-ACTUATOR = Actuator(
-    name="joint",
-    title="A joint",
-    about="",
-    source="",
-    plant=Plant(
-        inputs=(Wire("goal", "rad", "goal"),),
-        wires=(Wire("speed", "rad/s", "speed"),),
-        constants={"internal_step": Param("s", "step", default=1e-3, low=1e-6, high=1e-2)},
-        chain=(follow,),
-        states=(State(Wire("angle", "rad", "angle"), "speed"),),
-        outputs=("angle",),
-    ),
-    variants=(Variant("plain", "", {}, ""),),
-    stop_time=1.0,
-    step_size=0.01,
-    step=("goal", 1.0),
-)
-'''
-
-
-def write(folder: Path, time_constant: float = 0.2, name: str = "joint.py") -> Path:
-    """Write the actuator's file; it notes beside itself how often it ran."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / name
-    path.write_text(SOURCE.replace("TIME", repr(time_constant)))
-    return path
-
-
-def runs(path: Path) -> int:
-    marks = path.with_suffix(".ran")
-    return len(marks.read_text()) if marks.exists() else 0
+from tests.support.own_actuators import SOURCE, runs, write
 
 
 def reached(path: Path) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from servo_models.data.description import Description, read_description
-from tests.data.test_description import OWN
+from tests.support.own_actuators import OWN
 
 
 def log_of(

@@ -9,58 +9,21 @@ from typing import Any, NamedTuple
 import fmpy
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator, ValidationError
+from jsonschema import ValidationError
 
 from servo_models.cli import main
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
-from servo_models.diagnosis import telling
 from servo_models.diagnosis.fitting import explanation
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear
 from tests.conftest import Run
+from tests.support.delayed_motor import DESCRIPTION, NOISE, RATE, check_schema, describe
 from tests.support.fmu_host import Host
 from tests.support.html_page import Page
-
-RATE = 4000.0
-NOISE = 5e-5
-DESCRIPTION = """
-actuator = "torque_motor"
-variant = "identified"
-parameters.transport_delay.time = 0
-[uncertainty]
-torque_constant = "5 %"
-inductance = "5 %"
-[[logs]]
-file = "log.csv"
-time = {{ column = "t", unit = "s" }}
-inputs.voltage = {{ column = "u", unit = "V" }}
-outputs.angle = {{ column = "angle", unit = "deg" }}
-{}
-"""
-
-
-def write_log(path: Path, seconds: float = 0.5) -> None:
-    """Steps and a chirp of the motor of eq. 12, its delay included, with white noise."""
-    times = np.arange(0.0, seconds, 1.0 / RATE)
-    steps = 8.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * times))
-    chirp = 10.0 * np.sin(2.0 * np.pi * (5.0 + 150.0 * times) * times)
-    voltage = np.where(times < 0.5 * seconds, steps, chirp)
-    inputs = {"voltage": voltage, "load_torque": np.zeros_like(times)}
-    angle = Linear(IDENTIFIED)(times, inputs)["angle"]
-    angle = np.rad2deg(angle + NOISE * np.random.default_rng(5).standard_normal(len(times)))
-    rows = np.column_stack([times, voltage, angle])
-    np.savetxt(path, rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
-
-
-def describe(folder: Path, text: str = DESCRIPTION.format(""), seconds: float = 0.5) -> Path:
-    write_log(folder / "log.csv", seconds)
-    path = folder / "rig.toml"
-    path.write_text(text)
-    return path
 
 
 class Session(NamedTuple):
@@ -123,13 +86,6 @@ def test_the_audit_of_the_log_and_what_moved_without_effects_are_told(session: S
     assert (
         retuned["torque_constant"] != model("torque_motor", "identified").values["torque_constant"]
     )
-
-
-def check_schema(document: object) -> None:
-    path = Path(telling.__file__).parent / "schema.json"
-    schema = json.loads(path.read_text(encoding="utf-8"))
-    Draft202012Validator.check_schema(schema)
-    Draft202012Validator(schema).validate(document)
 
 
 def test_the_json_keeps_to_its_schema(session: Session) -> None:

@@ -18,7 +18,7 @@ from servo_models.diagnosis.preconditions import check_logs
 from servo_models.errors import UserError
 from servo_models.validation.linear_drive.reference import G_TAU, K_V
 from tests.conftest import Run
-from tests.diagnosis.test_diagnose_cli import DESCRIPTION, RATE, describe
+from tests.support.delayed_motor import DESCRIPTION, RATE, describe
 
 BAD = {
     "no file": ("", "no file", "absent.csv"),

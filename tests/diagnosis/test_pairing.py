@@ -22,7 +22,7 @@ from servo_models.diagnosis.search.pairing import lookalikes, promising
 from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
 from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
 
 SHARED = {
     "drive_saturation": (0.0, 1.6),

@@ -13,7 +13,7 @@ from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.belief import probabilities
 from servo_models.diagnosis.search.causes import Causes, find_causes
 from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
 
 
 def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None:

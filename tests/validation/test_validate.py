@@ -29,7 +29,7 @@ from servo_models.validation.runner import CostCurve, Validation, validate
 from servo_models.validation.sg90 import reference as sg90
 from servo_models.validation.subject import Subject
 from tests.conftest import Run
-from tests.data.test_description import OWN
+from tests.support.own_actuators import OWN
 
 FmuFile = Callable[[str], Path]
 
