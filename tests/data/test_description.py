@@ -15,7 +15,7 @@ from servo_models.data import description
 from servo_models.data.description import log
 from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
 from tests.support.descriptions import DEGREE, HEAD, LOG, TABLE, complaint, describe, text_of
-from tests.support.own_actuators import OWN
+from tests.support.own_actuators import WITH_A_FLAG, write
 
 PAGE = (Path(__file__).parents[2] / "docs" / "description.md").read_text(encoding="utf-8")
 
@@ -143,7 +143,7 @@ outputs.angle = { column = "angle_deg", unit = "deg" }
 
 
 def test_an_actuator_of_ones_own(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(OWN)
+    write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     log_ = JOINT + "constants = { enabled = false }\n"
     found = describe(tmp_path, log_, 'actuator = "mine.py"\nfree = ["time_constant"]\n')
     assert found.logs[0].constants == {"enabled": 0.0}

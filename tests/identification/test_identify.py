@@ -29,7 +29,7 @@ from tests.conftest import Run
 from tests.support.bench_log import HEAD, LOG, NOISE, changed, laid_out, rows_of, write_log
 from tests.support.exact_motor import TRUE
 from tests.support.html_page import Page
-from tests.support.own_actuators import OWN
+from tests.support.own_actuators import WITH_A_FLAG, write
 
 ESTIMATED = {name: TRUE[name] for name in ("torque_constant", "inductance", "friction_coefficient")}
 
@@ -101,7 +101,7 @@ def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.M
     angle = 1.0 - np.exp(-times / lag)
     goal = np.ones(300)
     (tmp_path / "logs").mkdir()
-    (tmp_path / "mine.py").write_text(OWN)
+    write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     (tmp_path / "logs" / "joint.toml").write_text("""
         actuator = "../mine.py"
         free = ["time_constant"]

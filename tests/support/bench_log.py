@@ -1,4 +1,4 @@
-"""TODO."""
+"""A bench log of the exact motor as text, and its description."""
 
 from __future__ import annotations
 

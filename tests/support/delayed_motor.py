@@ -1,4 +1,4 @@
-"""TODO."""
+"""A log of the motor of eq. 12 with its delay, and descriptions of it without one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TODO."""
+"""A log of the torque motor with a description, and the sentence about a fault in them."""
 
 from __future__ import annotations
 

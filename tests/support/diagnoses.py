@@ -1,4 +1,4 @@
-"""TODO."""
+"""A torque motor with some effects under steps and a chirp, ready to be diagnosed."""
 
 from __future__ import annotations
 

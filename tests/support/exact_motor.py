@@ -1,4 +1,7 @@
-"""TODO."""
+"""The linear torque motor by the matrix exponential, from the valve paper's equations.
+
+It shares nothing with the product's integrator.
+"""
 
 from __future__ import annotations
 

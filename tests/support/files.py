@@ -1,4 +1,4 @@
-"""TODO."""
+"""Files of measured columns, and the sentence about a fault in one."""
 
 from __future__ import annotations
 

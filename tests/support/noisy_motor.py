@@ -1,4 +1,4 @@
-"""TODO."""
+"""Noisy logs of the torque motor's angle under five levels of voltage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TODO."""
+"""Equations of both papers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TODO."""
+"""Bench tables and records of a servo whose truth is known."""
 
 from __future__ import annotations
 

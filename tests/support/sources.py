@@ -1,4 +1,4 @@
-"""TODO."""
+"""Source files of the repository and what they import."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TODO."""
+"""Records of arrays for fits of transfer functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TODO."""
+"""A log that shows two levels only, so that static laws look alike in it."""
 
 from __future__ import annotations
 

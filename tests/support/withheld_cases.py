@@ -1,4 +1,4 @@
-"""TODO."""
+"""Judged cases of a withheld check, made by hand."""
 
 from __future__ import annotations
 
