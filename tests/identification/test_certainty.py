@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.telling.sheet import diagnosis_sheet
 from servo_models.identification.check import check
@@ -115,7 +115,7 @@ def test_diagnose_says_that_a_product_is_known_together_only(issued: Description
 def test_what_a_log_determines_is_in_no_group(rough: bool) -> None:
     values = {} if rough else {"sensor_quantisation__step": 0.0, "sample_hold__period": 0.0}
     chosen = servo(**values)
-    found = fit(chosen, [log_of(chosen, noise=2e-3)], ["torque_constant", "loop_factor", "inertia"])
+    found = fit(chosen, [logged(chosen, noise=2e-3)], ["torque_constant", "loop_factor", "inertia"])
     assert found.groups == ()
     assert np.isfinite(found.standard_errors).all()
 
@@ -134,7 +134,7 @@ def test_intervals_hold_the_truth_on_rough_responses() -> None:
     truth = np.array([true.values[name] for name in names])
     wrong, widths = [], []
     for seed in range(20):
-        log = log_of(true, noise, seed, "angle_reading")
+        log = logged(true, noise, seed, "angle_reading")
         found = fit(start, [log], names, jobs=1)
         free = [free_parameter(smooth.plant.parameters[n], true.values[n], None) for n in names]
         twin = Problem(smooth, [log], free, sigma={"angle_reading": noise})
@@ -178,7 +178,7 @@ def test_slopes_of_a_product_cancel(seed: int, step: float, friction: float) -> 
     chosen = servo(sensor_quantisation__step=step, coulomb_friction__level=friction)
     names = ("gain", "loop_factor", "torque_constant")
     free = [free_parameter(chosen.plant.parameters[n], chosen.values[n], None) for n in names]
-    problem = Problem(chosen, [log_of(chosen, 2e-3, seed)], free, sigma={"angle": 2e-3})
+    problem = Problem(chosen, [logged(chosen, 2e-3, seed)], free, sigma={"angle": 2e-3})
     told = information(problem, problem.start)
     assert told.groups == ((0, 1),)
     assert np.linalg.norm(told.slopes @ [1.0, -1.0, 0.0]) < 0.02 * np.linalg.norm(told.slopes)
@@ -192,13 +192,7 @@ def test_a_delay_beside_a_hold_is_known_to_the_tick() -> None:
     times = 4e-3 * np.arange(500)
     pulse = 1.5e-3 + 3e-4 * np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 10), 50)
     pulse[:50] = 1.5e-3
-    angle = simulate(chosen, times, {"pulse_width": pulse})["angle"]
-    angle = angle + 1e-3 * np.random.default_rng(2).standard_normal(len(times))
-    log = replace(
-        logged(servo()), times=times, inputs={"pulse_width": pulse}, outputs={"angle": angle},
-        channels={"angle": Channel("angle", "angle", "rad")}, rows=np.arange(500),
-        held_out=np.zeros(500, dtype=bool),
-    )  # fmt: skip
+    log = measured(chosen, times, {"pulse_width": pulse}, {"angle": 1e-3}, seed=2)
     found = fit(chosen, [log], ["transport_delay.time", "motor_gain"])
     assert found.standard_errors[0] >= 0.02 / np.sqrt(12.0) / 2.0
 
