@@ -12,7 +12,8 @@ import pytest
 from tests.support.sources import ROOT, imported
 
 FLOORS = (
-    "errors files units report",
+    "errors files units",
+    "report",
     "core",
     "effects",
     "actuators",
