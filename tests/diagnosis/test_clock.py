@@ -48,6 +48,7 @@ def test_what_makes_all_steps_late_alike_knows_no_clock(truth: dict[str, float])
     assert np.median([it.chance for it in found if it]) > 0.1
 
 
+@pytest.mark.thorough
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(4, 40))
 def test_answers_at_any_time_are_hardly_ever_bunched(seed: int, count: int) -> None:

@@ -58,6 +58,7 @@ def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagno
     assert all("best so far" in text and "noise floors" in text for text in told[first:])
 
 
+@pytest.mark.thorough
 def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
     told = read_description(case[0].logs[0].path.parent / "rig.toml")
     found = diagnose(told, left_out=["transport_delay"])

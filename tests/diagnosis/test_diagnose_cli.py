@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +33,7 @@ class Session(NamedTuple):
 
     folder: Path
     code: int
+    text: str
     document: dict[str, Any]
 
 
@@ -39,8 +42,12 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     folder = tmp_path_factory.mktemp("diagnosed")
     path = describe(folder, DESCRIPTION.format('held_out = { from = "0.4 s", to = "0.5 s" }'))
     words = ["diagnose", path, "--json", folder / "d.json", "--out", folder / "found.toml"]
-    code = main([str(word) for word in [*words, "--report", folder / "d.html"]])
-    return Session(folder, code, json.loads((folder / "d.json").read_text()))
+    printed, complaints = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(complaints):
+        code = main([str(word) for word in [*words, "--report", folder / "d.html"]])
+    assert complaints.getvalue() == ""
+    document = json.loads((folder / "d.json").read_text())
+    return Session(folder, code, printed.getvalue(), document)
 
 
 def test_the_delay_of_the_paper_is_named_and_measured(session: Session) -> None:
@@ -160,9 +167,8 @@ def test_the_report_is_one_file_that_needs_no_other(session: Session) -> None:
     assert session.document["logs"][0]["sha256"] in page.source
 
 
-def test_text_tells_it_in_one_screen(session: Session, run: Run) -> None:
-    code, out, err = run("diagnose", session.folder / "rig.toml")
-    assert (code, err) == (1, "")
+def test_text_tells_it_in_one_screen(session: Session) -> None:
+    out = session.text
     assert "transport_delay on 'voltage' explains the gap" in out
     for heading in ("Gap, RMS", "Effects", "Parameters", "held out", "Where"):
         assert heading in out

@@ -95,6 +95,7 @@ def record(file: Path, times: Array, voltage: Array, seed: int) -> str:
     return LOG.format(file.name)
 
 
+@pytest.mark.thorough
 def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Path) -> None:
     """From a description to a table, from the rig that plays it to a second log of the same."""
     rig, found = tmp_path / "rig.toml", tmp_path / "d.json"
@@ -178,6 +179,7 @@ def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
     assert pairs == [{one, two}, {one, three}, {two, three}]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("recorded", [False, True])
 def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first: Log) -> None:
     """A load that was recorded is a condition like one that the description gives."""

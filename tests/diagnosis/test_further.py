@@ -29,6 +29,7 @@ THREE = {
 }
 
 
+@pytest.mark.thorough
 def test_three_causes_are_named_and_no_fourth() -> None:
     bench, _ = made(THREE)
     causes = find_causes(bench)

@@ -162,6 +162,7 @@ def test_no_much_larger_size_is_imitated(name: str, sizes: Array, found: Diagnos
     assert 0.7 * most < told < 1.1 * most
 
 
+@pytest.mark.thorough
 def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path) -> None:
     """But for what is another parameter by another name."""
     rich = diagnose(described(tmp_path, {}, MANY), jobs=1)
@@ -170,6 +171,7 @@ def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path
     assert imitated(rich)["gain_error"] > 0.5 * imitated(found)["gain_error"]
 
 
+@pytest.mark.thorough
 def test_the_next_experiment_shows_what_was_imitated(
     found: Diagnosis, folder: Path, run: Run
 ) -> None:

@@ -253,6 +253,7 @@ def test_plants_whose_wires_were_replaced_are_not_kept_for_ever() -> None:
     assert gone() is None
 
 
+@pytest.mark.thorough
 def test_the_blocks_of_a_loop_are_told_apart() -> None:
     """A mass too light shows in the mechanics, a gain too low in the controller, and only there."""
     drive = model("linear_drive", "identified")
@@ -267,6 +268,7 @@ def test_the_blocks_of_a_loop_are_told_apart() -> None:
     assert heavy[mechanics].relative_before > 5.0 * weak[mechanics].relative_before
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "wrong"),
     [
