@@ -100,6 +100,7 @@ def test_a_branch_column_says_what_the_order_of_rows_says() -> None:
     assert told.gain.value == pytest.approx(ordered.gain.value, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_intervals_of_the_motor_cover_the_truth() -> None:
     """Random motors, with and without jumps at both edges, on random grids."""
     hits: dict[str, list[bool]] = defaultdict(list)
@@ -129,6 +130,7 @@ def test_intervals_of_the_motor_cover_the_truth() -> None:
         assert LOW <= np.mean(each) <= HIGH, (name, np.mean(each))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("flats", [(False, False, False), (True, False, True), (True, True, True)])
 def test_intervals_of_the_amplifier_cover_the_truth(flats: tuple[bool, bool, bool]) -> None:
     """Random knees; the shape itself is found too."""
@@ -192,7 +194,7 @@ def test_the_feedback_coefficient_of_the_paper() -> None:
     assert PAPER_LOOP.response(0.1, (0.05,)).time_constant == pytest.approx(4.6, abs=0.05)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(0.2, 30.0), st.floats(0.3, 10.0), st.floats(0.15, 2.5), st.floats(0.005, 0.2))
 def test_the_closed_forms_agree_with_python_control(
     gain: float, rate: float, damping: float, band: float

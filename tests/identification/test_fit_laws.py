@@ -28,7 +28,7 @@ from tests.support.logs import changed
 NAMES = tuple(name for name in nominal().plant.parameters if name != "internal_step")
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     names=st.lists(st.sampled_from(NAMES), min_size=1, max_size=4, unique=True),
     seed=st.integers(0, 99),
@@ -56,6 +56,7 @@ def test_a_fit_of_anything_stays_in_bounds_and_never_makes_it_worse(
     assert all(error >= 0.0 for error in found.standard_errors if not np.isnan(error))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 2])
 def test_slopes_mean_something_where_small_differences_do_not(seed: int) -> None:
     """Encoder counts and dry friction in a sampled loop: followed by small differences, a

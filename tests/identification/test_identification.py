@@ -52,6 +52,7 @@ def test_it_is_the_least_squares_estimate_of_another_optimiser_on_another_simula
     np.testing.assert_allclose(found.standard_errors, errors, rtol=0.35)
 
 
+@pytest.mark.thorough
 def test_standard_errors_cover_the_truth_in_coloured_noise() -> None:
     """Of 60 rigs, 95 % intervals cover between 85 and 100 % with probability above 0.999."""
     inside = 0
@@ -195,6 +196,7 @@ def test_an_effect_is_found_from_off() -> None:
     assert found.values == pytest.approx([5.4, 1.5], rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_global_search_leaves_a_valley_that_traps_slopes() -> None:
     """The delay of a tone burst is ambiguous by its period to whoever follows the slope."""
     grid = np.arange(1200)

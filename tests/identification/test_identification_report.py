@@ -188,6 +188,7 @@ def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
     assert "its error on new data is unknown" in text
 
 
+@pytest.mark.thorough
 def test_a_model_that_got_worse_fails(found: Identification) -> None:
     worse = [replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy]
     assert '<header class="pass">' in _page(replace(found, warnings=[]))
@@ -205,6 +206,7 @@ def test_hostile_names_stay_text(found: Identification) -> None:
     assert any(HOSTILE in piece for piece in page.text)
 
 
+@pytest.mark.thorough
 def test_long_logs_make_no_large_page(found: Identification) -> None:
     """Ten logs of 30 000 samples, noise throughout, which no drawing can simplify."""
     random = np.random.default_rng(5)

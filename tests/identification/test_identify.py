@@ -223,6 +223,7 @@ def test_ctrl_c_is_told(run: Run, monkeypatch: pytest.MonkeyPatch, bench: Path) 
     assert run("identify", bench / "mine.toml") == (2, "", "servo-models: interrupted\n")
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")
 @pytest.mark.parametrize("signals", [1, 3])
 def test_ctrl_c_keeps_the_best_values(bench: Path, signals: int) -> None:

@@ -56,7 +56,7 @@ def test_what_is_remembered_cannot_be_changed() -> None:
 def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() -> None:
     """The next one may lie where the last one did."""
     chosen = model("torque_motor", "measured")
-    for volts in np.linspace(1.0, 10.0, 20):
+    for volts in np.linspace(1.0, 10.0, 6):
         one = log(np.full(len(TIMES), volts))
         run = prepared(chosen, one)
         np.testing.assert_array_equal(run.simulate({}), chosen.run(run.times, run.inputs))
@@ -69,7 +69,6 @@ def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() ->
 NESTED = """
 import threading
 from servo_models.core.workers import Workers
-from tests.support.logs import log_of, measured, changed
 with Workers(2) as workers:
     def sums(n): return sum(workers.map(lambda k: n * k, range(5)))
     assert list(workers.map(sums, range(8))) == [10 * n for n in range(8)]

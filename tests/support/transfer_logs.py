@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,4 +30,5 @@ def log(
     signals: tuple[str, str] = ("voltage", "angle"),
 ) -> Log:
     mask = np.broadcast_to(np.asarray(held_out), times.shape)
-    return log_of(times, {signals[0]: u}, {signals[1]: y}, name=name, held_out=mask)
+    more = {"name": name, "path": Path(f"{name}.csv"), "held_out": mask}
+    return log_of(times, {signals[0]: u}, {signals[1]: y}, **more)
