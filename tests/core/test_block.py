@@ -270,7 +270,7 @@ numbers = st.one_of(st.floats(1e-3, 3.0), st.floats(-3.0, -1e-3), st.just(0.0))
 
 
 @pytest.mark.parametrize("name", EVERY_BLOCK)
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_inlined_text_is_the_function(name: str, data: st.DataObject) -> None:
     found = EVERY_BLOCK[name]
