@@ -28,7 +28,7 @@ from servo_models.diagnosis.trial_values import (
     travel,
 )
 from servo_models.identification.problem import Free, free_parameter
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import prepared
 
 LEAST_SAMPLES_IN_A_PERIOD = 10.0
 """Of the fastest resonance that logs can show."""
