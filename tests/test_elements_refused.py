@@ -11,7 +11,7 @@ from test_elements import DESCRIPTION, Array, Bench, taken_apart, write
 
 from servo_models.errors import UserError
 from servo_models.identification.elements import identify_elements
-from servo_models.identification.elements.step import first_order
+from servo_models.identification.elements.motor import first_order
 
 
 @pytest.fixture
