@@ -15,7 +15,7 @@ from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
 from servo_models.data.scaffold import draft, heading
 from tests.conftest import Run
-from tests.identification.test_check import TIMES, VOLTAGE, described, frame, motor_log
+from tests.support.noisy_motor import TIMES, VOLTAGE, described, frame, motor_log
 
 
 @pytest.fixture
