@@ -88,8 +88,16 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     document.check_keys((*KEYS, *RECORDS))
     document.sections("sweeps")  # of a wrong type they are refused even where nobody uses them
     document.section("elements")
-    method = _method(document)
-    chosen, parameters = _model(document, trust)
+    _method(document)
+    return described(document, *_model(document, trust))
+
+
+def described(document: Section, chosen: Model, parameters: Mapping[str, float]) -> Description:
+    """Return what a document says beside its nominal model, which has these overrides [SI].
+
+    Raises:
+        UserError: see ``read_description``.
+    """
     uncertainty = _uncertainty(document.section("uncertainty"), chosen)
     return Description(
         path=document.file,
@@ -99,7 +107,7 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         uncertainty=uncertainty,
         logs=_logs(document, chosen),
         free=_free(document, chosen),
-        method=method,
+        method=_method(document),
         bounds=_bounds(document.section("bounds"), chosen, uncertainty),
     )
 

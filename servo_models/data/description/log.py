@@ -84,10 +84,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     entry.check_keys(KEYS)
     if "file" not in entry:
         entry.fail("file", "missing; name the file of the log")
-    name = entry.text("file")
-    path = entry.file.parent / name
-    if not (name and os.path.exists(path)):  # a text that is no name at all has no file either
-        entry.fail("file", f"no file '{path}'; name it as seen from the description")
+    path = _path(entry)
     header = entry.content.get("header")
     if header is not None and not isinstance(header, bool):
         entry.fail("header", "neither true nor false")
@@ -98,7 +95,8 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     outputs = _outputs(entry, readings, main)
 
     def table(name: str | None) -> Columns:
-        return read(path, name, header)
+        given = entry.content["file"]
+        return given if isinstance(given, Columns) else read(path, name, header)
 
     columns = table(main)
     apart = dict.fromkeys(it.table for it in inputs.values() if it.table != main)
@@ -132,6 +130,18 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
         skipped=skipped(entry, times, fed),
         begin=float(clock.since[0]),
     )
+
+
+def _path(entry: Section) -> Path:
+    """The file of a log, or the name of a table in memory that stands in its place."""
+    given = entry.content["file"]
+    if isinstance(given, Columns):
+        return given.path
+    name = entry.text("file")
+    path = entry.file.parent / name
+    if not (name and os.path.exists(path)):  # a text that is no name at all has no file either
+        entry.fail("file", f"no file '{path}'; name it as seen from the description")
+    return path
 
 
 def _outputs(entry: Section, readings: Mapping[str, Wire], main: str | None) -> dict[str, Mapped]:
