@@ -14,7 +14,7 @@ from servo_models.analysis.explain import explain, overview
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
 from servo_models.build import build
-from servo_models.core.block import Mode, Param, block
+from servo_models.core.block import Clock, Fault, Memory, Mode, Param, Queue, block, effect
 from servo_models.core.catalogue import actuator
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
 from servo_models.core.simulate import Model, Result, model, simulate
@@ -32,12 +32,16 @@ __version__ = _version("servo-models")
 
 __all__ = [
     "Actuator",
+    "Clock",
     "Description",
+    "Fault",
+    "Memory",
     "Mode",
     "Model",
     "Param",
     "ParameterSet",
     "Plant",
+    "Queue",
     "Result",
     "State",
     "UserError",
@@ -50,6 +54,7 @@ __all__ = [
     "check",
     "describe",
     "diagnose",
+    "effect",
     "explain",
     "figures",
     "identify",

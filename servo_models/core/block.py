@@ -216,10 +216,24 @@ def _parse(function: Function, **options: Any) -> Block:
 
 
 def block(*gives: str, source: str = "") -> Callable[[Function], Block]:
-    """Make a plant block; it defines the wires ``gives`` (default: one, named like itself)."""
+    """Make a plant block; it defines the wires ``gives`` (default: one, named like itself).
+
+    Raises:
+        ValueError: a fault of the function, see the rules above; or a unit of ``"signal"``.
+
+    Example:
+        ``@block("voltage")`` above ``def controller(command: float, angle: float) -> float``
+    """
 
     def decorate(function: Function) -> Block:
-        return _parse(function, gives=gives or (function.__name__,), source=source)
+        made = _parse(function, gives=gives or (function.__name__,), source=source)
+        for name, param in made.params.items():
+            if SIGNAL in param.unit:
+                raise ValueError(
+                    f"parameter '{name}' of block '{made.name}' has the unit '{param.unit}': only"
+                    " an effect acts on a signal, give a unit of its own"
+                )
+        return made
 
     return decorate
 
