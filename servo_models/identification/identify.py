@@ -29,8 +29,8 @@ from servo_models.data.recording import hashes
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
+from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
 from servo_models.report.sheets import Sheet
 
@@ -179,7 +179,8 @@ def _figures_of_merit(fitted: Model) -> Sheet:
     from servo_models.analysis.figures_sheet import figures_sheet
 
     try:
-        return replace(figures_sheet(figures(fitted)), title="Figures of merit")
+        found = figures_sheet(figures(fitted))
+        return Sheet("Figures of merit", found.texts, found.tables)
     except UserError as error:
         return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
 
