@@ -222,7 +222,15 @@ def block(*gives: str, source: str = "") -> Callable[[Function], Block]:
         ValueError: a fault of the function, see the rules above; or a unit of ``"signal"``.
 
     Example:
-        ``@block("voltage")`` above ``def controller(command: float, angle: float) -> float``
+        >>> from typing import Annotated
+        >>> import servo_models as sm
+        >>> Gain = Annotated[float, sm.Param("V/rad", "gain of the loop", default=20.0, high=200.0)]
+        >>> @sm.block("voltage")
+        ... def controller(command: float, angle: float, gain: Gain) -> float:
+        ...     '''The drive voltage is proportional to the error of the angle.'''
+        ...     return gain * (command - angle)
+        >>> controller.wires, controller.gives
+        (('command', 'angle'), ('voltage',))
     """
 
     def decorate(function: Function) -> Block:
@@ -243,6 +251,17 @@ def effect(*acts_on: str, source: str) -> Callable[[Function], Block]:
 
     Raises:
         ValueError: an effect without a switch parameter has no neutral value.
+
+    Example:
+        >>> from typing import Annotated
+        >>> import servo_models as sm
+        >>> Offset = Annotated[float, sm.Param("signal", "offset", low=-0.1, high=0.1, switch=True)]
+        >>> @sm.effect("signal", source="a data sheet")
+        ... def offset(signal: float, value: Offset) -> float:
+        ...     '''What is read is off by a constant.'''
+        ...     return signal + value
+        >>> offset.switches
+        ('value',)
     """
 
     def decorate(function: Function) -> Block:

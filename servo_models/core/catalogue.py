@@ -51,6 +51,11 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
 
     Raises:
         UserError: nobody knows that name; see ``own_actuator.load_actuator`` and ``check_trust``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> sm.actuator("sg90").default_variant
+        'measured'
     """
     if is_file(name):
         return _own(Path(name), named_in, trust)

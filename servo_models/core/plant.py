@@ -129,7 +129,10 @@ def place(
         ValueError: another number of wires; see also ``Placement``.
 
     Example:
-        ``place("drive_dead_zone", dead_zone, "drive_voltage")``
+        >>> import servo_models as sm
+        >>> from servo_models.effects.dead_zone import dead_zone
+        >>> sm.place("drive_dead_zone", dead_zone, "voltage").on
+        ('voltage',)
     """
     if len(on) != len(effect.acts_on):
         raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")

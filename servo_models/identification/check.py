@@ -80,6 +80,12 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     Raises:
         UserError: see ``read_description``; there are no logs, every sample is held out, or the
             nominal model cannot be simulated on these logs.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.check("gimbal.toml")
+        >>> round(found.floors["reading"], 4)  # rad
+        0.0009
     """
     description = described if isinstance(described, Description) else read_description(described)
     if not description.logs:

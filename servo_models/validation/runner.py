@@ -66,6 +66,12 @@ def validate(
 
     Raises:
         UserError: an FMU that cannot be read, or one of an unknown actuator.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.validate([sm.model("gimbal.py")])
+        >>> found.passed
+        True
     """
     with ExitStack() as stack:
         folder = stack.enter_context(scratch())

@@ -83,6 +83,12 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
             that does not convert; a value out of bounds; a log that cannot be read or used,
             see ``description.log.read_log``.  It names the file, and the key or row and column.
+
+    Example:
+        >>> import servo_models as sm
+        >>> description = sm.read_description("gimbal.toml")
+        >>> description.logs[0].outputs["reading"].shape  # rad
+        (400,)
     """
     document = read_toml(Path(path))
     document.check_keys((*KEYS, *RECORDS))
