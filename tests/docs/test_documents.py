@@ -64,8 +64,13 @@ def test_the_readme_is_short_and_begins_with_the_two_commands() -> None:
 def test_the_diagnosis_of_the_readme(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
 ) -> None:
+    """Which is that of the example, whose page shows it as well."""
     for name in ("gimbal.py", "log.csv"):
         (tmp_path / name).write_bytes((ROOT / "examples" / "gimbal" / name).read_bytes())
     (tmp_path / "gimbal.toml").write_text(code_blocks(README, "toml")[0])
     monkeypatch.chdir(tmp_path)
-    follow(README, run, doubted="diagnose")  # which finds a gap
+    commands = follow(README, run, doubted="diagnose")  # which finds a gap
+    page = (ROOT / "examples" / "gimbal" / "README.md").read_text(encoding="utf-8")
+    (shown,) = code_blocks(page, "")
+    assert commands[0] in shown
+    assert set(shown.splitlines()[1:]) <= set(README.splitlines())

@@ -6,6 +6,7 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from servo_models.core.catalogue import actuator
@@ -34,6 +35,16 @@ def test_the_example_is_what_the_page_shows() -> None:
         assert (ROOT / "examples" / "gimbal" / name).read_text(encoding="utf-8") == text
 
 
+def test_the_script_makes_the_log_of_the_example(folder: Path) -> None:
+    runpy.run_path("make_log.py")
+    made, kept = (
+        np.loadtxt(place / "log.csv", delimiter=",", skiprows=1)
+        for place in (folder, ROOT / "examples" / "gimbal")
+    )
+    np.testing.assert_allclose(made, kept, atol=0.0011)  # a last digit
+
+
+@pytest.mark.thorough
 def test_commands_print_what_the_page_shows(folder: Path, run: Run) -> None:
     runpy.run_path("make_log.py")
     commands = follow(PAGE, run, doubted="diagnose")  # which finds a gap
