@@ -14,7 +14,21 @@ from servo_models.analysis.explain import explain, overview
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
 from servo_models.build import build
-from servo_models.core.block import Clock, Fault, Memory, Mode, Param, Queue, block, effect
+from servo_models.core.block import (
+    Ambiguity,
+    Clock,
+    DeadTime,
+    Fault,
+    FirstOrderLag,
+    Grid,
+    Memory,
+    Mode,
+    Param,
+    Queue,
+    SearchHints,
+    block,
+    effect,
+)
 from servo_models.core.catalogue import actuator
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
 from servo_models.core.simulate import Model, Result, model, simulate
@@ -32,9 +46,13 @@ __version__ = _version("servo-models")
 
 __all__ = [
     "Actuator",
+    "Ambiguity",
     "Clock",
+    "DeadTime",
     "Description",
     "Fault",
+    "FirstOrderLag",
+    "Grid",
     "Memory",
     "Mode",
     "Model",
@@ -43,6 +61,7 @@ __all__ = [
     "Plant",
     "Queue",
     "Result",
+    "SearchHints",
     "State",
     "UserError",
     "Validation",
