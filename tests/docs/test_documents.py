@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
 
+FmuFile = Callable[[str], Path]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/*.md")],
@@ -74,3 +79,21 @@ def test_the_diagnosis_of_the_readme(
     (shown,) = code_blocks(page, "")
     assert commands[0] in shown
     assert set(shown.splitlines()[1:]) <= set(README.splitlines())
+
+
+def test_the_python_of_the_readme(
+    tmp_path: Path, fmu_file: FmuFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_log, of_fmu, of_model = code_blocks(README, "python")
+    times = np.arange(0.0, 1.0, 0.01)
+    log = {"times": 1e3 * times, "command": np.full(100, 1600.0), "angle": 10.0 * times}
+    names: dict[str, Any] = dict(log)
+    exec(of_log.split("result =")[0], names)
+    assert names["description"].logs[0].outputs["angle"] == pytest.approx(np.radians(log["angle"]))
+    exec(of_model, names)
+    assert names["response"]["angle"].shape == (1000,)
+    (tmp_path / "fmus").mkdir()
+    shutil.copy(fmu_file("torque_motor"), tmp_path / "fmus")
+    monkeypatch.chdir(tmp_path)
+    exec(of_fmu, names)
+    assert set(names["result"].dtype.names) == {"time", "angle", "current"}
