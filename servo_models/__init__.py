@@ -1,5 +1,10 @@
 """Identified actuator models: simulate and fit them, diagnose their gap, build FMUs of them.
 
+What there is: ``overview``, ``explain``.  A model: ``model``, ``simulate``, ``figures``,
+``linearise``, ``build``, ``validate``.  Logs: ``describe`` or ``read_description``, then ``check``,
+``identify``, ``diagnose``.  An actuator of your own: ``Actuator``, ``Plant``, ``Wire``, ``block``,
+``effect``, ``place``; see docs/own_actuator.md.
+
 Example:
     >>> import servo_models as sm
     >>> servo = sm.model("sg90", "measured", {"backlash.half_width": "0.5 deg"})

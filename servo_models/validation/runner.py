@@ -64,6 +64,9 @@ def validate(
         on_progress: is told of the jobs; the last call is (n, n, "").
         limits: of time, memory and size for each FMU.
 
+    Returns:
+        one row a figure, with its value and its limit; ``passed`` where all are within.
+
     Raises:
         UserError: an FMU that cannot be read, or one of an unknown actuator.
 
