@@ -12,8 +12,9 @@ import pytest
 
 import servo_models as sm
 from servo_models.errors import UserError
+from tests.support.document import ROOT
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "two_csv_files"
+EXAMPLE = ROOT / "examples" / "two_csv_files"
 COLUMNS = {
     "time": ("time_ms", "ms"),
     "pulse_width": ("pulse_us", "us"),

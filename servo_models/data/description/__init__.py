@@ -17,7 +17,7 @@ from servo_models.core.simulate import Model, model
 from servo_models.data.description.log import read_log
 from servo_models.data.description.values import named, quantity, setting
 from servo_models.data.parameters import ParameterSet, read_parameters
-from servo_models.data.readers import read_columns
+from servo_models.data.readers import Columns, read_columns
 from servo_models.data.recording import Log
 from servo_models.data.toml_file import Section, read_toml
 from servo_models.errors import UserError, did_you_mean
@@ -98,8 +98,15 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     return described(document, *_model(document, trust))
 
 
-def described(document: Section, chosen: Model, parameters: Mapping[str, float]) -> Description:
+def described(
+    document: Section,
+    chosen: Model,
+    parameters: Mapping[str, float],
+    tables: Mapping[str, Columns] | None = None,
+) -> Description:
     """Return what a document says beside its nominal model, which has these overrides [SI].
+
+    ``tables`` are in memory, by the name that the document has as their file.
 
     Raises:
         UserError: see ``read_description``.
@@ -111,7 +118,7 @@ def described(document: Section, chosen: Model, parameters: Mapping[str, float])
         model=chosen,
         parameters=parameters,
         uncertainty=uncertainty,
-        logs=_logs(document, chosen),
+        logs=_logs(document, chosen, tables or {}),
         free=_free(document, chosen),
         method=_method(document),
         bounds=_bounds(document.section("bounds"), chosen, uncertainty),
@@ -234,14 +241,14 @@ def _free(document: Section, chosen: Model) -> tuple[str, ...]:
     return document.texts("free")
 
 
-def _logs(document: Section, chosen: Model) -> tuple[Log, ...]:
+def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tuple[Log, ...]:
     entries = document.sections("logs")
     if not entries and not any(key in document for key in RECORDS):
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read = functools.cache(read_columns)
     logs: list[Log] = []
     for entry in entries:
-        log = read_log(entry, chosen, read)
+        log = read_log(entry, chosen, read, tables)
         if log.name in (other.name for other in logs):
             entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
         logs.append(log)

@@ -65,8 +65,8 @@ def describe(
         ...     columns={"time": ("t", "ms"), "voltage": "u", "angle": ("deg", "deg")},
         ...     uncertainty={"torque_constant": "10 %"},
         ... )
-        >>> description.logs[0].outputs["angle"].max().round(3)  # rad
-        np.float64(0.086)
+        >>> round(float(description.logs[0].outputs["angle"].max()), 3)  # rad
+        0.086
     """
     chosen = model(actuator) if isinstance(actuator, str) else actuator
     own = chosen.actuator.values(chosen.variant)
@@ -76,10 +76,7 @@ def describe(
         if name not in logs:
             raise UserError(unknown("log", name, logs, "each"))
     signals = _signals(chosen, columns)
-    entries = [
-        {**further.get(name, {}), **signals, "name": name, "file": _read(name, table)}
-        for name, table in logs.items()
-    ]
+    entries = [{**further.get(name, {}), **signals, "name": name, "file": name} for name in logs]
     content = {
         "uncertainty": uncertainty or {},
         "bounds": bounds or {},
@@ -87,7 +84,8 @@ def describe(
         "method": method,
         "logs": entries,
     }
-    return described(Section(WHERE, "", _plain(content)), chosen, changed)
+    tables = {name: _read(name, table) for name, table in logs.items()}
+    return described(Section(WHERE, "", _plain(content)), chosen, changed, tables)
 
 
 def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:

@@ -66,13 +66,14 @@ class Mapped(NamedTuple):
     shift: float = 0.0
 
 
-def read_log(entry: Section, chosen: Model, read: Read) -> Log:
+def read_log(entry: Section, chosen: Model, read: Read, tables: Mapping[str, Columns]) -> Log:
     """Read a log as a description's ``[[logs]]`` says.
 
     Args:
         entry: the description of the log.
         chosen: the model of the actuator that made it.
         read: ``logs.read_columns``, which may remember what it has read.
+        tables: in memory, by the name that stands as their file.
 
     Raises:
         UserError: an unknown key, signal, parameter, table or column; a unit that does not
@@ -84,7 +85,8 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     entry.check_keys(KEYS)
     if "file" not in entry:
         entry.fail("file", "missing; name the file of the log")
-    path = _path(entry)
+    given = tables.get(entry.text("file"))
+    path = given.path if given else _path(entry)
     header = entry.content.get("header")
     if header is not None and not isinstance(header, bool):
         entry.fail("header", "neither true nor false")
@@ -95,8 +97,7 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
     outputs = _outputs(entry, readings, main)
 
     def table(name: str | None) -> Columns:
-        given = entry.content["file"]
-        return given if isinstance(given, Columns) else read(path, name, header)
+        return given or read(path, name, header)
 
     columns = table(main)
     apart = dict.fromkeys(it.table for it in inputs.values() if it.table != main)
@@ -133,10 +134,6 @@ def read_log(entry: Section, chosen: Model, read: Read) -> Log:
 
 
 def _path(entry: Section) -> Path:
-    """The file of a log, or the name of a table in memory that stands in its place."""
-    given = entry.content["file"]
-    if isinstance(given, Columns):
-        return given.path
     name = entry.text("file")
     path = entry.file.parent / name
     if not (name and os.path.exists(path)):  # a text that is no name at all has no file either
