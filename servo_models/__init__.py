@@ -37,8 +37,8 @@ from servo_models.core.block import (
 from servo_models.core.catalogue import actuator
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
 from servo_models.core.simulate import Model, Result, model, simulate
+from servo_models.data.arrays import describe
 from servo_models.data.description import Description, read_description
-from servo_models.data.description.arrays import describe
 from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
 from servo_models.data.tables import read_inputs, read_signals, write_signals
 from servo_models.diagnosis.diagnose import diagnose

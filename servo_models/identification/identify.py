@@ -24,8 +24,8 @@ from servo_models.data.description import (
     Description,
     read_description,
 )
+from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
-from servo_models.data.recording import hashes
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by

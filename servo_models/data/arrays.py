@@ -13,7 +13,7 @@ from servo_models.core.plant import TIME_AXIS, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.description import Description, described
 from servo_models.data.readers import Columns
-from servo_models.data.toml_file import Section
+from servo_models.data.schema import Section
 from servo_models.errors import UserError
 
 Column = str | int | tuple[str | int, str] | Mapping[str, Any]
@@ -32,7 +32,7 @@ def describe(
     uncertainty: Mapping[str, float | str] | None = None,
     bounds: Mapping[str, Sequence[float | str]] | None = None,
     free: Sequence[str] = (),
-    method: str = "",
+    method: str | None = None,
 ) -> Description:
     """Describe logs that are in memory, for ``check``, ``identify`` and ``diagnose``.
 
