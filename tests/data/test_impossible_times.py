@@ -94,6 +94,7 @@ def test_a_table_of_inputs_that_never_ends(tmp_path: Path, run: Run) -> None:
     (tmp_path / "pulses.csv").write_text("time,pulse_width\n0,0.0015\n1,0.0016\n1e12,0.0016\n")
     code, out, err = run("simulate", "sg90", "--inputs", tmp_path / "pulses.csv")
     assert (code, out) == (2, "")
+    assert "pulses.csv', rows counted from 0" in err
     assert "internal steps" in err
     assert "follows row 1" in err
 
