@@ -11,7 +11,21 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.block import Block, Clock, Fault, Memory, Mode, Param, Queue, block, effect
+from servo_models.core.block import (
+    Ambiguity,
+    Block,
+    Clock,
+    DeadTime,
+    Fault,
+    FirstOrderLag,
+    Memory,
+    Mode,
+    Param,
+    Queue,
+    SearchHints,
+    block,
+    effect,
+)
 from servo_models.core.catalogue import actuators, effects
 from servo_models.core.inline import inline
 from servo_models.core.plant import Plant, Wire, place
@@ -84,6 +98,45 @@ def test_an_effect_without_switch_is_refused() -> None:
         def always_on(signal: float, size: Annotated[float, Param("1", "size")]) -> float:
             """Cannot be switched off."""
             return signal + size
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ({"search": SearchHints(phase="angle")}, "declares what it has not: parameter 'angle'"),
+        ({"search": SearchHints(assumed=("size", "bits"))}, "has not: parameter 'bits'"),
+        ({"small_signal": DeadTime("time", "size", "size")}, "has not: parameter 'time'"),
+        ({"small_signal": FirstOrderLag("size", "last", "last")}, "has not: memory 'last'"),
+        ({"signature": "tones"}, "no signature 'tones' is known"),
+        ({"ambiguities": (Ambiguity("look", ("lag", "offset")),)}, "in no group of an ambiguity"),
+    ],
+)
+def test_a_declaration_of_what_an_effect_has_not_is_refused(
+    declared: dict[str, Any], said: str
+) -> None:
+    def widened(signal: float, size: Annotated[float, Param("1", "size", switch=True)]) -> float:
+        """Wider by a size."""
+        return signal + size
+
+    with pytest.raises(ValueError, match=f"effect 'widened'.*{said}"):
+        effect("signal", source="here", **declared)(widened)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "separated"),
+    [("a", "b", True), ("b", "a", True), ("a", "a", False), ("a", "c", False)],
+)
+def test_an_ambiguity_is_between_any_two_of_its_group(
+    one: str, other: str, separated: bool
+) -> None:
+    assert Ambiguity("look", ("a", "b")).separates(one, other) is separated
+
+
+def test_an_ambiguity_against_others_is_not_within_its_group() -> None:
+    ambiguity = Ambiguity("look", ("a", "b"), ("c",))
+    assert ambiguity.separates("a", "c")
+    assert ambiguity.separates("c", "b")
+    assert not ambiguity.separates("a", "b")
 
 
 @block("y")

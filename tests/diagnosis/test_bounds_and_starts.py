@@ -84,7 +84,7 @@ def test_what_cannot_be_simulated_is_not_seen() -> None:
     bench, every = made({})
     (log,) = bench.logs
     bench = replace(bench, logs=[replace(log, times=0.02 * log.times)])
-    one = replace(every["transport_delay"], sizes=({"transport_delay.time": 0.05},))
+    one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
     nominal = bench.unfit((), (), {free.name: free.nominal for free in bench.nominal})
     assert look([nominal.view], [one]) == []
     assert reaches(sights_of([nominal.view], [one]), [one]) == {"transport_delay": Reach()}

@@ -53,7 +53,9 @@ def test_the_cause_carries_over_and_what_imitates_it_does_not() -> None:
     lost = {}
     for one in candidates(bench.model, bench.logs):
         if one.name in ("coulomb_friction", "viscous_friction", "hysteresis"):
-            lost[one.name] = carried_over(bench, bench.fit((one.name,), one.at(one.sizes[0])))
+            lost[one.name] = carried_over(
+                bench, bench.fit((one.name,), one.at(one.trial_values[0]))
+            )
     truth = lost.pop("coulomb_friction")
     samples = sum(len(log.times) for log in bench.logs)
     assert truth == pytest.approx(samples, rel=0.1)  # the noise, which is one floor

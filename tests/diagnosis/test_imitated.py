@@ -225,12 +225,12 @@ def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) ->
 
     plain = response({})
     every = {one.name: one for one in candidates(found.model, found.logs)}
-    load = [response(size) - plain for size in every["constant_load"].sizes]
+    load = [response(size) - plain for size in every["constant_load"].trial_values]
     most = max(float(np.sqrt(np.mean(it**2))) for it in load)
     assert found.causes.reach["constant_load"].moved == pytest.approx(most, rel=1e-6)
     ripples = [
         response({**size, "cogging.phase": phase}) - plain
-        for size in every["cogging"].sizes
+        for size in every["cogging"].trial_values
         for phase in (0.0, 0.5 * np.pi)
     ]
     most = 10.0 * max(float(np.sqrt(np.mean(it**2))) for it in ripples)

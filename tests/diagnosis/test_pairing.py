@@ -66,7 +66,7 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     sights = look((bench.fit((), ()).view,), list(every.values()))
     near = narrowed(every.values(), sights)
     (ripple,) = [one for one in near if one.name == "cogging"]
-    assert ripple.sizes == every["cogging"].sizes
+    assert ripple.trial_values == every["cogging"].trial_values
     friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
     first = bench.fit(("stribeck_friction",), friction)
     own = [it for it in seen_beside(first, near) if it.candidate.name == "cogging"]
@@ -142,7 +142,7 @@ def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
     alone = next(it for it in sights if it.candidate.name == "cogging")
     ((one, other),) = pairs(sights)
     ripple = one if one.candidate.name == "cogging" else other
-    counts = np.diff([size["cogging.count"] for size in every["cogging"].sizes[:2]])[0]
+    counts = np.diff([size["cogging.count"] for size in every["cogging"].trial_values[:2]])[0]
     assert abs(alone.settings["cogging.count"] - 200.0) > counts
     assert abs(ripple.settings["cogging.count"] - 200.0) < counts
     assert ripple.settings["cogging.torque"] == pytest.approx(1e-3, rel=0.5)

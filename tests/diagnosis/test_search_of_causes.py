@@ -21,7 +21,7 @@ from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.reach import reaches
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
-from servo_models.diagnosis.sizes import travel
+from servo_models.diagnosis.trial_values import travel
 from servo_models.identification.problem import Free
 from tests.support.diagnoses import made
 
@@ -161,9 +161,9 @@ def test_a_reading_is_quantised_where_its_codes_show_it() -> None:
     step = 4e-3
     _, every = made({"sensor_quantisation.step": step}, noise=3e-4)
     one = every["sensor_quantisation"]
-    assert one.stairs
-    assert not one.fine
-    sizes = np.array([size["sensor_quantisation.step"] for size in one.sizes])
+    assert one.discontinuous
+    assert not one.grid
+    sizes = np.array([size["sensor_quantisation.step"] for size in one.trial_values])
     assert np.min(np.abs(sizes / step - 1.0)) < 1e-3
 
 
@@ -177,7 +177,7 @@ def test_a_reading_without_codes_is_not_quantised_at_any_size() -> None:
         outputs={"angle": log.outputs["angle"][late]},
     )  # fmt: skip
     one = {it.name: it for it in candidates(bench.model, [chirp])}["sensor_quantisation"]
-    assert one.sizes == ()
+    assert one.trial_values == ()
     assert one.trials == 1
     assert look((bench.fit((), ()).view,), [one]) == []
 
@@ -186,7 +186,7 @@ def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
     _, every = made({})
     one = every["gear_compliance"]
     names = {free.name.rpartition(".")[2]: free.name for free in one.free}
-    for settings in one.sizes:
+    for settings in one.trial_values:
         free = {it.name: it for it in one.at(dict(settings))}
         fastest = free[names["compliance"]].low * free[names["inertia"]].low
         seen = settings[names["compliance"]] * settings[names["inertia"]]
@@ -200,9 +200,9 @@ def test_every_effect_is_looked_at_whatever_the_travel(share: float) -> None:
     (log,) = bench.logs
     small = replace(log, outputs={"angle": share * log.outputs["angle"]})
     for one in candidates(bench.model, [small]):
-        assert one.sizes or one.name == "sensor_quantisation"
-        assert one.trials >= len(one.sizes)
-        for settings in one.sizes:
+        assert one.trial_values or one.name == "sensor_quantisation"
+        assert one.trials >= len(one.trial_values)
+        for settings in one.trial_values:
             for free in one.at(dict(settings)):
                 assert free.low <= free.start <= free.high
 

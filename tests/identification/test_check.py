@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from servo_models.analysis.lookalikes import EXPERIMENTS, FRICTION, GAIN, INERTIA, LAG, experiment
+from servo_models.analysis.isolability import ambiguities, cause, experiment
 from servo_models.core.catalogue import effects
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
@@ -117,13 +117,36 @@ def test_all_held_out_is_refused() -> None:
         excitation(MOTOR, [replace(log, held_out=~log.held_out)], {"angle": NOISE})
 
 
-def test_every_lookalike_is_an_effect_or_a_kind_of_parameter() -> None:
-    known = {*effects(), INERTIA, GAIN, LAG, FRICTION}
-    for these, those, text in EXPERIMENTS:
-        assert these | those <= known
-        assert text
-    assert experiment("backlash", "dead_zone") == experiment("dead_zone", "backlash") != ""
-    assert experiment("lag", "lag") == ""
+def test_effects_are_confused_with_known_ones_and_in_no_two_ways() -> None:
+    plant = MOTOR.plant
+    declared = list(ambiguities(plant))
+    for ambiguity in declared:
+        assert {*ambiguity.group, *ambiguity.against} <= {*effects()}
+        assert ambiguity.experiment
+    for one in effects():
+        for other in effects():
+            texts = {it.experiment for it in declared if it.separates(one, other)}
+            assert texts <= {experiment(one, other, plant)}
+            assert experiment(one, other, plant) == experiment(other, one, plant)
+    assert experiment("backlash", "dead_zone", plant)
+    assert experiment("lag", "lag", plant) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "effect"),
+    [
+        ("rotor_inertia", "load_inertia"),
+        ("friction_coefficient", "viscous_friction"),
+        ("internal_step", "lag"),
+        ("torque_constant", "gain_error"),
+        ("gear_compliance.inertia", "gear_compliance"),
+        ("drive_dead_zone", "dead_zone"),
+    ],
+)
+def test_a_cause_is_an_effect_or_a_parameter_whose_error_looks_like_one(
+    name: str, effect: str
+) -> None:
+    assert cause(name, MOTOR.plant) == effect
 
 
 # The command

@@ -18,9 +18,8 @@ from servo_models.identification.elements import Loop, identify_elements, sheet
 from servo_models.identification.elements.estimate import Estimate
 from servo_models.identification.elements.lines import line_with_flats, straight_line
 from servo_models.identification.elements.loop import REACHED
-from servo_models.identification.elements.motor import motor_curve
+from servo_models.identification.elements.motor import first_order, motor_curve
 from servo_models.identification.elements.pictures import synthesis_picture
-from servo_models.identification.elements.step import first_order
 from servo_models.report.terminal import text
 from tests.support.servo_bench import K_EN, Bench, taken_apart
 
@@ -88,6 +87,18 @@ def test_without_noise_everything_between_rows_is_exact() -> None:
     assert curve.positive.saturation.value == pytest.approx(bench.knee[0], rel=1e-12)
     assert curve.positive.edge.value == pytest.approx(0.495)  # between 0.47 and 0.52 V
     assert near(curve.width, 0.0, 0.0)
+
+
+def test_a_table_without_noise_shows_neither_unequal_gains_nor_a_bow() -> None:
+    """What rounding leaves has no standard error to be judged by."""
+    for seed in range(10):
+        draw = np.random.default_rng([7, seed])
+        zero, knee = draw.uniform(0.2, 0.4, 2), draw.uniform(1.4, 1.9, 2)
+        gain = draw.uniform(300.0, 550.0)
+        bench = Bench(gain, tuple(zero), tuple(zero + 0.1), tuple(knee), tuple(gain * knee), 0.03)
+        curve = motor_curve(*bench.table(0.07, 0.02, 2.4)[:2])
+        assert not curve.unequal
+        assert not curve.bent
 
 
 def test_a_branch_column_says_what_the_order_of_rows_says() -> None:

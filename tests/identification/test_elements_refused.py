@@ -11,7 +11,7 @@ import pytest
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.elements import identify_elements
-from servo_models.identification.elements.step import first_order
+from servo_models.identification.elements.motor import first_order
 from tests.support.servo_bench import DESCRIPTION, Bench, taken_apart, write
 
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from servo_models.analysis.figures import figures
 from servo_models.analysis.figures_sheet import figures_sheet
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import hold
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.recording import Channel, Log
@@ -23,7 +24,6 @@ from servo_models.identification.identify import _figures_of_merit, identify
 from servo_models.identification.page import identification_page
 from servo_models.identification.page.empirical import Record, empirical
 from servo_models.identification.result import HELD_OUT, Identification
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.report.parts import MINUS, TIMES
 from servo_models.report.sheet import sheet_page
 from servo_models.report.sheets import Sheet, Table

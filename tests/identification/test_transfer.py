@@ -24,12 +24,10 @@ from servo_models.identification.transfer import (
     identify_transfer,
     sheet,
 )
+from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
 from servo_models.identification.transfer.evidence import Point
-from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.fit import Fit, fit, starts
 from servo_models.identification.transfer.pictures import bode, responses
-from servo_models.identification.transfer.scores import score
-from servo_models.identification.transfer.soundness import pole_trouble, surplus_zero
-from servo_models.identification.transfer.starts import starts
 from servo_models.validation.solvers.inputs import changes
 from servo_models.validation.solvers.linear import LinearSystem
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
