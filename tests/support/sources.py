@@ -7,6 +7,9 @@ import functools
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+assert (ROOT / "pyproject.toml").is_file(), (
+    "no sources: tests of them would have nothing to fail on"
+)
 
 
 @functools.cache
