@@ -211,6 +211,7 @@ def test_an_fmu_that_stops_says_why(fmu_file: FmuFile) -> None:
     subject.close()
 
 
+@pytest.mark.thorough
 def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("servo_models.validation.sg90.cases._steps", list)
     monkeypatch.setattr("servo_models.validation.cost.FACTORS", (1.0,))
