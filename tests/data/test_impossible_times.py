@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.core.simulate import model, simulate
@@ -144,6 +144,7 @@ def ask(text: str) -> None:
         factor(text, "m")
 
 
+@settings(max_examples=20)
 @given(st.lists(st.text("m9.*/^()- s%d1", min_size=1, max_size=40), min_size=50, max_size=50))
 def test_no_unit_hangs(units: list[str]) -> None:
     process = multiprocessing.get_context("fork").Process(target=lambda: [ask(u) for u in units])
