@@ -150,6 +150,12 @@ class Parameter:
         return owned(owner, key) if dot else key
 
 
+def internal_step(default: float, low: float = 1e-5, high: float = 5e-3) -> dict[str, Param]:
+    """Return the constant that every plant has: the longest step of its integration [s]."""
+    about = "longest internal step"
+    return {"internal_step": Param("s", about, default, low, high, display="us", fixed=True)}
+
+
 @dataclass(frozen=True, eq=False)
 class Plant:
     """A chain of blocks between wires; one plant equals itself only.
@@ -169,7 +175,7 @@ class Plant:
         outputs: names of the wires offered outside, each declared, none of them an input; the
             first is the one that pictures and figures are about.
         constants: parameters of the plant that no block's signature declares; one of them is
-            ``internal_step`` [s], the longest step of the integration.
+            ``internal_step``, see there.
 
     Raises:
         ValueError: a wire or a parameter has a name that none can have.
