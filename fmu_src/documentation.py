@@ -8,7 +8,7 @@ from fmu_src.description import described
 from fmu_src.variables import start_of
 from servo_models.analysis.explain import actuator_sheet
 from servo_models.core.simulate import Model
-from servo_models.report.sheets import Table
+from servo_models.report.sections import Table
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; }
@@ -43,9 +43,7 @@ def index_html(model: Model) -> str:
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
-    rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in table.rows)
+    head = "".join(f"<th>{escape(column)}</th>" for column in table.headings)
+    rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in table.texts)
     lines = "\n".join(f"<tr>{row}</tr>" for row in rows)
-    return (
-        f"<h2>{escape(table.heading)}</h2>\n<div><table>\n<tr>{head}</tr>\n{lines}\n</table></div>"
-    )
+    return f"<h2>{escape(table.title)}</h2>\n<div><table>\n<tr>{head}</tr>\n{lines}\n</table></div>"

@@ -12,7 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = (
-    "errors files units report",
+    "errors files units",
+    "report",
     "core",
     "effects",
     "actuators",

@@ -24,6 +24,7 @@ from servo_models.identification.elements.loop import REACHED
 from servo_models.identification.elements.motor import motor_curve
 from servo_models.identification.elements.pictures import synthesis_picture
 from servo_models.identification.elements.step import first_order
+from servo_models.report.terminal import text
 
 K_EN = 425.64
 TABLES = 200
@@ -368,7 +369,7 @@ def test_figures_have_the_signs_and_units_of_the_bench(bench: Path) -> None:
     assert edge.value == pytest.approx(-0.6, abs=0.02)
     assert result.figure("motor", "top speed, negative").value == pytest.approx(-544.0, abs=2.0)
     assert result.figure("amplifier", "gain K_AP").value == pytest.approx(5.79, abs=0.05)
-    told = sheet(result).plain(200)
+    told = text(sheet(result), 200)
     for words in ("V/deg", "chosen", "time constant [s]", "settling +-5 % [s]", "+-2 %", "rad/s/V"):
         assert words in told
 

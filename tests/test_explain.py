@@ -74,7 +74,7 @@ def test_a_variant_is_explained_with_its_own_values(run: Run, tmp_path: Path) ->
     (table,) = (
         it
         for it in explain("torque_motor", "measured").tables
-        if it.heading.startswith("Parameters, ")
+        if it.title.startswith("Parameters, ")
     )
     rows = {row[0]: row for row in table.rows}
     for name in ("resistance", "torque_constant"):
@@ -148,7 +148,7 @@ def test_an_unknown_name_meets_the_nearest_one() -> None:
 def test_the_overview_counts_what_is_in_the_folders() -> None:
     folder = Path(servo_models.__file__).parent / "effects"
     files = {path.stem for path in folder.glob("*.py")} - {"__init__"}
-    (table,) = (table for table in overview().tables if table.heading == "Effects")
+    (table,) = (table for table in overview().tables if table.title == "Effects")
     assert {row[0] for row in table.rows} == files
 
 

@@ -23,7 +23,7 @@ from servo_models.identification.fit import fit
 from servo_models.identification.information import Information
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.run import Run
-from servo_models.report.sheets import MOST, with_error
+from servo_models.report.numbers import MOST_DIGITS, with_error
 
 NAMES = tuple(name for name in nominal().plant.parameters if name != "internal_step")
 
@@ -129,9 +129,9 @@ def test_a_value_is_printed_to_the_digits_of_its_error(value: float, error: floa
     shown, spread = with_error(value, error)
     assert float(spread) == pytest.approx(error, rel=0.051)
     digits = len(re.sub(r"e.*|^-?0*\.?0*|\.", "", shown))
-    if digits < MOST and value:
+    if digits < MOST_DIGITS and value:
         assert abs(float(shown) - value) <= 0.0501 * max(float(spread), 0.0)
-    assert digits <= MOST or float(shown) == 0.0
+    assert digits <= MOST_DIGITS or float(shown) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from servo_models.data.toml_file import read_toml
 from servo_models.errors import LONGEST, UserError, printable
 from servo_models.files import largest_input
 from servo_models.report.sheets import Sheet, Table
+from servo_models.report.terminal import text
 
 h5py = pytest.importorskip("h5py")
 
@@ -220,8 +221,8 @@ def test_escapes_of_a_column_do_not_reach_the_terminal(tmp_path: Path, run: Run)
         for sign in ("\x1b", "\x07", "\u202e"):
             assert sign not in out + err
     sheet = Sheet(name, (name,), (Table(name, ("a", "b"), ((name, "x" * 10_000),)),))
-    assert "\x1b" not in sheet.plain(100)
-    assert len(sheet.plain(100)) < 2000
+    assert "\x1b" not in text(sheet, 100)
+    assert len(text(sheet, 100)) < 2000
 
 
 def test_a_cell_of_a_megabyte_is_not_printed(tmp_path: Path, run: Run) -> None:

@@ -1,4 +1,4 @@
-"""What goes to the terminal: sheets to stdout, progress to stderr."""
+"""What goes to the terminal: reports to stdout, progress to stderr."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from servo_models.report.sheets import Sheet
+from servo_models.report.sections import Report
+from servo_models.report.terminal import text
 
 Progress = Callable[[int, int | None, str], None]
 """Called with steps done, steps in all where that is known, and what is being done."""
@@ -17,15 +18,15 @@ ONE_LINE = 2000
 """Characters; no row of a table is longer, so a filter such as grep finds all of it."""
 
 
-def show(sheet: Sheet, width: int = ONE_LINE) -> None:
-    """Print a sheet: for the width and colours of a terminal, else in lines of ``width``, which
+def show(report: Report, width: int = ONE_LINE) -> None:
+    """Print a report: for the width and colours of a terminal, else in lines of ``width``, which
     by default is a line for each row."""
     if sys.stdout.isatty():
         from rich.console import Console
 
-        Console().print(sheet)
+        Console().print(report)
     else:
-        print(sheet.plain(width))
+        print(text(report, width))
 
 
 @contextmanager

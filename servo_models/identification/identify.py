@@ -179,7 +179,8 @@ def _figures_of_merit(fitted: Model) -> Sheet:
     from servo_models.analysis.figures_sheet import figures_sheet
 
     try:
-        return replace(figures_sheet(figures(fitted)), title="Figures of merit")
+        found = figures_sheet(figures(fitted))
+        return Sheet("Figures of merit", found.texts, found.tables)
     except UserError as error:
         return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from servo_models.report.numbers import MINUS, NONE, TIMES, number, printed
 from servo_models.report.style import Picture
+
+__all__ = ["MINUS", "NONE", "TIMES", "number", "printed"]
 
 MARKS = {True: "✓", False: "✗", None: "○"}
 """A sign beside each verdict, so that it does not hang on colour."""
-
-NONE, MINUS, TIMES = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -99,24 +98,6 @@ class Section:
     pictures: tuple[Picture, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     items: tuple[str, ...] = ()
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    """Return a number as in print: a true minus sign, powers of ten, a dash for None."""
-    if value is None:
-        return NONE
-    if value == 0.0 or not math.isfinite(value) or 1e-3 <= abs(value) < 1e5:
-        return printed(f"{value:.{digits}g}")
-    mantissa, power = f"{value:.{digits - 2}e}".split("e")
-    return printed(f"{float(mantissa):.{digits}g}e{power}")
-
-
-def printed(text: str) -> str:
-    """Return the text of a number as in print; see ``number``."""
-    mantissa, _, power = text.replace("-", MINUS).partition("e")
-    if not power:
-        return mantissa
-    return f"{mantissa}{TIMES}10{str(int(power.replace(MINUS, '-'))).translate(_RAISED)}"
 
 
 def quantity(value: float | None, unit: str) -> str:

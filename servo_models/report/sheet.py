@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from servo_models.report import sheets
+from servo_models.report import sections, sheets
 from servo_models.report.page import Page, render
 from servo_models.report.parts import Line, Section, Table
 from servo_models.report.style import picture
@@ -34,11 +34,11 @@ def sheet_page(
         for i, (caption, figure) in enumerate(figures.items())
     )
     tables = tuple(_table(table) for table in sheet.tables)
-    sections = (
+    shown = (
         Section("figures", "Figures", pictures=pictures) if pictures else None,
         Section("tables", "Tables", tables=tables) if tables else None,
     )
-    return render(Page(title, title, sheet.title, None, sections, sheet.texts, date=date))
+    return render(Page(title, title, sheet.title, None, shown, sheet.texts, date=date))
 
 
 def sheet_section(sheet: sheets.Sheet, anchor: str) -> Section:
@@ -47,12 +47,12 @@ def sheet_section(sheet: sheets.Sheet, anchor: str) -> Section:
     return Section(anchor, sheet.title, "", tables, items=sheet.texts)
 
 
-def _table(table: sheets.Table) -> Table:
-    columns = zip(table.columns, zip(*table.rows))
+def _table(table: sections.Table) -> Table:
+    columns = zip(table.columns, zip(*table.texts))
     numbers = tuple(
         name for name, cells in columns if any(cells) and all(map(_is_number, filter(None, cells)))
     )
-    return Table(table.heading, table.columns, tuple(Line(row) for row in table.rows), numbers)
+    return Table(table.title, table.columns, tuple(map(Line, table.texts)), numbers)
 
 
 def _is_number(cell: str) -> bool:

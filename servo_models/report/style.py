@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from servo_models.report import sections
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -86,12 +88,27 @@ def drawing(
 
 def picture(figure: Figure, name: str, title: str, text: str = "") -> Picture:
     """Return a figure as a picture for the page, whoever drew it."""
+    return Picture(svg(figure, name, title), title, text)
+
+
+def figure(picture: sections.Picture) -> Figure:
+    """Return a picture of a section, drawn."""
+    with drawing("", picture.rows, picture.height, picture.shared) as (drawn, axes):
+        if picture.width:
+            drawn.set_figwidth(picture.width)
+        picture.draw(axes)
+        drawn.align_ylabels(axes)
+        return drawn
+
+
+def svg(figure: Figure, name: str, title: str, themed: bool = True) -> Markup:
+    """Return a figure as inline SVG; the page's colours replace those drawn where ``themed``."""
     import matplotlib as mpl
 
     buffer = io.StringIO()
     with mpl.rc_context({**_settings(), "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg")
-    return Picture(_inline(buffer.getvalue(), name, title), title, text)
+    return _inline(buffer.getvalue(), name, title, themed)
 
 
 def label(
@@ -160,7 +177,7 @@ def _settings() -> dict[Any, Any]:
     }
 
 
-def _inline(text: str, name: str, title: str) -> Markup:
+def _inline(text: str, name: str, title: str, themed: bool) -> Markup:
     """Turn matplotlib's SVG document into an element of the page."""
     size, content = text[text.index("viewBox=") :].rsplit("</svg>", 1)[0].split(">", 1)
     width, height = size.split('"')[1].split()[2:]
@@ -172,7 +189,7 @@ def _inline(text: str, name: str, title: str) -> Markup:
     )
     content = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", content)
     content = re.sub(r' d="([^"]+)"', lambda m: f' d="{_coarse(m[1])}"', content)
-    for variable, (light, _) in PALETTE.items():
+    for variable, (light, _) in PALETTE.items() if themed else ():
         content = content.replace(light, f"var(--{variable})")
     wide = Markup(' class="wide"' if float(width) > WIDE * 72.0 else "")
     frame = Markup(

@@ -1,0 +1,44 @@
+"""Reports as HTML: a page that needs nothing else, and what a notebook shows."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from jinja2 import Environment, StrictUndefined
+from jinja2.environment import TemplateModule
+from markupsafe import Markup
+
+from servo_models.report import style
+from servo_models.report.sections import Mark, Picture, Report
+
+MARKS = {True: "✓", False: "✗", None: "○"}
+"""A sign beside each verdict, so that it does not hang on colour."""
+JUDGEMENTS = {True: "pass", False: "fail", None: "open"}
+
+
+def page(report: Report) -> str:
+    """Return a report as one HTML page; every text is escaped, only our own figures are markup."""
+    sheet = files("servo_models.report").joinpath("report.css").read_text("utf-8")
+    return _template(report).page(Markup(f"{style.variables()}\n{sheet}"))  # type: ignore[attr-defined,no-any-return]
+
+
+def notebook(report: Report) -> str:
+    """Return the verdict, the first figure and the first table as a notebook shows them."""
+    return str(_template(report).notebook(report.pictures[:1], report.tables[:1]))  # type: ignore[attr-defined]
+
+
+def _template(report: Report) -> TemplateModule:
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.tests["mark"] = lambda cell: isinstance(cell, Mark)
+    text = files("servo_models.report").joinpath("report.html").read_text("utf-8")
+    drawn = {id(picture): k for k, picture in enumerate(report.pictures)}
+
+    def svg(picture: Picture, themed: bool = True) -> Markup:
+        name = f"figure-{drawn[id(picture)]}"
+        return style.svg(style.figure(picture), name, picture.title, themed)
+
+    return environment.from_string(text).make_module(
+        {"report": report, "marks": MARKS, "judgements": JUDGEMENTS, "svg": svg}
+    )
