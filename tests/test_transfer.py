@@ -32,8 +32,7 @@ from servo_models.identification.transfer.pictures import bode, responses
 from servo_models.identification.transfer.scores import score
 from servo_models.identification.transfer.soundness import pole_trouble, surplus_zero
 from servo_models.identification.transfer.starts import starts
-from servo_models.validation.solvers.inputs import changes
-from servo_models.validation.solvers.linear import LinearSystem
+from servo_models.validation.solvers import LinearSystem, changes
 
 MOTOR = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
 EQUATION_12 = TransferFunction.of([EQ_12[0]], [1.0, *EQ_12[1:]], EQ_12_DELAY)
