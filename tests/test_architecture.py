@@ -132,6 +132,23 @@ def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
         assert all(name.startswith("servo_models.withheld.generator.") for name in own), path.name
 
 
+ACTUATORS = {path.parent.name for path in ROOT.glob("servo_models/actuators/*/__init__.py")}
+
+
+@every_source
+def test_an_actuator_is_named_in_its_own_folders_only(path: Path) -> None:
+    """Adding one is adding folders; the generator of withheld cases has rigs of its own."""
+    if path.parent.name in ACTUATORS or path.parent.name == "generator":
+        return
+    texts = {
+        node.value
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    assert not texts & ACTUATORS
+    assert not ACTUATORS & {step for name in imported(path) for step in name.split(".")}
+
+
 def test_the_tests_know_each_other_by_one_name() -> None:
     """A bare ``pytest`` knows no ``tests.test_x``, and it would be loaded beside ``test_x``."""
     for path in ROOT.glob("tests/**/*.py"):

@@ -13,8 +13,7 @@ from servo_models.analysis.linearise import linearise
 from servo_models.core.simulate import Result, model, simulate
 from servo_models.core.types import Array
 from servo_models.validation.cases import grid
-from servo_models.validation.paper import figure, not_reproducible
-from servo_models.validation.rows import PAPER, Row
+from servo_models.validation.rows import PAPER, Row, figure, not_reproducible
 from servo_models.validation.sg90.reference import (
     K_FS,
     LOADED,
