@@ -28,7 +28,7 @@ from pathlib import Path
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import write_whole
 from servo_models.withheld.answers import unlock
-from servo_models.withheld.generator.case import TIERS
+from servo_models.withheld.generator.cases import TIERS
 from servo_models.withheld.journal import work_through
 from servo_models.withheld.oracle import Known, Question, ask_oracle
 from servo_models.withheld.said import Said, diagnose_case
