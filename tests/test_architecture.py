@@ -158,7 +158,7 @@ OTHER_THINGS = {"offset": "a key of a log", "lag": "a column of a table"}
 """Words that are more than the name of an effect."""
 NAMED = {
     "withheld/score.py": "the share of quantisers that are found is a figure of its own",
-    "identification/elements/each.py": "the table of a hysteresis loop is one of the elements",
+    "identification/elements/identify.py": "the table of a hysteresis loop is one of the elements",
 }
 """Modules that name an effect, and why."""
 
