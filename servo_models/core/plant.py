@@ -365,7 +365,7 @@ class GreyBox:
     coefficients: tuple[str, ...]
     known: tuple[str, ...]
     solve: Callable[..., dict[str, float]]
-    delay: str = "transport_delay.time"
+    delay: str
 
     @property
     def poles(self) -> int:

@@ -56,6 +56,7 @@ GREY_BOX = GreyBox(
     coefficients=("gain", "s2", "s1", "s0"),
     known=("resistance", "rotor_inertia", "stiffness"),
     solve=grey_box,
+    delay="transport_delay.time",
 )
 
 EQ_12 = (241560.0, 492.0, 1582240.0, 184512000.0)
