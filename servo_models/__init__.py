@@ -45,7 +45,8 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.identify import identify
-from servo_models.validation.runner import Validation, validate
+from servo_models.validation.rows import Validation
+from servo_models.validation.runner import validate
 
 __version__ = _version("servo-models")
 
