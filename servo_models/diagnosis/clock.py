@@ -95,7 +95,7 @@ def _delay_before(found: Explanation, effect: str, wire: str) -> float:
     for name in plant.placements:
         if name == effect:
             break
-        linear = plant.main(name).effect.small_signal
+        linear = plant.main(name).effect.hints.small_signal
         if isinstance(linear, DeadTime) and plant.main_wire(name) == wire:
             total += values[f"{name}.{linear.time}"]
     return total

@@ -71,9 +71,9 @@ def detection(found: Explanation, name: str) -> Detection | None:
         name: of the effect.
     """
     place = found.problem.model.plant.main(name)
-    if place.effect.signature == "clock":
+    if place.effect.hints.signature == "clock":
         return answers(found, name)
-    if place.effect.signature == "codes":
+    if place.effect.hints.signature == "codes":
         return _codes(found, place)
     return None
 

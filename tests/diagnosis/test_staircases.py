@@ -79,7 +79,7 @@ def test_an_effect_that_is_on_is_not_on_the_list() -> None:
 def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
     """Or they are as near each other as is worth it: with n stairs, n times the change."""
     plant = model("torque_motor").plant
-    grid = plant.main(name).effect.search.grid
+    grid = plant.main(name).effect.hints.grid
     assert grid
     (switch,) = [it for it in plant.parameters.values() if it.owner == name and it.param.switch]
     whole = stairs * switch.param.typical

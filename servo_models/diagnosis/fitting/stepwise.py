@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from servo_models.core.block import Block, DeadTime
+from servo_models.core.block import DeadTime, Hints
+from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
 from servo_models.data.recording import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
-from servo_models.identification.problem import Problem
+from servo_models.identification.problem import Free, Problem
 
 WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
 """Relative changes of a stepwise size that are tried in turn, before a search and after it."""
@@ -30,43 +31,27 @@ def staircases_of(problem: Problem) -> list[int]:
     """Which free parameters are discontinuous: the response is a staircase of them."""
     return [
         i
-        for i, free in enumerate(problem.free)
-        if free.prior is None and _is(problem, free.name, _discontinuous)
+        for i, free, parameter, hints in _of_effects(problem)
+        if hints.grid and parameter.param.switch and free.prior is None
     ]
 
 
 def begins_with_jump(problem: Problem) -> bool:
     """Whether effects begin with a part of a jump: small changes then move where it comes by a
     sample, or not at all."""
-    return any(it.start > 0.0 and _is(problem, it.name, _jump) for it in problem.free)
+    return any(
+        free.start > 0.0 and parameter.key == hints.jump
+        for _, free, parameter, hints in _of_effects(problem)
+    )
 
 
-def _is(problem: Problem, name: str, keys: Callable[[Block], tuple[str, ...]]) -> bool:
-    """Whether a parameter is among those ``keys`` of the effect that it belongs to."""
+def _of_effects(problem: Problem) -> Iterator[tuple[int, Free, Parameter, Hints]]:
+    """Free parameters of effects: which, as what they were declared, and what is known of them."""
     plant = problem.model.plant
-    effect = plant.owner(name)
-    return effect is not None and plant.parameters[name].key in keys(effect)
-
-
-def _discontinuous(effect: Block) -> tuple[str, ...]:
-    return effect.switches if effect.search.grid else ()
-
-
-def _jump(effect: Block) -> tuple[str, ...]:
-    return (effect.search.jump,)
-
-
-def _phase(effect: Block) -> tuple[str, ...]:
-    return (effect.search.phase,)
-
-
-def _delay(effect: Block) -> tuple[str, ...]:
-    linear = effect.small_signal
-    return (linear.time,) if isinstance(linear, DeadTime) else ()
-
-
-def _period(effect: Block) -> tuple[str, ...]:
-    return effect.switches if effect.signature == "clock" else ()
+    for i, free in enumerate(problem.free):
+        parameter = plant.parameters[free.name]
+        if parameter.owner:
+            yield i, free, parameter, plant.main(parameter.owner).effect.hints
 
 
 def others_first(
@@ -168,8 +153,8 @@ def turned(problem: Problem, vector: Array) -> Array | None:
     The response is the same there, and the search may go on where the bound has stopped it.
     """
     sides, found = problem.sides(vector), vector.copy()
-    for i, free in enumerate(problem.free):
-        if sides[i] and _is(problem, free.name, _phase):
+    for i, free, parameter, hints in _of_effects(problem):
+        if sides[i] and parameter.key == hints.phase:
             found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
     found = np.clip(found, *problem.bounds)
     return None if np.array_equal(found, vector) else found
@@ -177,14 +162,20 @@ def turned(problem: Problem, vector: Array) -> Array | None:
 
 def delays_of(problem: Problem) -> list[int]:
     """Which free parameters are times of a transport delay."""
-    names = [free.name for free in problem.free]
-    return [i for i, name in enumerate(names) if _is(problem, name, _delay)]
+    return [
+        i
+        for i, _, parameter, hints in _of_effects(problem)
+        if isinstance(hints.small_signal, DeadTime) and parameter.key == hints.small_signal.time
+    ]
 
 
 def _periods(problem: Problem, vector: Array) -> list[float]:
     """Periods [s] of the holds that are on."""
+    plant = problem.model.plant
     values = {**problem.model.values, **problem.values(vector)}
-    return [it for name, it in values.items() if it > 0.0 and _is(problem, name, _period)]
+    places = [plant.main(name) for name in plant.placements]
+    found = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
+    return [period for period in found if period > 0.0]
 
 
 def _jumping(problem: Problem) -> list[float]:
