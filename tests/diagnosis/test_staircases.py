@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.recording import Log
-from servo_models.diagnosis.fitting.stepwise import shifted
+from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.looks import seen_beside
 from servo_models.diagnosis.search.pairing import stairs_seen

@@ -14,17 +14,20 @@ from servo_models.data.recording import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Free, Problem
 
-WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
-"""Relative changes of a stepwise size that are tried in turn, before a search and after it."""
-JUMP = 0.2
-"""Part of the range of a reading that it jumps between two samples, from which every delay of a
-sample more puts the jump between two other ones."""
-SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
-"""Samples by which such a delay is moved."""
-PARTS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
-"""Parts of its period by which a delay before a hold is moved."""
-WORTH, SHIFTED = 0.98, 8
-"""Cost over that before from which a move is taken, and how often."""
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)
+"""Of a discontinuous parameter, tried in turn before a search."""
+NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
+"""The same after it."""
+JUMP_OVER_RANGE = 0.2
+"""Between two samples of a reading: every delay of a sample more then puts the jump between two
+other ones."""
+DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
+"""Of the delay before such a reading."""
+DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
+"""Of a delay before a hold."""
+MOVED_COST_OVER_COST = 0.98
+"""From which a move is taken."""
+MOST_MOVES = 8
 
 
 def staircases_of(problem: Problem) -> list[int]:
@@ -94,7 +97,7 @@ def past_an_edge(
         begin = np.clip(begin, *problem.bounds)
         found.append(others_first(problem, begin, delays, widths, tolerance, limit))
     before, *after = problem.costs([vector, *found])
-    return found[int(np.argmin(after))] if min(after) < WORTH * before else None
+    return found[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
 
 
 def sharpened(
@@ -133,8 +136,8 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
     the next tick, and the delay is such a staircase too.
     """
-    moves = [it * sample for sample in _jumping(problem) for it in SAMPLES]
-    moves += [it * period for period in _periods(problem, vector) for it in PARTS]
+    moves = [it * sample for sample in _jumping(problem) for it in DELAY_MOVES_IN_SAMPLES]
+    moves += [it * period for period in _periods(problem, vector) for it in DELAY_MOVES_IN_PERIODS]
     trials = []
     for i in delays_of(problem):
         for move in (sign * it for it in moves if it for sign in (-1.0, 1.0)):
@@ -144,7 +147,7 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     if not trials:
         return None
     before, costs = problem.costs([vector])[0], problem.costs(trials)
-    return trials[int(np.argmin(costs))] if min(costs) < WORTH * before else None
+    return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
 
 
 def turned(problem: Problem, vector: Array) -> Array | None:
@@ -184,7 +187,7 @@ def _jumping(problem: Problem) -> list[float]:
     for log in problem.logs:
         for values in log.outputs.values():
             change = np.max(np.abs(np.diff(values)), initial=0.0)
-            if change > JUMP * np.ptp(values) > 0.0:
+            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
                 step = float(np.median(np.diff(log.times)))
                 if not any(abs(step - it) <= ROUNDING * it for it in found):
                     found.append(step)
