@@ -22,7 +22,8 @@ decides when a memory is committed.  Reserved arguments:
 
 An *effect* is a block with one law: with every switch parameter at 0 it is exactly the
 identity, so that all effects are always compiled in and a candidate explanation of a
-gap is a parameter vector.
+gap is a parameter vector.  How it is searched for, and what it is confused with, are its ``Hints``:
+no other module knows an effect by name.
 """
 
 from __future__ import annotations
