@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ast
-import functools
 import re
 import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.support.sources import ROOT, imported
+
 FLOORS = (
     "errors files units",
     "report",
@@ -43,18 +43,6 @@ def part(path: Path) -> str:
     """The layer's member that a file belongs to: a module of the package, or a folder."""
     steps = path.relative_to(ROOT).with_suffix("").parts
     return steps[1] if steps[0] == "servo_models" else steps[0]
-
-
-@functools.cache
-def imported(path: Path) -> frozenset[str]:
-    """Full names of everything that a file imports, wherever in it."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(found)
 
 
 def own_parts(path: Path) -> set[str]:
@@ -153,7 +141,7 @@ OTHER_THINGS = {"offset": "a key of a log", "lag": "a column of a table"}
 """Words that are more than the name of an effect."""
 NAMED = {
     "withheld/score.py": "the share of quantisers that are found is a figure of its own",
-    "identification/elements/each.py": "the table of a hysteresis loop is one of the elements",
+    "identification/elements/identify.py": "the table of a hysteresis loop is one of the elements",
 }
 """Modules that name an effect, and why."""
 

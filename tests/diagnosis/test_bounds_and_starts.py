@@ -21,8 +21,8 @@ from servo_models.diagnosis.search.screening import look, sights_of
 from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
-from tests.diagnosis.test_diagnose_cli import DESCRIPTION, describe
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.delayed_motor import DESCRIPTION, describe
+from tests.support.diagnoses import made
 
 
 @pytest.mark.parametrize("effects", [{}, {"coulomb_friction.level": 2e-3}])
@@ -103,6 +103,7 @@ def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
     assert "stribeck_friction" in {one.name for one in candidates(told.model, told.logs)}
 
 
+@pytest.mark.thorough
 def test_an_uncertain_effect_is_no_candidate() -> None:
     bench, every = made({})
     (size,) = (

@@ -12,7 +12,8 @@ from servo_models.data.recording import Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.conditions import carried_over, conditions
 from servo_models.diagnosis.fitting.explanation import Bench
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import changed
 
 RESISTANCES = (1500.0, 3600.0, 9000.0)
 
@@ -32,7 +33,7 @@ def under(effects: dict[str, float]) -> Bench:
 
 
 def _angle(bench: Bench, log: Log, values: dict[str, float]) -> Array:
-    rig = replace(bench.model, values={**bench.model.values, **values})
+    rig = changed(bench.model, values)
     return simulate(rig, log.times, log.inputs)["angle"]
 
 

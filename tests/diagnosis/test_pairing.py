@@ -22,7 +22,8 @@ from servo_models.diagnosis.search.pairing import lookalikes, promising
 from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
 from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
-from tests.diagnosis.test_search_of_causes import made
+from servo_models.identification.problem import Problem
+from tests.support.diagnoses import made
 
 SHARED = {
     "drive_saturation": (0.0, 1.6),
@@ -104,11 +105,16 @@ def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
     assert max(len([it for it in few if it.candidate.name == one]) for one in smooth) <= SIZES
 
 
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return made({"coulomb_friction.level": 2e-3})[0].problem()
+
+
 @given(st.integers(0, 10**6), st.floats(1e-9, 1.0))
-def test_a_near_start_weighs_parameters_as_a_library_does(seed: int, apart: float) -> None:
+def test_a_near_start_weighs_parameters_as_a_library_does(
+    problem: Problem, seed: int, apart: float
+) -> None:
     """Two slopes may be as good as the same: then neither parameter goes far."""
-    bench, _ = made({"coulomb_friction.level": 2e-3})
-    problem = bench.problem()
     random = np.random.default_rng(seed)
     m = problem.samples + len(problem.free)
     one, other, errors, whole = random.standard_normal((4, m))
@@ -203,6 +209,7 @@ def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
         assert left == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_smooth_pairs_spare_the_search_for_staircases() -> None:
     """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
     heard: list[str] = []

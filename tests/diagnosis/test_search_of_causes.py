@@ -11,53 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, lsq_linear
 
-from servo_models.core.simulate import model, simulate
-from servo_models.core.types import Array
+from servo_models.core.simulate import model
 from servo_models.data.description import read_description
-from servo_models.data.recording import Channel, Log
-from servo_models.diagnosis.candidates import Candidate, candidates
+from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.descent import _Point, _step, descend
 from servo_models.diagnosis.fitting.evidence import blocks, judge
-from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.fitting.nominal import BELIEVED, nominal_parameters
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.reach import reaches
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.diagnosis.trial_values import travel
-from servo_models.identification.problem import Free, free_parameter
-
-FLOOR = 1e-5
-PRIORS = {"torque_constant": 1.0, "friction_coefficient": 1e-4}
-
-
-def made(
-    effects: dict[str, float], noise: float = FLOOR, sweep: float = 500.0
-) -> tuple[Bench, dict[str, Candidate]]:
-    """A torque motor with some effects, without stops, under steps and a chirp.
-
-    ``sweep`` is half the rate [Hz/s] of the chirp.
-    """
-    nominal = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
-    times: Array = 2.5e-4 * np.arange(1200.0)
-    steps = np.repeat([0.0, 12.0, 0.0, -20.0, 26.0, -26.0], 100)
-    t = times[:600]
-    volts = np.concatenate([steps, 15.0 * np.sin(2.0 * np.pi * (5.0 * t + sweep * t**2))])
-    rig = replace(nominal, values={**nominal.values, "torque_constant": 5.5, **effects})
-    angle = simulate(rig, times, {"voltage": volts})["angle"]
-    angle = angle + noise * np.random.default_rng(3).standard_normal(len(times))
-    rows = np.arange(len(times))
-    channel = {"angle": Channel("angle", "angle", "")}
-    log = Log(
-        "log", Path("log"), "", times, {"voltage": volts}, {"angle": angle}, channel, rows, rows < 0
-    )
-    parameters = nominal.plant.parameters
-    free = tuple(
-        free_parameter(parameters[name], nominal.values[name], prior)
-        for name, prior in PRIORS.items()
-    )
-    bench = Bench(nominal, [log], free, {"angle": noise})
-    return bench, {one.name: one for one in candidates(nominal, [log])}
+from servo_models.identification.problem import Free
+from tests.support.diagnoses import made
 
 
 def test_a_short_search_ends_where_a_library_does() -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model, simulate
+from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.looks import seen_beside
@@ -25,7 +23,8 @@ from servo_models.diagnosis.trial_values import (
     on_grid,
 )
 from servo_models.identification.problem import Problem, free_parameter
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import changed, measured
 
 
 @given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))
@@ -131,7 +130,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
 
 def test_a_staircase_is_fitted_without_any_other_parameter() -> None:
     bench, every = made({"command_quantisation.step": 3.137})
-    known = replace(bench.model, values={**bench.model.values, "torque_constant": 5.5})
+    known = changed(bench.model, {"torque_constant": 5.5})
     name = "command_quantisation"
     extra = every[name].at({f"{name}.step": 3.13})
     found = replace(bench, nominal=(), model=known).fit((name,), extra)
@@ -160,15 +159,13 @@ def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
 def test_a_delay_is_moved_by_samples_of_every_log_that_jumps(order: int) -> None:
     """Those of the slow log are too coarse for what the fast one shows."""
     name, nominal = "transport_delay.time", model("sg90", "linear")
-    rig = replace(nominal, values={**nominal.values, name: 0.01})
-
-    def measured(step: float) -> Log:
-        rows = np.arange(240)
-        inputs = {"pulse_width": np.repeat([1.5e-3, 1.6e-3, 1.4e-3, 1.7e-3], 60)}
-        outputs = {"motor_voltage": simulate(rig, step * rows, inputs)["motor_voltage"]}
-        return Log("", Path(), "", step * rows, inputs, outputs, {}, rows, rows < 0)
-
-    logs = [measured(step) for step in (0.02, 0.0025)][::order]
+    inputs = {"pulse_width": np.repeat([1.5e-3, 1.6e-3, 1.4e-3, 1.7e-3], 60)}
+    logs = [
+        measured(
+            changed(nominal, {name: 0.01}), step * np.arange(240), inputs, {"motor_voltage": 0}
+        )
+        for step in (0.02, 0.0025)
+    ][::order]
     free = free_parameter(nominal.plant.parameters[name], 0.0175, None)
     problem = Problem(nominal, logs, [free])
     vector: Array | None = problem.start
