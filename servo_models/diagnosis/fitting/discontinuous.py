@@ -10,7 +10,7 @@ import numpy as np
 from servo_models.core.block import DeadTime, Hints
 from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
-from servo_models.data.recording import ROUNDING
+from servo_models.data.log import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Free, Problem
 
