@@ -17,7 +17,7 @@ from servo_models.core.plant import Actuator, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
-from servo_models.data.readers import read_columns
+from servo_models.data.readers import Columns, read_columns
 from servo_models.data.schema import (
     Quantity,
     Section,
@@ -109,10 +109,33 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
             that does not convert; a value out of bounds; a log that cannot be read or used,
             see ``signals.read_log``.  It names the file, and the key or row and column.
+
+    Example:
+        >>> import servo_models as sm
+        >>> description = sm.read_description("gimbal.toml")
+        >>> description.logs[0].outputs["reading"].shape  # rad
+        (400,)
     """
     document = read_toml(Path(path))
     table = document.read(DescriptionTable)
     chosen, parameters = _model(document, table, trust)
+    return described(document, chosen, parameters)
+
+
+def described(
+    document: Section,
+    chosen: Model,
+    parameters: Mapping[str, float],
+    tables: Mapping[str, Columns] | None = None,
+) -> Description:
+    """Return what a document says beside its nominal model, which has these overrides [SI].
+
+    ``tables`` are in memory, by the name that the document has as their file.
+
+    Raises:
+        UserError: see ``read_description``.
+    """
+    table = document.read(DescriptionTable)
     uncertainty = _uncertainty(document.section("uncertainty"), chosen)
     return Description(
         path=document.file,
@@ -120,7 +143,7 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         model=chosen,
         parameters=parameters,
         uncertainty=uncertainty,
-        logs=_logs(document, chosen),
+        logs=_logs(document, chosen, tables or {}),
         free=_free(document, table.free, chosen),
         method=table.method,
         bounds=_bounds(document.section("bounds"), chosen, uncertainty),
@@ -237,14 +260,14 @@ def _free(document: Section, free: Sequence[str], chosen: Model) -> tuple[str, .
     return tuple(free)
 
 
-def _logs(document: Section, chosen: Model) -> tuple[Log, ...]:
+def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tuple[Log, ...]:
     entries = document.sections("logs")
     if not entries and "sweeps" not in document and "elements" not in document:
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read = functools.cache(read_columns)
     logs: list[Log] = []
     for entry in entries:
-        log = read_log(entry, chosen, read)
+        log = read_log(entry, chosen, read, tables)
         if log.name in (other.name for other in logs):
             entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
         logs.append(log)

@@ -194,7 +194,7 @@ def known_error(error: float) -> float | None:
     return None if math.isnan(error) else error
 
 
-def write_parameters(chosen: ParameterSet, path: Path) -> None:
+def write_parameters(chosen: ParameterSet, path: str | Path) -> None:
     """Write a parameter file; ``read_parameters`` gives the same values, to the last bit.
 
     A number stands in the unit that a person reads the parameter in, or in SI where the
@@ -203,9 +203,17 @@ def write_parameters(chosen: ParameterSet, path: Path) -> None:
     Raises:
         UserError: a file not named ``.toml``, a folder that cannot be written, or values
             that the actuator does not take; see ``simulate.model``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.identify("gimbal.toml").parameters
+        >>> sm.write_parameters(found, "gimbal_identified.toml")
+        >>> sm.read_parameters("gimbal_identified.toml").estimates == found.estimates
+        True
     """
     import tomli_w
 
+    path = Path(path)
     if path.suffix.lower() != ".toml":
         raise UserError(f"'{path}' is no name for a parameter file: let it end in .toml")
     told = chosen.model()
@@ -258,6 +266,14 @@ def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
         UserError: no such file, no TOML, an unknown key, actuator, variant or parameter, a
             unit that does not convert, a value that is no number or out of its bounds.  It
             names the file and the key.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import servo_models as sm
+        >>> text = 'actuator = "sg90"\\nparameters.motor_gain = {value = 46, unit = "rad/(V.s)"}'
+        >>> _ = Path("sg90.toml").write_text(text)
+        >>> sm.read_parameters("sg90.toml").model().values["motor_gain"]
+        46.0
     """
     document = read_toml(Path(path))
     table, logs = document.read(ParameterFile), document.section("logs")

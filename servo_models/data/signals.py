@@ -141,13 +141,14 @@ class LogTable(Table):
 # A log
 
 
-def read_log(section: Section, chosen: Model, read: Read) -> Log:
+def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, Columns]) -> Log:
     """Read a log as a description's ``[[logs]]`` says.
 
     Args:
         section: the description of the log.
         chosen: the model of the actuator that made it.
         read: ``readers.read_columns``, which may remember what it has read.
+        tables: in memory, by the name that stands as their file.
 
     Raises:
         UserError: an unknown signal, parameter, table or column; a unit that does not
@@ -157,8 +158,9 @@ def read_log(section: Section, chosen: Model, read: Read) -> Log:
             column.
     """
     entry = section.read(LogTable)
-    path = section.file.parent / entry.file
-    if not (entry.file and os.path.exists(path)):  # a text that is no name has no file either
+    given = tables.get(entry.file)
+    path = given.path if given else section.file.parent / entry.file
+    if not (given or (entry.file and os.path.exists(path))):  # a text that is no name has none
         section.fail("file", f"no file '{path}'; name it as seen from the description")
     main, plant = _time_table(entry), chosen.plant
     wires = {wire.name: wire for wire in plant.inputs}
@@ -167,7 +169,7 @@ def read_log(section: Section, chosen: Model, read: Read) -> Log:
     outputs = _outputs(section.section("outputs"), readings, main)
 
     def table(name: str | None) -> Columns:
-        return read(path, name, entry.header)
+        return given or read(path, name, entry.header)
 
     columns = table(main)
     apart = dict.fromkeys(mapped.table for mapped in inputs.values() if mapped.table != main)

@@ -88,6 +88,12 @@ def identify(
     Raises:
         UserError: see ``read_description``, ``identification.fit.fit``,
             ``transfer.identify.identify_transfer`` and ``elements.identify_elements``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.identify("gimbal.toml")
+        >>> [estimate.name for estimate in found.parameters.estimates if estimate.standard_error]
+        ['speed_constant', 'time_constant']
     """
     told = description if isinstance(description, Description) else read_description(description)
     method = method_of(told)

@@ -22,7 +22,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "description.md").read_text(encodin
 
 def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
     """Its example, on a log of 25 s whose reading is 2 ms early and whose command is inverted."""
-    example = PAGE.split("```toml\n")[1].split("```")[0]
+    example = PAGE.split("```toml\n")[2].split("```")[0]
     rows = [(20.0 * i, 25.0 + (i % 3), 0.1 * i) for i in range(1250)]
     found = describe(tmp_path, example, head="", data=text_of(rows, "t,u,angle"))
     assert found.free == ("torque_constant", "inductance")

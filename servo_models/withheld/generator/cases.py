@@ -1,0 +1,343 @@
+"""One case: drawn from its seed and number alone, so it is the same in every run.
+
+Tiers.  *easy*: a cause alone makes a gap of 5 to 20 times the noise floor; at least 20 rows per
+fastest time constant; white noise; steps of several sizes, slow triangles and a chirp.  *hard*:
+the main cause as before, a hidden second one with 30 % of its gap (where two are to be named
+the second is no secret, and there is no third), coloured noise 3 times as large, a reading
+quantum, a quarter of the rows.  *poor*: one large step there and back, all else easy.
+
+The gap of a cause is the RMS difference that it makes alone, on the true rig, in the judged
+reading; the noise floor follows from it.  Where nothing is wrong the floor follows from a cause
+that is not there, so that the noise tells nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, Drawn, draw
+from servo_models.withheld.generator.rigs import BENCHES, Bench
+from servo_models.withheld.generator.simulation import Experiment, Plan
+
+Array = NDArray[np.float64]
+
+TIERS = ("easy", "hard", "poor")
+KINDS = {"nothing": 0.16, "one": 0.25, "two": 0.42, "foreign": 0.17}
+"""How often each is drawn: about as many cases of each kind are told apart by their logs, of two
+effects at once fewer than half."""
+RATIO = (5.0, 20.0)
+"""Gap over noise floor."""
+VISIBLE = (0.006, 0.06)
+"""Gap over the range of the reading."""
+HIDDEN, CLOSE = 0.3, 0.05
+"""Gap of the hidden cause over that of the main one, and the tolerance of it."""
+COLOURED = 3.0
+COLOUR = (0.5, 0.9)
+"""Correlation of neighbouring rows in coloured noise."""
+TRIES, SHAPES = 9, 4
+DEAF = -5.0
+"""A gap so far below the wanted one, in natural logarithms, says nothing of the size."""
+KEPT = 0.8
+"""Two causes that leave less than this share of the larger gap undo one another."""
+LEAST_VALUE = 0.1
+"""True values below this share of the nominal one are drawn again: they would be unphysical."""
+
+
+@dataclass(frozen=True)
+class Acting:
+    """A cause of known size.
+
+    ``share`` is its place in the range of its size, ``gap`` what it does alone [SI].
+    """
+
+    drawn: Drawn
+    share: float
+    gap: float
+
+    @property
+    def name(self) -> str:
+        return self.drawn.cause.name
+
+    def settings(self, experiment: Experiment) -> dict[str, float]:
+        """What the simulation takes."""
+        return self.drawn.settings(self.share, experiment.bench, experiment.units)
+
+    def parameters(self, bench: Bench) -> dict[str, float]:
+        """The same as parameters of the product [SI]."""
+        values = self.drawn.values(self.share, bench.step)
+        if self.name == "gear_compliance":
+            own = values.pop("frequency")
+            values["compliance"] = 1.0 / (values["inertia"] * own * own)
+        return {f"{self.name}.{key}": value for key, value in values.items()}
+
+
+@dataclass(frozen=True)
+class Case:
+    """All that is true of a case, and its logs with and without noise [SI]."""
+
+    tier: str
+    kind: str
+    experiment: Experiment
+    acting: tuple[Acting, ...]
+    hidden: tuple[Acting, ...]
+    floor: float
+    noise: float
+    quantum: float
+    noise_free: tuple[Array, ...]
+    logs: tuple[Array, ...] = field(repr=False)
+
+
+def draw_case(seed: int, number: int, tier: str) -> Case:
+    """Draw case ``number`` of ``seed``."""
+    rng = np.random.default_rng([seed, number])
+    bench = BENCHES[int(rng.integers(len(BENCHES)))]
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    experiment = draw_experiment(bench, tier, rng)
+    known, foreign = CATALOGUE[bench.actuator], FOREIGN[bench.actuator]
+    main = _find(experiment, foreign if kind == "foreign" else known, rng)
+    acting, hidden = [main], []
+    if kind == "two":
+        acting.append(_second(experiment, known, main, math.exp(rng.uniform(-0.6, 0.6)), rng))
+    elif tier == "hard" and kind != "nothing":
+        hidden.append(_second(experiment, known, main, HIDDEN, rng))
+    gaps = [cause.gap for cause in acting]
+    low, high = max(gaps) / RATIO[1], min(gaps) / RATIO[0]
+    floor = low * (high / low) ** rng.random()
+    if kind == "nothing":
+        acting = []
+    noise_free = experiment.logs(_settings(experiment, *acting, *hidden))
+    hard = tier == "hard"
+    quantum = floor * rng.uniform(1.0, 4.0) if hard else 0.0
+    noise = COLOURED * floor if hard else floor
+    logs = tuple(_measured(experiment, log, noise, hard, quantum, rng) for log in noise_free)
+    return Case(
+        tier,
+        kind,
+        experiment,
+        tuple(acting),
+        tuple(hidden),
+        floor,
+        noise,
+        quantum,
+        noise_free,
+        logs,
+    )
+
+
+def draw_experiment(bench: Bench, tier: str, rng: np.random.Generator) -> Experiment:
+    """Draw the true constants of a rig, its load, what it plays and what is logged."""
+    true = {}
+    for name, nominal in bench.nominal.items():
+        value = 0.0
+        while value < LEAST_VALUE:
+            value = 1.0 + bench.spread[name] * rng.standard_normal()
+        true[name] = value * nominal
+        if name == "transport_delay.time":
+            true[name] = round(true[name] / bench.step) * bench.step
+    loaded = rng.random() < 0.5
+    load = rng.choice([-1.0, 1.0]) * rng.uniform(*bench.load) if loaded else 0.0
+    further = [place for _, place in bench.readings[1:]]
+    readings = (0, int(rng.choice(further))) if rng.random() < 0.5 else (0,)
+    seed = int(rng.integers(2**31))
+    if tier == "poor":
+        plans = large_step(bench, rng)
+    else:
+        plans = rich(bench, rng, 4 if tier == "hard" else 1)
+    return Experiment(bench, true, round(float(load), 6), plans, readings, seed)
+
+
+def _settings(experiment: Experiment, *acting: Acting) -> dict[str, float]:
+    return {key: v for cause in acting for key, v in cause.settings(experiment).items()}
+
+
+def _find(experiment: Experiment, causes: tuple[Cause, ...], rng: np.random.Generator) -> Acting:
+    """A cause that shows; its shape is drawn again before its name is."""
+    low, high = (share * float(experiment.ranges[0]) for share in VISIBLE)
+    while True:
+        name = _name(experiment, causes, rng)
+        for _ in range(SHAPES):
+            wanted = low * (high / low) ** rng.random()
+            found = sized(experiment, _shaped(causes, name, rng), wanted, 0.2)
+            if low <= found.gap <= high:
+                return found
+
+
+def _second(
+    experiment: Experiment,
+    causes: tuple[Cause, ...],
+    main: Acting,
+    share: float,
+    rng: np.random.Generator,
+) -> Acting:
+    """A cause of another name with a share of the main one's gap, which it does not undo."""
+    while True:
+        name = _name(experiment, causes, rng, without=main.name)
+        for _ in range(SHAPES):
+            found = sized(experiment, _shaped(causes, name, rng), share * main.gap, CLOSE)
+            both = experiment.gap(experiment.logs(_settings(experiment, main, found)))
+            met = abs(found.gap / (share * main.gap) - 1.0) < CLOSE
+            if met and both > KEPT * max(main.gap, found.gap):
+                return found
+
+
+def _name(
+    experiment: Experiment, causes: tuple[Cause, ...], rng: np.random.Generator, without: str = ""
+) -> str:
+    """Any name is as likely as any other, but for friction of a load where there is none."""
+    names = {cause.name for cause in causes} - {without}
+    if experiment.load == 0.0:
+        names -= {"load_friction"}
+    return str(rng.choice(sorted(names)))
+
+
+def _shaped(causes: tuple[Cause, ...], name: str, rng: np.random.Generator) -> Drawn:
+    forms = [cause for cause in causes if cause.name == name]
+    return draw(forms[int(rng.integers(len(forms)))], rng)
+
+
+def sized(experiment: Experiment, drawn: Drawn, wanted: float, tolerance: float) -> Acting:
+    """The size at which a cause alone makes the wanted gap, as near as it gets.
+
+    The gap over the share of the range is nearly straight in logarithms; the interval that is
+    known to hold the size is cut there, and never by less than a twentieth.
+    """
+    best = Acting(drawn, 0.0, 0.0)
+    low, high = (0.0, math.nan), (1.0, math.nan)
+    share = 0.5
+    for _ in range(TRIES):
+        settings = drawn.settings(share, experiment.bench, experiment.units)
+        gap = experiment.gap(experiment.logs(settings))
+        miss = math.log(max(gap, 1e-30) / wanted) if math.isfinite(gap) else math.inf
+        if best.gap == 0.0 or abs(miss) < abs(math.log(best.gap / wanted)):
+            best = Acting(drawn, share, gap if miss < math.inf else 0.0)
+        if abs(miss) < tolerance / 2.0 or (miss < 0.0 and share == 1.0):
+            break
+        low, high = ((share, miss), high) if miss < 0.0 else (low, (share, miss))
+        share = _between(low, high, drawn.cause.size.decades)
+        if high[0] - low[0] < 1e-3:
+            break
+    return best
+
+
+def _between(low: tuple[float, float], high: tuple[float, float], slope: float) -> float:
+    """The next share to try: (share, log of gap over wanted gap) on both sides, NaN unknown."""
+    (left, below), (right, above) = low, high
+    margin = 0.05 * (right - left)
+    if math.isnan(above):  # the gap grows about as the size does
+        guess = left - below / slope + margin
+        return 1.0 if guess > 1.0 - margin else guess
+    if math.isnan(below):
+        return max(right - above / slope - margin, left + margin)
+    if below < DEAF:
+        return 0.5 * (left + right)
+    guess = left - below * (right - left) / (above - below)
+    return min(max(guess, left + margin), right - margin)
+
+
+def _measured(
+    experiment: Experiment,
+    log: Array,
+    noise: float,
+    coloured: bool,
+    quantum: float,
+    rng: np.random.Generator,
+) -> Array:
+    """A log with noise on every reading, in proportion to its range, and the quantum."""
+    raw = rng.standard_normal(log.shape)
+    if coloured:
+        keep = rng.uniform(*COLOUR)
+        fresh = math.sqrt(1.0 - keep * keep)
+        for row in range(1, len(raw)):
+            raw[row] = keep * raw[row - 1] + fresh * raw[row]
+    measured = log + raw * noise * experiment.ranges / experiment.ranges[0]
+    if quantum > 0.0:
+        measured[:, 0] = quantum * np.round(measured[:, 0] / quantum)
+    return np.asarray(measured)
+
+
+LENGTH = (10.0, 20.0)
+"""Of a log, in slowest time constants."""
+SAMPLES = 20.0
+"""Rows per fastest time constant, at the least, before a tier thins them out."""
+LEVELS = (0.06, 0.14, 0.3, 0.55, 0.8, 1.0)
+"""Sizes of steps, as shares of the largest."""
+LEAD = 0.4
+"""Rest before the first command, in slowest time constants."""
+
+
+def large_step(bench: Bench, rng: np.random.Generator) -> tuple[Plan, ...]:
+    """One large step, there and back."""
+    stride = int(rng.choice(bench.sampling))
+    count = _rows(bench, rng, stride, LENGTH)
+    there = round(count * rng.uniform(0.08, 0.12))
+    back = round(count * rng.uniform(0.45, 0.6))
+    excursion = np.zeros(count)
+    excursion[there:back] = rng.choice([-1.0, 1.0]) * rng.uniform(*bench.amplitude)
+    return (_plan(bench, stride, excursion),)
+
+
+def rich(bench: Bench, rng: np.random.Generator, thin: int) -> tuple[Plan, ...]:
+    """Steps, triangles and a chirp in one log, or in two; ``thin`` times fewer rows."""
+    amplitude = rng.uniform(*bench.amplitude)
+    stride = thin * int(rng.choice(bench.sampling))
+    if rng.random() < 0.7:
+        first, second = (_rows(bench, rng, stride, LENGTH) for _ in range(2))
+        parts = [
+            [_steps(bench, rng, first, stride)],
+            [
+                _triangle(bench, rng, second // 2, stride),
+                _chirp(bench, rng, second - second // 2, stride),
+            ],
+        ]
+    else:
+        rows = _rows(bench, rng, stride, (15.0, LENGTH[1]))
+        parts = [
+            [
+                _steps(bench, rng, rows // 3, stride),
+                _triangle(bench, rng, rows // 3, stride),
+                _chirp(bench, rng, rows - 2 * (rows // 3), stride),
+            ]
+        ]
+    return tuple(_plan(bench, stride, amplitude * np.concatenate(part)) for part in parts)
+
+
+def _rows(bench: Bench, rng: np.random.Generator, stride: int, length: tuple[float, float]) -> int:
+    """Rows of a log as many slowest time constants long as ``length`` allows."""
+    return int(rng.uniform(*length) * bench.slowest / (stride * bench.step))
+
+
+def _plan(bench: Bench, stride: int, excursion: Array) -> Plan:
+    """A plan whose commands are those that its log can print."""
+    numbers = (bench.rest + excursion) / bench.command.unit_size
+    return Plan(stride, np.round(numbers, bench.command.digits) * bench.command.unit_size)
+
+
+def _steps(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> Array:
+    """Rest, then every size once, in any order and direction."""
+    lead = round(LEAD * bench.slowest / (stride * bench.step))
+    levels = rng.permutation(LEVELS) * rng.choice([-1.0, 1.0], len(LEVELS))
+    edges = np.linspace(lead, count, len(levels) + 1)
+    edges[1:-1] += rng.uniform(-0.2, 0.2, len(levels) - 1) * (edges[1] - edges[0])
+    which = np.searchsorted(edges, np.arange(count), side="right") - 1
+    return np.where(which >= 0, levels[which], 0.0)
+
+
+def _triangle(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> Array:
+    """Rest, then one slow and small triangle, both ways."""
+    lead = round(LEAD * bench.slowest / (stride * bench.step))
+    phase = np.maximum(np.arange(count) - lead, 0) / (count - lead)
+    wave = 1.0 - 4.0 * np.abs(np.mod(phase + 0.25, 1.0) - 0.5)
+    return np.asarray(rng.uniform(0.08, 0.25) * rng.choice([-1.0, 1.0]) * wave)
+
+
+def _chirp(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> Array:
+    """A sine whose frequency grows in equal ratios from one and a half periods of its length."""
+    seconds = count * stride * bench.step
+    low, high = 1.5 / seconds, rng.uniform(*bench.chirp)
+    time = np.arange(count) / count
+    turns = low * seconds * ((high / low) ** time - 1.0) / np.log(high / low)
+    return np.asarray(rng.uniform(0.2, 0.5) * np.sin(2.0 * np.pi * turns))
