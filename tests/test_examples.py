@@ -145,6 +145,7 @@ def test_the_bench_gives_the_feedback_coefficient_of_the_paper(
         assert values[name] == pytest.approx(value, abs=within), name
 
 
+@pytest.mark.thorough
 def test_a_sweep_and_a_step_give_the_motor(copy: Copy, capsys: pytest.CaptureFixture[str]) -> None:
     folder = copy("torque_motor")
     follow(folder, capsys, doubted="identify")  # these data do not determine back_emf_constant
