@@ -16,7 +16,7 @@ import pytest
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.data.readers import read_columns
-from servo_models.data.toml_file import Section, read_toml
+from servo_models.data.schema import Section, read_toml
 from servo_models.errors import UserError
 from servo_models.files import read_regular
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
@@ -121,7 +121,7 @@ def test_what_toml_does_not_hold(
 def test_sweeps_of_a_wrong_type(tmp_path: Path, sweeps: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(f'actuator = "sg90"\nsweeps = {sweeps}\n')
-    with pytest.raises(UserError, match=r"rig.toml', sweeps.*write \["):
+    with pytest.raises(UserError, match=r"rig.toml', sweeps.*write for example "):
         raw_records(read_toml(path))
 
 
@@ -185,8 +185,8 @@ def test_a_very_long_name_on_the_command_line(run: Run, command: list[str]) -> N
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("sweeps = 1", "sweeps: no list of tables"),
-        ("sweeps = [1]", "sweeps: no list of tables"),
+        ("sweeps = 1", "sweeps: no list; write for example [[sweeps]]"),
+        ("sweeps = [1]", "sweeps: no list; write for example [[sweeps]]"),
         ("elements = 1", "elements: no table"),
         ("elements = []", "elements: no table"),
         ('method = "x"', "method: 'x' is unknown; known: simulation, transfer_function, elements"),
@@ -204,7 +204,7 @@ def test_a_cure_can_be_written(tmp_path: Path) -> None:
     """TOML does not know [logs[1].held_out]."""
     path = tmp_path / "rig.toml"
     path.write_text('actuator = "sg90"\n[[logs]]\nfile = "rig.toml"\nconstants = 1\n')
-    with pytest.raises(UserError, match=r"write constants = \{ "):
+    with pytest.raises(UserError, match=r"write for example constants = \{ "):
         Section(path, "logs[1]", read_toml(path).content["logs"][0]).section("constants")
 
 

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.data.readers import read_columns
-from servo_models.data.toml_file import read_toml
+from servo_models.data.schema import read_toml
 from servo_models.errors import LONGEST, UserError, printable
 from servo_models.files import largest_input
 from servo_models.report.sheets import Sheet, Table

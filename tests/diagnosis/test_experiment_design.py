@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from servo_models.analysis.experiment import in_time
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.data.tables import read_inputs
 from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.experiments.commands import FAMILIES, Command

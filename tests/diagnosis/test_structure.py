@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.audit.sensor import difference_noise
+from servo_models.data.sensor import difference_noise
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing, sure
 from servo_models.identification.problem import Problem

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.simulate import PLANTS, Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.causes import Causes
