@@ -9,7 +9,7 @@ import numpy as np
 
 from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
 from servo_models.identification.transfer.choose import (
