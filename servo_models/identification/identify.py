@@ -32,6 +32,7 @@ from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.sheet import identification_sheet
+from servo_models.report.sections import Report
 from servo_models.report.sheets import Sheet
 
 HARDLY = 0.7
@@ -52,7 +53,7 @@ class Outcome:
     """
 
     result: Any
-    sheet: Sheet
+    sheet: Report
     parameters: ParameterSet | None
     page: Callable[[str], str] = field(repr=False)
     converged: bool = True
@@ -223,21 +224,15 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
 
 
 def _by_elements(told: Description) -> Outcome:
-    from servo_models.identification.elements import identify_elements, sheet
-    from servo_models.identification.elements.pictures import synthesis_picture
-    from servo_models.report.sheet import sheet_page
+    from servo_models.identification.elements import identify_elements
+    from servo_models.report.html import page
 
     found = identify_elements(told)
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        picture = synthesis_picture(found)
-        return sheet_page(table.title, table, {"Feedback coefficient K_f": picture}, date)
 
     parameters = _of_tables(
         told, found.parameters, "element by element", found.files, found.warnings
     )
-    return Outcome(found, table, parameters, page)
+    return Outcome(found, found.report(), parameters, lambda date: page(found.report(date)))
 
 
 def _of_simulation(found: Identification) -> ParameterSet:
