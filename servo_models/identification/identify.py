@@ -188,10 +188,8 @@ def _figures_of_merit(fitted: Model) -> Sheet:
 
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
     from servo_models.identification.transfer.identify import identify_transfer
-    from servo_models.identification.transfer.pictures import bode, responses
-    from servo_models.identification.transfer.sheet import sheet
     from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
-    from servo_models.report.sheet import sheet_page
+    from servo_models.report.html import page
 
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
@@ -202,12 +200,6 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         known_errors=told.uncertainty,
         progress=progress or (lambda _: None),
     )
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        drawn = {"Bode plot with the data": bode(found), **responses(found)}
-        return sheet_page(table.title, table, drawn, date)
-
     files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
@@ -215,9 +207,9 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     physical = found.constants.constants.values() if found.constants else ()
     return Outcome(
         found,
-        table,
+        found.report(),
         parameters or None,
-        page,
+        lambda date: page(found.report(date)),
         converged=not found.interrupted,
         believable=all(constant.determined for constant in physical),
     )
