@@ -264,7 +264,7 @@ def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
     for record, picture in zip(records, pictures):
         assert record.name in picture.title
         assert ("held out" in picture.title) == bool(record.held_out.any())
-        line = figure(picture).axes[1].lines[-1]
+        line = figure(picture).axes[1].lines[0]
         times, error = line.get_xdata(), np.radians(line.get_ydata())
         edges = [changes(record.times, record.given, function.delay)]
         off = exact.response(record.times, edges)[:, 0] - record.measured

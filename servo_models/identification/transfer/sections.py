@@ -17,7 +17,7 @@ from servo_models.identification.transfer.choose import COLOURED, Candidate
 from servo_models.identification.transfer.evidence import Record, Sweep
 from servo_models.identification.transfer.functions import TransferFunction
 from servo_models.identification.transfer.identify import TransferResult
-from servo_models.report.curves import draw_errors, draw_legend, draw_responses
+from servo_models.report.curves import JUDGED, MEASURED, draw_curve, draw_legend, shade
 from servo_models.report.numbers import ERROR, Quantity
 from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
 from servo_models.report.style import colour
@@ -244,10 +244,13 @@ def _response(record: Record, result: TransferResult, axes: Sequence[Axes]) -> N
     wire, (curves, error) = result.output, axes
     unit = wire.display or wire.unit
     scale = factor(wire.unit, unit)
-    measured = scale * record.measured
-    modelled = {"chosen": scale * record.response(result.chosen.function)}
-    draw_responses(curves, record.times, measured, modelled, record.held_out)
-    draw_errors(error, record.times, measured, modelled, record.held_out)
+    modelled = record.response(result.chosen.function)
+    draw_curve(curves, record.times, scale * record.measured, "measured", MEASURED)
+    draw_curve(curves, record.times, scale * modelled, "chosen", JUDGED)
+    draw_curve(error, record.times, scale * (modelled - record.measured), "chosen", JUDGED)
+    error.axhline(0.0, color=colour("muted"), lw=0.8)
+    for panel in axes:
+        shade(panel, record.times, record.held_out)
     draw_legend(curves, 2)
     curves.set_ylabel(f"{words(wire.name)} [{unit}]", parse_math=False)
     error.set_ylabel(f"error [{unit}]", parse_math=False)
