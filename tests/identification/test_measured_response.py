@@ -12,10 +12,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
 from servo_models.analysis.sine_test import hold
+from servo_models.core.types import Array
 from servo_models.identification.page.bode import beside
 from servo_models.identification.page.empirical import Record, empirical
 from servo_models.identification.page.readings import envelope
-from tests.identification.test_identification_report import Array
 
 
 def test_measured_frequency_response_of_a_known_filter() -> None:
