@@ -24,8 +24,8 @@ from servo_models.identification.transfer import (
     identify_transfer,
 )
 from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
-from servo_models.identification.transfer.evidence import Point
 from servo_models.identification.transfer.fit import Fit, fit, starts
+from servo_models.identification.transfer.measurements import Point
 from servo_models.report.style import figure
 from servo_models.validation.solvers.inputs import changes
 from servo_models.validation.solvers.linear import LinearSystem
@@ -61,9 +61,9 @@ def motor_logs(seed: int, noise: float, rate: float = 1.0 / DT) -> list[Log]:
     ]
 
 
-def fitted(structure: Structure, evidence: Record | Sweep) -> Fit:
-    noise = [evidence.noise_guess]
-    found = fit(structure, [evidence], noise, starts(structure, [evidence], noise, []), 10.0)
+def fitted(structure: Structure, data: Record | Sweep) -> Fit:
+    noise = [data.noise_guess]
+    found = fit(structure, [data], noise, starts(structure, [data], noise, []), 10.0)
     assert found
     return found
 
@@ -108,13 +108,13 @@ def test_slopes_are_the_derivatives_of_the_errors(structure: Structure) -> None:
         return Point(x[:m], x[m : m + n], base.scale, float(x[m + n]) if structure.delay else 0.0)
 
     x = np.array([*base.b, *base.a, *([base.delay] if structure.delay else [])])
-    for evidence in (record(times, u, np.zeros(300)), sweep):
-        _, slopes = evidence.errors(at(x), structure.delay)
+    for data in (record(times, u, np.zeros(300)), sweep):
+        _, slopes = data.errors(at(x), structure.delay)
         for k in range(len(x)):
             step = np.zeros(len(x))
             step[k] = 1e-6 * max(abs(x[k]), 1e-3)
-            up, _ = evidence.errors(at(x + step), structure.delay)
-            down, _ = evidence.errors(at(x - step), structure.delay)
+            up, _ = data.errors(at(x + step), structure.delay)
+            down, _ = data.errors(at(x - step), structure.delay)
             numeric = (up - down) / (2.0 * step[k])
             assert np.max(np.abs(numeric - slopes[:, k])) < 1e-4 * np.max(np.abs(slopes[:, k]))
 
@@ -239,7 +239,7 @@ def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
     """The error drawn is that of the exact response of the same function."""
     found = chosen_for_the_motor
     _, *pictures = found.report().pictures
-    records = [one for one in found.evidence if isinstance(one, Record)]
+    records = [one for one in found.measurements if isinstance(one, Record)]
     assert len(pictures) == len(records)
     function = found.chosen.function
     exact = LinearSystem.transfer(function.numerator, function.denominator)

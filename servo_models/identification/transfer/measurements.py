@@ -281,8 +281,8 @@ class Sweep:
         wait = np.exp(-1j * self.frequencies * filter_.delay)
         top = (wait / lower)[:, None] * bottom[:, : zeros + 1]
 
-        def rows(own: Complex) -> Array:
-            return self._rows(np.column_stack([top, -(own / lower)[:, None] * bottom]))
+        def rows(output: Complex) -> Array:
+            return self._rows(np.column_stack([top, -(output / lower)[:, None] * bottom]))
 
         regressors = rows(self.response)
         noise_free = rows(model.function().response(self.frequencies)) if model else regressors
@@ -300,13 +300,14 @@ class Sweep:
         return np.asarray(p[:, None] ** np.arange(count))
 
 
-Evidence = Record | Sweep
+Measurement = Record | Sweep
 """One record or one frequency response."""
+Measurements = Sequence[Measurement]
 
 
-def band(evidence: Sequence[Evidence]) -> tuple[float, float]:
+def band(measurements: Measurements) -> tuple[float, float]:
     """Return the lowest and highest frequency [rad/s] that the data speak of."""
-    lows, highs = zip(*(one.band for one in evidence))
+    lows, highs = zip(*(data.band for data in measurements))
     return min(lows), max(highs)
 
 
