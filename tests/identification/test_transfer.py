@@ -24,7 +24,7 @@ from servo_models.identification.transfer import (
     identify_transfer,
 )
 from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
-from servo_models.identification.transfer.fit import Fit, fit, starts
+from servo_models.identification.transfer.fit import Fit, fit
 from servo_models.identification.transfer.measurements import Point
 from servo_models.report.style import figure
 from servo_models.validation.solvers.inputs import changes
@@ -62,8 +62,7 @@ def motor_logs(seed: int, noise: float, rate: float = 1.0 / DT) -> list[Log]:
 
 
 def fitted(structure: Structure, data: Record | Sweep) -> Fit:
-    noise = [data.noise_guess]
-    found = fit(structure, [data], noise, starts(structure, [data], noise, []), 10.0)
+    found = fit(structure, [data])
     assert found
     return found
 
@@ -345,7 +344,7 @@ def test_a_zero_on_a_pole_cancels_within_its_uncertainty() -> None:
         function = TransferFunction.of([1.0, zero], np.polymul([1.0, 1.0], [1.0, 5.0]))
         coefficients = np.array([1.0, zero, 6.0, 5.0])
         covariance = np.diag((relative * coefficients) ** 2)
-        found = surplus_zero(Fit(function, Structure(2, 1), covariance, (1.0,)))
+        found = surplus_zero(Fit(function, Structure(2, 1), covariance))
         assert said in found
         assert bool(found) == bool(said)
 

@@ -49,13 +49,11 @@ class Fit:
         function: the estimate.
         covariance: of numerator (highest power first), denominator without its leading 1,
             and delay if the structure has one; SI, shape (size, size).
-        noise: standard deviation of the errors of each piece of measurements.
     """
 
     function: TransferFunction
     structure: Structure
     covariance: Array
-    noise: tuple[float, ...]
 
     @property
     def coefficients(self) -> Array:
@@ -74,7 +72,7 @@ class _Problem:
 
     def __init__(self, structure: Structure, measurements: Measurements, scale: float) -> None:
         self.structure, self.measurements, self.scale = structure, measurements, scale
-        self.noise = np.ones(len(measurements))
+        self.noise = np.array([data.noise_guess for data in measurements])
         self._last: tuple[bytes, list[tuple[Array, Array]]] = b"", []
 
     def point(self, x: Array) -> Point:
@@ -119,20 +117,21 @@ class _Problem:
 def fit(
     structure: Structure,
     measurements: Measurements,
-    noise: Sequence[float],
-    starts: Sequence[Point],
-    longest_delay: float,
+    smaller: Sequence[TransferFunction] = (),
 ) -> Fit | None:
     """Return the best fit over all starts, or None where none is finite.
 
+    A delay is at most one over the lowest frequency that the data speak of.
+
     Args:
-        noise: first levels, in the units of ``Measurement.errors``.
-        longest_delay: bound of the delay [s].
+        structure: to be fitted.
+        measurements: each with rows to be fitted.
+        smaller: fitted functions of structures that this one contains.
     """
+    longest_delay = 1.0 / band(measurements)[0]
     best: tuple[float, _Problem, Array] | None = None
-    for start in starts:
+    for start in _starts(structure, measurements, smaller):
         problem = _Problem(structure, measurements, start.scale)
-        problem.noise = np.array(noise)
         x = _descend(problem, problem.vector(start), longest_delay, SCOUTED)
         if x is None:
             continue
@@ -211,57 +210,47 @@ def _with_uncertainty(problem: _Problem, x: Array) -> Fit:
     scale = np.concatenate([units[:m], units, delay])
     order = [*range(m)[::-1], *range(m, m + n)[::-1], *range(m + n, len(x))]
     si = (covariance * np.outer(scale, scale))[np.ix_(order, order)]
-    return Fit(point.function(), structure, si, tuple(map(float, problem.noise)))
+    return Fit(point.function(), structure, si)
 
 
-def cost(point: Point, measurements: Measurements, noise: Sequence[float]) -> float:
+def _cost(point: Point, measurements: Measurements) -> float:
     """Return the weighted sum of squares over the rows to be fitted; infinite if unstable."""
     total = 0.0
     with np.errstate(all="ignore"):
-        for data, size in zip(measurements, noise):
+        for data in measurements:
             error, _ = data.errors(point, False)
-            total += float(np.sum((error[data.fitted] / size) ** 2))
+            total += float(np.sum((error[data.fitted] / data.noise_guess) ** 2))
     return total if np.isfinite(total) else np.inf
 
 
-def starts(
-    structure: Structure,
-    measurements: Measurements,
-    noise: Sequence[float],
-    smaller: Sequence[TransferFunction],
+def _starts(
+    structure: Structure, measurements: Measurements, smaller: Sequence[TransferFunction]
 ) -> list[Point]:
-    """Return starting points, the most promising first.
-
-    ``smaller`` are fitted functions of structures that this one contains.
-    """
+    """Return starting points, the most promising first."""
     low, high = band(measurements)
     undelayed = [_grow(f, replace(structure, delay=False)) for f in smaller if not f.delay]
-    ranked = _ranked(undelayed, measurements, noise)
+    ranked = _ranked(undelayed, measurements)
     if not (structure.delay and ranked):
         filters = [_poles_at(rate, structure.poles) for rate in np.geomspace(low, high, FILTERS)]
-        refined = [_refine(f, structure.zeros, measurements, noise) for f in filters]
-        ranked = _ranked(refined, measurements, noise)
+        refined = [_refine(f, structure.zeros, measurements) for f in filters]
+        ranked = _ranked(refined, measurements)
     if structure.delay and ranked:
         base = ranked[0]
         longest = min(_lag(base), 1.0 / low)
         delays = longest * np.linspace(0.0, 1.0, DELAYS + 2)[1:-1]
         moved = (Point(base.b, base.a, base.scale, float(delay)) for delay in delays)
-        refined = [_refine(_settled(p, high), structure.zeros, measurements, noise) for p in moved]
-        ranked = _ranked(refined, measurements, noise)
+        refined = [_refine(_settled(p, high), structure.zeros, measurements) for p in moved]
+        ranked = _ranked(refined, measurements)
     grown = [_grow(function, structure) for function in smaller]
-    return _ranked([*ranked[:KEPT], *grown], measurements, noise)
+    return _ranked([*ranked[:KEPT], *grown], measurements)
 
 
-def _ranked(
-    points: Sequence[Point | None], measurements: Measurements, noise: Sequence[float]
-) -> list[Point]:
-    costs = [(cost(p, measurements, noise), k, p) for k, p in enumerate(points) if p is not None]
+def _ranked(points: Sequence[Point | None], measurements: Measurements) -> list[Point]:
+    costs = [(_cost(p, measurements), k, p) for k, p in enumerate(points) if p is not None]
     return [p for c, _, p in sorted(costs, key=lambda item: item[:2]) if np.isfinite(c)]
 
 
-def _refine(
-    filter_: Point, zeros: int, measurements: Measurements, noise: Sequence[float]
-) -> Point | None:
+def _refine(filter_: Point, zeros: int, measurements: Measurements) -> Point | None:
     """Iterate from a filter, whose delay stays, to the best point seen."""
     _, high = band(measurements)
     best, least = None, np.inf
@@ -269,8 +258,8 @@ def _refine(
     for _ in range(ROUNDS):
         left = np.zeros((filter_.a.size + zeros + 1,))
         matrix = np.zeros((len(left), len(left)))
-        for data, size in zip(measurements, noise):
-            rows = data.fitted
+        for data in measurements:
+            rows, size = data.fitted, data.noise_guess
             y, phi, z = data.regression(filter_, model, zeros)
             matrix += z[rows].T @ phi[rows] / size**2
             left += z[rows].T @ y[rows] / size**2
@@ -279,7 +268,7 @@ def _refine(
         theta = np.linalg.lstsq(matrix, left, rcond=None)[0]
         b, a = np.split(theta, [zeros + 1])
         point = Point(np.asarray(b, float), np.asarray(a, float), filter_.scale, filter_.delay)
-        reached = cost(point, measurements, noise)
+        reached = _cost(point, measurements)
         if reached < least:
             best, least = point, reached
         filter_ = _settled(point, high)

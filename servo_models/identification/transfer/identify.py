@@ -26,14 +26,13 @@ from servo_models.identification.transfer.choose import (
     warnings,
     with_criteria,
 )
-from servo_models.identification.transfer.fit import Fit, fit, starts
+from servo_models.identification.transfer.fit import Fit, fit
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
 from servo_models.identification.transfer.measurements import (
     Measurement,
     Measurements,
     Record,
     Sweep,
-    band,
 )
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
@@ -200,9 +199,7 @@ def _fits(
 
     Whoever interrupts gets those that are done, and True.
     """
-    noise = [data.noise_guess for data in measurements]
     rows = min(int(np.sum(data.fitted)) for data in measurements)
-    slowest = 1.0 / band(measurements)[0]
     done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
         if structure.size >= rows:
@@ -210,8 +207,7 @@ def _fits(
         smaller = [done[s].function for s in _parents(structure) if s in done]
         try:
             progress(str(structure))
-            first = starts(structure, measurements, noise, smaller)
-            fitted = fit(structure, measurements, noise, first, slowest)
+            fitted = fit(structure, measurements, smaller)
         except KeyboardInterrupt:
             if not done:
                 raise

@@ -142,7 +142,7 @@ class Record:
         """Rows of ``errors`` that a fit may see."""
         return np.asarray(~self.held_out)
 
-    @property
+    @cached_property
     def noise_guess(self) -> float:
         """Size of white noise by its second differences, or the smallest visible error."""
         bends = np.diff(self.measured, 2)
@@ -250,7 +250,7 @@ class Sweep:
         """Rows of ``errors`` that a fit may see."""
         return np.tile(~self.held_out, 2)
 
-    @property
+    @cached_property
     def noise_guess(self) -> float:
         """Relative."""
         return 0.02 / float(np.median(self.spread))
