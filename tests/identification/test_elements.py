@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import defaultdict
 from pathlib import Path
@@ -288,6 +289,9 @@ def test_figures_have_the_signs_and_units_of_the_bench(bench: Path) -> None:
     assert edge.value == pytest.approx(-0.6, abs=0.02)
     assert result.figure("motor", "top speed, negative").value == pytest.approx(-544.0, abs=2.0)
     assert result.figure("amplifier", "gain K_AP").value == pytest.approx(5.79, abs=0.05)
+    document = json.loads(result.to_json())
+    assert document["parameters"]["edge_negative"]["value"] == pytest.approx(0.6, abs=0.02)
+    assert result.tables()["Parameters"]["parameter"].to_list() == list(result.parameters)
     told = text(result.report(), 200)
     for words in ("V/deg", "chosen", "time constant [s]", "settling +-5 % [s]", "+-2 %", "rad/s/V"):
         assert words in told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -224,6 +225,10 @@ def test_report_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferR
     assert "order 3 + delay: G(s) = " in text
     assert text.count("chosen") == 1
     assert "torque_constant" in text
+    document = json.loads(chosen_for_the_motor.to_json())
+    [chosen] = [c for c in document["candidates"] if not c["reason"]]
+    assert chosen["name"] == document["chosen"] == "order 3 + delay"
+    assert chosen["delay"] == pytest.approx(EQ_12_DELAY, rel=1e-2)
     gain, phase = figure(chosen_for_the_motor.report().pictures[0]).axes
     assert {t.get_text() for t in gain.get_legend().get_texts()} == {"records", "chosen"}
     data, line = gain.lines[0], gain.lines[-1]
