@@ -16,7 +16,7 @@ from servo_models.cli.options import Format, Largest, Trust, check_outputs
 from servo_models.errors import UserError
 
 if TYPE_CHECKING:
-    from servo_models.data.recording import Log
+    from servo_models.data.log import Log
     from servo_models.diagnosis.experiments.experiment import Experiment
 
 GAP_FOUND = 1

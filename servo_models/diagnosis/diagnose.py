@@ -42,6 +42,12 @@ def diagnose(
 
     Raises:
         UserError: see ``read_description`` and ``preconditions``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.diagnose("gimbal.toml")
+        >>> [claim.name for claim in found.claims if claim.taken]
+        ['drive_dead_zone']
     """
     told = description if isinstance(description, Description) else read_description(description)
     logs, flags = without_flags(told.logs, told.model.plant)

@@ -24,8 +24,8 @@ from servo_models.data.description import (
     Description,
     read_description,
 )
+from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
-from servo_models.data.recording import hashes
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
@@ -89,6 +89,12 @@ def identify(
     Raises:
         UserError: see ``read_description``, ``identification.fit.fit``,
             ``transfer.identify.identify_transfer`` and ``elements.identify_elements``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.identify("gimbal.toml")
+        >>> [estimate.name for estimate in found.parameters.estimates if estimate.standard_error]
+        ['speed_constant', 'time_constant']
     """
     told = description if isinstance(description, Description) else read_description(description)
     method = method_of(told)

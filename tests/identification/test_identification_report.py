@@ -18,7 +18,7 @@ from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import _figures_of_merit, identify
 from servo_models.identification.page import identification_page

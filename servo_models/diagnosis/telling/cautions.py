@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from servo_models.data.audit import EXACT
-from servo_models.data.audit.signals import REPEATS
+from servo_models.data.audit import EXACT, REPEATS
 from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
 from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.result import Diagnosis

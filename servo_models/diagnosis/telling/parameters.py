@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import datetime
 
+from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
-from servo_models.data.recording import hashes
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.cautions import cautions

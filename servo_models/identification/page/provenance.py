@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from servo_models.data.log import Log
 from servo_models.data.parameters import installed_version
-from servo_models.data.recording import Log
 from servo_models.identification.result import Identification
 from servo_models.report.parts import Section, number
 

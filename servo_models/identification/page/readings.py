@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.core.types import Array, Mask
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.parts import TIMES, number
 from servo_models.report.style import colour

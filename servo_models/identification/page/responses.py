@@ -9,7 +9,7 @@ import numpy as np
 
 from servo_models.analysis.statistics import memory
 from servo_models.core.types import Array, Mask
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.page.readings import (
     BUCKETS,
     Reading,
