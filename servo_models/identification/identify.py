@@ -32,6 +32,7 @@ from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.sheet import identification_sheet
+from servo_models.report.sections import Report
 from servo_models.report.sheets import Sheet
 
 HARDLY = 0.7
@@ -52,7 +53,7 @@ class Outcome:
     """
 
     result: Any
-    sheet: Sheet
+    sheet: Report
     parameters: ParameterSet | None
     page: Callable[[str], str] = field(repr=False)
     converged: bool = True
@@ -193,10 +194,8 @@ def _figures_of_merit(fitted: Model) -> Sheet:
 
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
     from servo_models.identification.transfer.identify import identify_transfer
-    from servo_models.identification.transfer.pictures import bode, responses
-    from servo_models.identification.transfer.sheet import sheet
     from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
-    from servo_models.report.sheet import sheet_page
+    from servo_models.report.html import page
 
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
@@ -207,12 +206,6 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         known_errors=told.uncertainty,
         progress=progress or (lambda _: None),
     )
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        drawn = {"Bode plot with the data": bode(found), **responses(found)}
-        return sheet_page(table.title, table, drawn, date)
-
     files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
@@ -220,30 +213,24 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     physical = found.constants.constants.values() if found.constants else ()
     return Outcome(
         found,
-        table,
+        found.report(),
         parameters or None,
-        page,
+        lambda date: page(found.report(date)),
         converged=not found.interrupted,
         believable=all(constant.determined for constant in physical),
     )
 
 
 def _by_elements(told: Description) -> Outcome:
-    from servo_models.identification.elements import identify_elements, sheet
-    from servo_models.identification.elements.pictures import synthesis_picture
-    from servo_models.report.sheet import sheet_page
+    from servo_models.identification.elements import identify_elements
+    from servo_models.report.html import page
 
     found = identify_elements(told)
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        picture = synthesis_picture(found)
-        return sheet_page(table.title, table, {"Feedback coefficient K_f": picture}, date)
 
     parameters = _of_tables(
         told, found.parameters, "element by element", found.files, found.warnings
     )
-    return Outcome(found, table, parameters, page)
+    return Outcome(found, found.report(), parameters, lambda date: page(found.report(date)))
 
 
 def _of_simulation(found: Identification) -> ParameterSet:
