@@ -102,7 +102,7 @@ def test_a_hold_of_an_inner_signal_is_not_judged_by_commands() -> None:
     rows = np.arange(len(times))
     channel = {"angle": Channel("angle", "angle", "")}
     log = Log("log", Path("log"), "", times, goal, {"angle": response}, channel, rows, rows < 0)
-    bench = Bench(chosen, [log], (), {"angle": 1e-3}, jobs=1)
+    bench = Bench(chosen, [log], (), {"angle": 1e-3})
     hold = free_parameter(chosen.plant.parameters[f"{HOLD}.period"], 0.0, None)
     found = bench.unfit((HOLD,), [hold], {hold.name: 0.02})
     assert answers(found, HOLD) is None

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
-from servo_models.core.threads import one_blas_thread
+from servo_models.core.workers import Workers
 from servo_models.data.audit import Floor
 from servo_models.data.description import read_description
 from servo_models.data.recording import Channel, Log
@@ -257,7 +257,7 @@ def test_linear_algebra_keeps_to_one_thread_and_gets_the_others_back() -> None:
 
     before = threads()
     assert before
-    with one_blas_thread():
+    with Workers(1):
         assert set(threads()) == {1}
     assert threads() == before
 

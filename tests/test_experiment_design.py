@@ -65,7 +65,7 @@ def verdict_on(*logs: Log) -> Verdict:
         free_parameter(parameters[name], chosen.values[name], prior)
         for name, prior in KNOWN.items()
     )
-    return decide(find_causes(Bench(chosen, logs, free, {"angle": FLOOR}, 2)))
+    return decide(find_causes(Bench(chosen, logs, free, {"angle": FLOOR})))
 
 
 DEAD_ZONE = {"drive_dead_zone.half_width": 1.5}
@@ -190,7 +190,7 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     chosen = nominal()
     parameters = chosen.plant.parameters
     free = (free_parameter(parameters["torque_constant"], 6.432, 1.6),)
-    bench = Bench(chosen, [first], free, {"angle": FLOOR}, 2)
+    bench = Bench(chosen, [first], free, {"angle": FLOOR})
     # the back EMF tells them apart; without it they are one model
     still = replace(chosen, values={**chosen.values, "back_emf_constant": 0.0})
     bench = replace(bench, model=still)
@@ -261,7 +261,7 @@ def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
     told = {}
     for size in (1.0, 1e-5):
         log = replace(first, outputs={"angle": size * first.outputs["angle"]})
-        bench = Bench(nominal(), [log], (), {"angle": FLOOR}, 1)
+        bench = Bench(nominal(), [log], (), {"angle": FLOOR})
         other = bench.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
         stage = Stage((bench.unfit((), (), {}), other), 0)
         told[size] = stage.difference(Command("triangle", 0.0, 10.0, 0.05, 0), 0, 1)
@@ -275,7 +275,7 @@ def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(fi
     spring = nominal().plant.parameters["stiffness"]
     value = nominal().values["stiffness"]
     bench = Bench(
-        nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}, 1
+        nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}
     )
     rivals = [bench.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
     stage = Stage(rivals, 0)

@@ -17,12 +17,11 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.recording import Channel
 from servo_models.diagnosis.fitting.descent import descend
-from servo_models.identification.covariance import covariance
-from servo_models.identification.estimate import spread_of
 from servo_models.identification.fit import fit
 from servo_models.identification.information import Information
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.identification.run import Run
+from servo_models.identification.simulation import Run
+from servo_models.identification.uncertainty import covariance, spread_of
 from servo_models.report.numbers import MOST_DIGITS, with_error
 
 NAMES = tuple(name for name in nominal().plant.parameters if name != "internal_step")

@@ -109,7 +109,7 @@ def hunting(effect: str, step: float) -> Explanation:
     free = free_parameter(
         nominal.plant.parameters[name], nominal.values[name], 0.05 * nominal.values[name]
     )
-    bench = Bench(nominal, [log], (free,), {"angle": 1e-4}, jobs=1)
+    bench = Bench(nominal, [log], (free,), {"angle": 1e-4})
     every = {one.name: one for one in candidates(nominal, [log])}
     extra = every[effect].at({f"{effect}.step": step})
     values = {name: 1.005 * nominal.values[name], f"{effect}.step": step}

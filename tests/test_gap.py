@@ -48,7 +48,7 @@ def log(outputs: dict[str, Array], name: str = "one", kept: int = COUNT) -> Log:
 def found(*logs: Log) -> dict[str, Gap]:
     """Gaps of the nominal model, by output."""
     floors = {name: 1e-5 for log in logs for name in log.outputs}
-    nominal = Bench(MODEL, logs, (), floors, 1).unfitted()
+    nominal = Bench(MODEL, logs, (), floors).unfitted()
     causes = Causes(nominal.evidence, nominal, [], [], [], nominal, {})
     return {gap.output: gap for gap in gaps(causes, floors, dict.fromkeys(floors, ""), 0)}
 
@@ -78,7 +78,7 @@ def test_a_log_without_noise_has_a_floor_of_motion_alone() -> None:
     angle = {"current": simulate(MODEL, times, {"voltage": jumps})["current"]}
     moved = replace(log(angle), inputs={"voltage": jumps})
     floors = noise_floors([audit(moved, MODEL.plant)])
-    nominal = Bench(MODEL, (moved,), (), floors, 1).unfitted()
+    nominal = Bench(MODEL, (moved,), (), floors).unfitted()
     causes = Causes(nominal.evidence, nominal, [], [], [], nominal, {})
     (gap,) = gaps(causes, floors, {"current": RESIDUAL}, 0)
     assert gap.motion == pytest.approx(floors["current"], rel=1e-6)
@@ -164,7 +164,7 @@ def test_what_a_log_states_is_not_free_in_it() -> None:
     second = replace(second, constants={"resistance": value})
     first = log({"angle": simulated()["angle"]})
     free = free_parameter(MODEL.plant.parameters["resistance"], MODEL.values["resistance"], 100.0)
-    bench = Bench(MODEL, [first, second], (free,), {"angle": 1e-6}, 1)
+    bench = Bench(MODEL, [first, second], (free,), {"angle": 1e-6})
     assert bench.unfitted().evidence.rms < 1e-9
     (run,) = bench.problem().runs[1:]
     assert run.with_constants({"resistance": 1.0, "stiffness": 2.0})["resistance"] == value

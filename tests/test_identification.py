@@ -23,11 +23,10 @@ from servo_models.core.types import Array
 from servo_models.data.recording import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
-from servo_models.identification.beginning import false_starts
-from servo_models.identification.estimate import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import false_starts, prepared
+from servo_models.identification.uncertainty import FROM_PRIOR, PULLED, doubt
 
 STEP = 5e-4
 TRUE = {

@@ -28,8 +28,8 @@ from test_identification import STEP, TRUE, prbs, rig
 from servo_models.core.simulate import simulate
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification import fit as fit_module
-from servo_models.identification.estimate import Spread, spread
 from servo_models.identification.identify import identify
+from servo_models.identification.uncertainty import Spread, spread
 
 NOISE = np.radians(0.01)
 ESTIMATED = {name: TRUE[name] for name in ("torque_constant", "inductance", "friction_coefficient")}

@@ -214,7 +214,7 @@ def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
 
 def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
     told = read_description(found.logs[0].path.parent / "rig.toml")
-    bench = Bench(told.model, told.logs, nominal_parameters(told), found.floors, 1)
+    bench = Bench(told.model, told.logs, nominal_parameters(told), found.floors)
     retuned = bench.finish(bench.fit((), ()))
     sights = sights_of([retuned.view], candidates(bench.model, bench.logs))
     one, other = (imitated_effects(bench, retuned, it, 2.0) for it in (sights, sights[::-1]))

@@ -44,7 +44,7 @@ def rig(half_width: float, kept: float) -> tuple[Bench, Candidate]:
         for name, share in PRIORS.items()
     )
     (one,) = [it for it in candidates(nominal, [log]) if it.name == "drive_dead_zone"]
-    return Bench(nominal, [log], free, {"angle": NOISE}, jobs=1).surveyed(), one
+    return Bench(nominal, [log], free, {"angle": NOISE}).surveyed(), one
 
 
 @pytest.mark.parametrize(

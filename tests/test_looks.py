@@ -90,7 +90,7 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
         nominal.values["transport_delay.time"],
         0.01,
     )
-    bench = Bench(nominal, [log], (free,), names, jobs=1)
+    bench = Bench(nominal, [log], (free,), names)
     found = bench.fit((), ())
     assert found.values["transport_delay.time"] == pytest.approx(delay, abs=0.1 * step)
     assert found.evidence.rms < 1.2
@@ -123,7 +123,7 @@ def test_no_search_ends_on_the_edge_of_a_stair() -> None:
         inputs = {"pulse_width": pulse}
         told = simulate(replace(nominal, values={**known, **rig}), times, inputs)
         read = {it: told[it] + noise * random.standard_normal(count) for it, noise in names.items()}
-        bench = Bench(nominal, [logged(times, inputs, read)], free, names, jobs=1)
+        bench = Bench(nominal, [logged(times, inputs, read)], free, names)
         left.append(bench.fit((), ()).evidence.rms)
     assert max(left) < 1.2
 
@@ -131,9 +131,9 @@ def test_no_search_ends_on_the_edge_of_a_stair() -> None:
 def test_where_nothing_jumps_no_delay_is_moved() -> None:
     bench, every = made({"transport_delay.time": 2e-3})
     problem = bench.problem(every["transport_delay"].at({"transport_delay.time": 1e-3}))
-    before = problem.evaluations
+    before = problem.memory.evaluations
     assert shifted(problem, problem.start) is None
-    assert problem.evaluations == before
+    assert problem.memory.evaluations == before
 
 
 def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
@@ -173,7 +173,7 @@ def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
     log = logged(times, {"pulse_width": pulse}, read)
     delay = nominal.plant.parameters["transport_delay.time"]
     free = (free_parameter(delay, nominal.values[delay.name], 0.01),)
-    bench = Bench(nominal, [log], free, {"angle_reading": noise}, jobs=1)
+    bench = Bench(nominal, [log], free, {"angle_reading": noise})
     retuned = bench.fit((), ())
     assert retuned.values[delay.name] > nominal.values[delay.name] + 0.3 * period
     (hold,) = [it for it in candidates(nominal, [log]) if it.name == "sample_hold"]

@@ -16,7 +16,7 @@ import pytest
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.data.recording import Channel, Log
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import prepared
 
 TIMES = 1e-3 * np.arange(300.0)
 
@@ -72,9 +72,13 @@ def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() ->
 
 
 NESTED = """
-from servo_models.identification.problem import map_on
-def sums(n): return sum(map_on(2, lambda k: n * k, range(5)))
-assert list(map_on(2, sums, range(8))) == [10 * n for n in range(8)]
+import threading
+from servo_models.core.workers import Workers
+with Workers(2) as workers:
+    def sums(n): return sum(workers.map(lambda k: n * k, range(5)))
+    assert list(workers.map(sums, range(8))) == [10 * n for n in range(8)]
+assert threading.active_count() == 1, "threads outlive their with"
+assert list(workers.map(sums, range(8))) == [10 * n for n in range(8)]
 """
 
 

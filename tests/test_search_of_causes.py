@@ -56,7 +56,7 @@ def made(
         free_parameter(parameters[name], nominal.values[name], prior)
         for name, prior in PRIORS.items()
     )
-    bench = Bench(nominal, [log], free, {"angle": noise}, jobs=1)
+    bench = Bench(nominal, [log], free, {"angle": noise})
     return bench, {one.name: one for one in candidates(nominal, [log])}
 
 
@@ -66,7 +66,7 @@ def test_a_short_search_ends_where_a_library_does() -> None:
     vector, met, _ = descend(problem, problem.start, 1e-9, 100)
     library = least_squares(problem.residuals, problem.start, bounds=problem.bounds, xtol=1e-12)
     assert met
-    assert problem.best[0] == pytest.approx(library.cost, rel=1e-3)
+    assert problem.memory.best[0] == pytest.approx(library.cost, rel=1e-3)
     spread = np.linalg.inv(library.jac.T @ library.jac)
     assert np.all(np.abs(vector - library.x) < 0.3 * np.sqrt(np.diag(spread)))
 

@@ -52,7 +52,7 @@ def found(
 ) -> dict[str, Breakdown]:
     """Breakdowns of errors [noise floors] that are given, of shape (n,) for each output."""
     log = measured({name: clean()[name] for name in outputs})
-    bench = Bench(MODEL, [log], (), {name: FLOOR[name] for name in outputs}, 1)
+    bench = Bench(MODEL, [log], (), {name: FLOOR[name] for name in outputs})
     fitted = bench.fit((), ())
     parts = blocks(fitted.problem)
     empty = np.empty(0)
@@ -188,7 +188,7 @@ def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Arr
         np.arange(n),
         np.zeros(n, dtype=bool),
     )
-    fitted = Bench(chosen, [log], (), dict.fromkeys(outputs, 1e-5), 1).fit((), ())
+    fitted = Bench(chosen, [log], (), dict.fromkeys(outputs, 1e-5)).fit((), ())
     found = by_block(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert found is not None
     return found
@@ -207,7 +207,7 @@ def test_a_block_is_judged_from_its_measured_input() -> None:
 def test_each_model_is_judged_at_the_moment_that_suits_it_best() -> None:
     """Before is the rig itself; a lag that the rig has not closes nothing."""
     outputs = {name: clean()[name] for name in FLOOR}
-    bench = Bench(MODEL, [measured(outputs)], (), FLOOR, 1)
+    bench = Bench(MODEL, [measured(outputs)], (), FLOOR)
     nominal = bench.fit((), ())
     lag = "sensor_lag.time_constant"
     free = [free_parameter(MODEL.plant.parameters[lag], 0.0, None)]
@@ -247,7 +247,7 @@ def command_of(chosen: Model, inputs: Mapping[str, Array]) -> tuple[str, float, 
 def test_windows_of_time_count_from_the_files_first_row() -> None:
     noisy = clean()["angle"] + 10.0 * FLOOR["angle"] * noise(3)
     log = replace(measured({"angle": noisy}), begin=7.0)
-    fitted = Bench(MODEL, [log], (), {"angle": FLOOR["angle"]}, 1).fit((), ())
+    fitted = Bench(MODEL, [log], (), {"angle": FLOOR["angle"]}).fit((), ())
     places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     (time,) = [one for one in places if one.dimension == "time"]
     assert (time.bins[0].low, time.bins[-1].high) == (7.0, 7.0 + TIMES[-1])
@@ -314,7 +314,7 @@ def test_edges_about_an_offset_differ(offset: float, width: float) -> None:
 
 def test_a_single_sample_has_no_spectrum() -> None:
     log = measured({"angle": clean()["angle"] + 1e-3}, np.arange(len(TIMES)) != 700)
-    fitted = Bench(MODEL, [log], (), {"angle": 1e-4}, 1).fit((), ())
+    fitted = Bench(MODEL, [log], (), {"angle": 1e-4}).fit((), ())
     places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert "frequency" not in {one.dimension for one in places}
     assert next(one for one in places if one.dimension == "signal").bins[0].count == 1

@@ -35,7 +35,7 @@ from servo_models.diagnosis.sizes import (
     travel,
 )
 from servo_models.identification.problem import Free, free_parameter
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import prepared
 
 SHOWN = 10.0
 """Samples in a period of the fastest resonance that logs can show."""

@@ -16,7 +16,7 @@ from servo_models.core.types import Array
 from servo_models.data.recording import Log
 from servo_models.diagnosis.codes import bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import prepared
 
 REST = 5
 """Rows for which a command stands still before a step of it and after."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from servo_models.core.threads import one_blas_thread
+from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis.claims import claims, estimates
@@ -48,8 +47,8 @@ def diagnose(
     logs, flags = without_flags(told.logs, told.model.plant)
     told = replace(told, logs=logs)
     check_logs(told.path, told.model, told.logs)
-    with one_blas_thread():
-        found = _diagnose(told, tolerance, seed, jobs or os.cpu_count() or 1, left_out, tell)
+    with Workers(jobs) as workers:
+        found = _diagnose(told, tolerance, seed, workers, left_out, tell)
     return replace(found, flags=flags)
 
 
@@ -57,13 +56,13 @@ def _diagnose(
     told: Description,
     tolerance: float,
     seed: int,
-    jobs: int,
+    workers: Workers,
     left_out: Iterable[str],
     tell: Tell | None,
 ) -> Diagnosis:
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
-    bench = Bench(told.model, told.logs, nominal_parameters(told), floors, jobs)
+    bench = Bench(told.model, told.logs, nominal_parameters(told), floors, workers)
     causes = find_causes(bench, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
     return Diagnosis(

@@ -11,10 +11,10 @@ from servo_models.core.plant import Parameter, Plant, Wire
 from servo_models.data.audit import Audit, Floor, Sampling, audits, noise_floors
 from servo_models.data.description import Description, read_description
 from servo_models.errors import UserError
-from servo_models.identification.estimate import together
 from servo_models.identification.identifiability import SHOWN, Excitation, Group, Reach, excitation
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
+from servo_models.identification.uncertainty import together
 from servo_models.report.sheets import Sheet, Table
 from servo_models.units import factor
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -11,15 +10,16 @@ import numpy as np
 from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
+from servo_models.core.workers import Workers
 from servo_models.data.audit.outliers import about_outliers
 from servo_models.data.audit.signals import FLAG
 from servo_models.data.recording import Log
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.beginning import false_starts
-from servo_models.identification.estimate import is_believable, spread, warnings
+from servo_models.identification.optimise import LOCAL, SEARCHES, Found, Progress, polished, search
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
-from servo_models.identification.search import LOCAL, SEARCHES, Found, Progress, polished, search
+from servo_models.identification.simulation import false_starts
+from servo_models.identification.uncertainty import is_believable, spread, warnings
 
 METHODS = {
     "local": "simulation error, least squares",
@@ -64,12 +64,20 @@ def fit(
     chosen = [
         free_parameter(parameters[n], model.values[n], given.get(n), limits.get(n)) for n in names
     ]
-    problem = Problem(model, logs, chosen, jobs=jobs or os.cpu_count() or 1)
+    with Workers(jobs) as workers:
+        problem = Problem(model, logs, chosen, workers=workers)
+        return _fitted(problem, kind, starts, seed, progress or (lambda _: None))
+
+
+def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
     before = _nominal_responses(problem)
-    tell = progress or (lambda _: None)
     found = search(problem, kind, starts, seed, tell)
     if not found.interrupted:
-        found = _reweighted(problem, found, tell)
+        problem = _reweighted(problem, found.vector)
+        # one weight on everything moves no optimum
+        if len(problem.sigma) > 1 or any(free.prior for free in problem.free):
+            again = search(problem, LOCAL, 1, 0, tell, smooth=found.widths is None)
+            found = replace(again, costs=found.costs)
     if found.widths is not None and not found.interrupted:
         found = polished(problem, found, seed, tell)
     tell("standard errors")
@@ -80,12 +88,12 @@ def fit(
     except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
         tell("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector)
-    odd = _outliers(model, logs)
+    odd = _outliers(problem.model, problem.logs)
     said = [*odd, *false_starts(problem.runs, values)]
     said += warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
     numbers = np.array(list(values.values()))
     believable = not odd and is_believable(problem.free, numbers, uncertainty)
-    fitted = replace(model, values={**model.values, **values})
+    fitted = replace(problem.model, values={**problem.model.values, **values})
     return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said, believable)
 
 
@@ -150,25 +158,22 @@ def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
     return Problem(problem.model, problem.logs, [], sigma=problem.sigma).responses(np.empty(0))
 
 
-def _reweighted(problem: Problem, found: Found, progress: Progress) -> Found:
-    """Search again with each output weighted by its own error, which is maximum likelihood."""
-    for name in problem.sigma:
+def _reweighted(problem: Problem, vector: Array) -> Problem:
+    """The problem with each output weighted by its own error, which is maximum likelihood."""
+    sigma = {}
+    for name, before in problem.sigma.items():
         errors = [
             (response[name] - log.outputs[name])[log.fitted]
-            for response, log in zip(problem.responses(found.vector), problem.logs)
+            for response, log in zip(problem.responses(vector), problem.logs)
             if name in log.outputs and log.fitted.any()
         ]
         if errors:
             with np.errstate(over="ignore"):  # an infinite one is refused in the end
                 rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
             flag = problem.model.plant.wire[name].flag
-            least = FLAG if flag else 1e-12 * problem.sigma[name]  # a flag may be met exactly
-            problem.sigma[name] = max(rms, least)
-    problem.restart(found.vector)
-    if len(problem.sigma) == 1 and not any(free.prior for free in problem.free):
-        return found  # one weight on everything moves no optimum
-    again = search(problem, LOCAL, 1, 0, progress, smooth=found.widths is None)
-    return replace(again, costs=found.costs)
+            least = FLAG if flag else 1e-12 * before  # a flag may be met exactly
+            sigma[name] = max(rms, least)
+    return problem.weighted_by({**problem.sigma, **sigma}, vector)
 
 
 def _on_bounds(problem: Problem, vector: Array) -> Array:

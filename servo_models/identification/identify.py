@@ -29,8 +29,8 @@ from servo_models.data.recording import hashes
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
+from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.search import LOCAL, Progress
 from servo_models.identification.sheet import identification_sheet
 from servo_models.report.sheets import Sheet
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.identification.problem import Problem, map_on
+from servo_models.identification.problem import Problem
 
 NARROW, WIDE = 0.01, 0.3
 """Least and largest half width of a slope, relative to the value of what moves most."""
@@ -303,8 +303,8 @@ def _secants(
         own = ends[k * each : (k + 1) * each]
         middles = _middles(problem, vector, len(parts))
         points += [moved(problem, middles[i // 2], end * step) for i, end in enumerate(own)]
-        problem.evaluations += each
-    every = list(map_on(problem.jobs, lambda point: _errors(problem, point), points))
+        problem.memory.evaluations += each
+    every = list(problem.workers.map(lambda point: _errors(problem, point), points))
     found: list[Array | None] = []
     for first in range(0, len(points), each):
         errors = [one for one in every[first : first + each] if one is not None]
@@ -323,7 +323,7 @@ def _middles(problem: Problem, vector: Array, count: int) -> list[Array]:
 
     They are others every time, and the same in every process.
     """
-    random = np.random.default_rng((problem.evaluations, count))
+    random = np.random.default_rng((problem.memory.evaluations, count))
     aside = [ASIDE * np.abs(vector) * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
     return [moved(problem, vector, (-1.0) ** k * aside[k // 2]) for k in range(count)]
 

@@ -25,7 +25,7 @@ from servo_models.data.description.values import named
 from servo_models.data.recording import Channel, Log
 from servo_models.data.scaffold.guess import other_units
 from servo_models.errors import UserError
-from servo_models.identification.run import prepared
+from servo_models.identification.simulation import prepared
 from servo_models.units import parse
 
 TIME = "time"

@@ -7,25 +7,19 @@ Source: Ljung, System Identification, 2nd ed., sec. 3.3 (output error) and 7.4 (
 
 from __future__ import annotations
 
-import functools
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
 from servo_models.core.plant import Parameter, Plant, unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
+from servo_models.core.workers import ALONE, Workers
 from servo_models.data.recording import Log
 from servo_models.errors import UserError
-from servo_models.identification.run import Run, prepared
-
-S = TypeVar("S")
-T = TypeVar("T")
+from servo_models.identification.simulation import Run, prepared
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
@@ -34,23 +28,6 @@ EDGE = 1e-6
 REFUSED, LARGEST = 1e3, 1e100
 """Weighted residual of a run that leaves the finite numbers, or those with finite squares, over
 the measured range where that is more than 1: no motion at all leaves less."""
-
-
-_thread = threading.local()
-
-
-@functools.cache
-def _workers(jobs: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(jobs, initializer=setattr, initargs=(_thread, "is_worker", True))
-
-
-def map_on(jobs: int, simulate: Callable[[T], S], tasks: Iterable[T]) -> Iterator[S]:
-    """Return ``map`` of a function over tasks, on so many threads: compiled runs go on together.
-
-    A task does tasks of its own itself: all threads may be waiting for such ones.
-    """
-    alone = jobs == 1 or hasattr(_thread, "is_worker")
-    return map(simulate, tasks) if alone else _workers(jobs).map(simulate, tasks)
 
 
 @dataclass(frozen=True)
@@ -118,44 +95,65 @@ def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
 
 
 @dataclass(eq=False)
+class Memory:
+    """What a search has seen of a problem, so that nothing is lost.
+
+    Attributes:
+        evaluations: simulations of all logs.
+        best: the best vector and its cost.
+        latest: the last vector and its residuals, which the slopes there begin with.
+    """
+
+    evaluations: int
+    best: tuple[float, Array]
+    latest: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
-    """Free parameters of one model and the logs that judge them.
+    """Free parameters of one model and the logs that judge them; it does not change.
 
     Attributes:
         model: the nominal model; logs override single parameters of it.
         logs: measured runs.
         free: what is estimated; vectors below hold their values over their scales.
-        sigma: standard deviation [SI] that weights each output.
-        jobs: runs that go on at once.
-        start: vector from which a search begins, shape (p,).
-        best: the best vector seen so far and its cost, so that nothing is lost.
+        sigma: standard deviation [SI] that weights each output, by default that of its readings.
+        workers: on which runs go on together.
+        start: vector from which a search begins, shape (p,), by default that of ``free``.
     """
 
     model: Model
     logs: Sequence[Log]
     free: Sequence[Free]
-    sigma: dict[str, float] = field(default_factory=dict)
-    jobs: int = 1
-    start: Array = field(init=False)
-    best: tuple[float, Array] = field(init=False)
-    runs: list[Run] = field(init=False)
-    evaluations: int = field(init=False, default=0)
-    _latest: tuple[Array, Array] = field(init=False, repr=False)
-    """A vector and its residuals, which the slopes there begin with."""
+    sigma: Mapping[str, float] = field(default_factory=dict)
+    workers: Workers = ALONE
+    start: Array = None  # type: ignore[assignment]  # set from ``free`` below
+    runs: list[Run] = field(init=False, repr=False)
+    memory: Memory = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self.runs = [prepared(self.model, log) for log in self.logs]
-        for name in dict.fromkeys(name for log in self.logs for name in log.outputs):
-            logs = [log for log in self.logs if name in log.outputs]
-            values = np.concatenate([log.outputs[name][log.fitted] for log in logs])
-            self.sigma.setdefault(name, float(np.std(values)) or 1.0 if len(values) else 1.0)
-        self.restart(np.array([free.start for free in self.free]) / self.scales)
+        object.__setattr__(self, "runs", [prepared(self.model, log) for log in self.logs])
+        measured = dict.fromkeys(name for log in self.logs for name in log.outputs)
+        own = {name: self._scatter(name) for name in measured if name not in self.sigma}
+        object.__setattr__(self, "sigma", {**self.sigma, **own})
+        if self.start is None:
+            begin = np.array([free.start for free in self.free]) / self.scales
+            object.__setattr__(self, "start", begin)
+        no_vector = np.full(len(self.start) + 1, np.nan)  # equal to none
+        memory = Memory(0, (np.inf, self.start), (no_vector, np.empty(0)))
+        object.__setattr__(self, "memory", memory)
 
-    def restart(self, vector: Array) -> None:
-        """Begin again from ``vector``; costs so far do not count, weights may have changed."""
-        self.start = vector
-        self.best = (np.inf, vector)
-        self._latest = (np.full(len(vector) + 1, np.nan), np.empty(0))  # equal to none
+    def _scatter(self, output: str) -> float:
+        """Standard deviation [SI] of all readings of an output that a fit may see."""
+        logs = [log for log in self.logs if output in log.outputs]
+        values = np.concatenate([log.outputs[output][log.fitted] for log in logs])
+        return float(np.std(values)) or 1.0 if len(values) else 1.0
+
+    def weighted_by(self, sigma: Mapping[str, float], start: Array) -> Problem:
+        """Return the same problem with other weights [SI]; costs so far do not count there."""
+        again = replace(self, sigma=sigma, start=start)
+        again.memory.evaluations = self.memory.evaluations
+        return again
 
     @property
     def scales(self) -> Array:
@@ -203,30 +201,30 @@ class Problem:
         """Return weighted errors of all samples that a fit may see, then of the priors."""
         residuals = self._residuals(vector)
         self._note(vector, residuals)
-        self.evaluations += 1
-        self._latest = (vector.copy(), residuals)
+        self.memory.evaluations += 1
+        self.memory.latest = (vector.copy(), residuals)
         return residuals
 
     def latest(self, vector: Array) -> Array:
         """Return ``residuals`` of the vector they were asked for last, or else find them."""
-        known, residuals = self._latest
+        known, residuals = self.memory.latest
         return residuals if np.array_equal(known, vector) else self.residuals(vector)
 
     def costs(self, vectors: Sequence[Array]) -> list[float]:
-        """Return half the sum of the squared ``residuals`` of each vector, ``jobs`` at once."""
+        """Return half the sum of the squared ``residuals`` of each vector, found together."""
         found = self._all(vectors)
         return [self._note(vector, residuals) for vector, residuals in zip(vectors, found)]
 
     def _note(self, vector: Array, residuals: Array) -> float:
         """Remember a vector if it is the best so far, and return its cost."""
         cost = 0.5 * float(residuals @ residuals)
-        if cost < self.best[0]:
-            self.best = (cost, vector.copy())
+        if cost < self.memory.best[0]:
+            self.memory.best = (cost, vector.copy())
         return cost
 
     def _all(self, vectors: Sequence[Array]) -> list[Array]:
-        self.evaluations += len(vectors)
-        return list(map_on(self.jobs, self._residuals, vectors))
+        self.memory.evaluations += len(vectors)
+        return list(self.workers.map(self._residuals, vectors))
 
     def errors_with(self, values: Mapping[str, float], strict: bool = False) -> Array:
         """Return ``residuals`` with these values [SI], of other parameters as well.
@@ -296,8 +294,8 @@ class Problem:
             found = self._all(points)
             pairs = zip(found[: len(units)], found[len(units) :])
         else:
-            base = self._latest[1]
-            if not np.array_equal(self._latest[0], vector):
+            known, base = self.memory.latest
+            if not np.array_equal(known, vector):
                 base = self._all([vector])[0]
             pairs = zip(self._all(points), [base] * len(units))
         apart = np.where(ends == starts, 1.0, ends - starts)

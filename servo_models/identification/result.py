@@ -11,9 +11,9 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.recording import Log
 from servo_models.errors import UserError
-from servo_models.identification.estimate import Spread
+from servo_models.identification.optimise import Found
 from servo_models.identification.problem import Free, Problem
-from servo_models.identification.search import Found
+from servo_models.identification.uncertainty import Spread
 
 FIT = "fit"
 HELD_OUT = "held out"
@@ -182,5 +182,5 @@ def conclude(
         converged=found.converged,
         interrupted=found.interrupted,
         costs=found.costs,
-        evaluations=problem.evaluations,
+        evaluations=problem.memory.evaluations,
     )

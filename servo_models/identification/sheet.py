@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite
 
 from servo_models.analysis.explain import display_scale, display_unit, in_display_unit
-from servo_models.identification.estimate import doubt
 from servo_models.identification.result import Accuracy, Identification
+from servo_models.identification.uncertainty import doubt
 from servo_models.report.sheets import Sheet, Table, with_error
 from servo_models.units import factor
 

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.core.threads import one_blas_thread
+from servo_models.core.workers import Workers
 from servo_models.data.description import Description, read_description
 from servo_models.data.readers import read_columns
 from servo_models.data.recording import Log
@@ -104,7 +104,7 @@ def ask_oracle(question: Question) -> dict[str, Any]:
     said, answer = question.said, question.answer
     if not said.floors:
         return asdict(Known(said.case, None, 0.0, 0.0, [], True, False, None, ""))
-    with warnings.catch_warnings(), one_blas_thread():
+    with warnings.catch_warnings(), Workers(1):
         warnings.simplefilter("ignore")
         return asdict(_known(question, [it["name"] for it in answer["effects"]]))
 
@@ -202,7 +202,7 @@ def _error(explanation: Explanation) -> float:
 
 
 def _bench(told: Description, said: Said) -> Bench:
-    return Bench(told.model, told.logs, nominal_parameters(told), dict(said.floors), 1).surveyed()
+    return Bench(told.model, told.logs, nominal_parameters(told), dict(said.floors)).surveyed()
 
 
 def _logs(question: Question) -> tuple[Description, Description]:

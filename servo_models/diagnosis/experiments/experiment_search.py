@@ -10,7 +10,6 @@ Atkinson, Fedorov, Biometrika 62 (1975) (T-optimality: the rival re-fitted).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
 
@@ -151,8 +150,8 @@ class Stage:
         one: int,
         other: int,
     ) -> dict[Command, float]:
-        with ThreadPoolExecutor(self.problem.jobs) as pool:
-            return dict(zip(commands, pool.map(lambda c: measure(c, one, other), commands)))
+        found = self.problem.workers.map(lambda c: measure(c, one, other), commands)
+        return dict(zip(commands, found))
 
     def _allowed(self, commands: Iterable[Command]) -> list[Command]:
         """Commands inside the limits that the sampling can follow."""

@@ -84,9 +84,9 @@ def _round(
     """Steps until the tolerance is met or what a round may cost is spent."""
     low, high = problem.bounds
     damping = DAMPING
-    spent = problem.evaluations + limit * (len(at.vector) + 1) // SLOPES_EVERY
+    spent = problem.memory.evaluations + limit * (len(at.vector) + 1) // SLOPES_EVERY
     for _ in range(limit):
-        if problem.evaluations > spent:
+        if problem.memory.evaluations > spent:
             break
         step, promised = _step(at, low, high, damping)
         if promised <= 0.1 * tolerance * at.cost:

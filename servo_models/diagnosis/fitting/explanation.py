@@ -14,6 +14,7 @@ import numpy as np
 
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
+from servo_models.core.workers import ALONE, Workers
 from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
@@ -31,9 +32,9 @@ from servo_models.diagnosis.fitting.stepwise import (
 )
 from servo_models.diagnosis.fitting.structure import LeftOver, left_over
 from servo_models.diagnosis.fitting.view import View, view
-from servo_models.identification.estimate import Spread, spread
+from servo_models.identification.optimise import steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.slopes import steps
+from servo_models.identification.uncertainty import Spread, spread
 
 ENOUGH, STEPS = 1e-4, 25
 """Relative tolerance and steps of a fit: differences between effects are larger."""
@@ -133,7 +134,7 @@ class Bench:
         model, logs: of the diagnosis.
         nominal: parameters with a prior, free in every fit.
         floors: noise floor [SI] of each output, its weight.
-        jobs: simulations at once.
+        workers: on which simulations go on together.
         rough: over which slopes of the nominal parameters mean something, in scales, by name;
             none where small differences will do.
         trials: natural logarithm of the sizes and shapes that each effect may have.
@@ -143,14 +144,14 @@ class Bench:
     logs: Sequence[Log]
     nominal: tuple[Free, ...]
     floors: dict[str, float]
-    jobs: int
+    workers: Workers = ALONE
     rough: dict[str, float] = field(default_factory=dict)
     trials: dict[str, float] = field(default_factory=dict)
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
         free = [*self.nominal, *extra]
-        return Problem(self.model, self.logs, free, sigma=dict(self.floors), jobs=self.jobs)
+        return Problem(self.model, self.logs, free, sigma=dict(self.floors), workers=self.workers)
 
     def surveyed(self) -> Bench:
         """Return a bench that knows where the response of the nominal model is rough."""

@@ -72,7 +72,7 @@ def others_first(
     sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
     model = replace(problem.model, values={**problem.model.values, **sizes})
     free = [problem.free[i] for i in others]
-    rest = Problem(model, problem.logs, free, sigma=problem.sigma, jobs=problem.jobs)
+    rest = Problem(model, problem.logs, free, sigma=problem.sigma, workers=problem.workers)
     found = vector.copy()
     own = None if widths is None else widths[others]
     found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)

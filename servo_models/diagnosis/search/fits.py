@@ -10,7 +10,7 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.screening import Sight
 from servo_models.diagnosis.search.starts import Start, best_start
-from servo_models.identification.problem import Free, map_on
+from servo_models.identification.problem import Free
 
 Tell = Callable[[str], None]
 
@@ -153,13 +153,11 @@ def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanati
 
 
 def side_by_side(bench: Bench, tasks: Sequence[Task], say: Teller) -> Iterator[Explanation]:
-    """Yield fits in the order of their names, as many at once as the bench has jobs."""
-    alone = replace(bench, jobs=1)
-    found = map_on(bench.jobs, lambda task: task[1](alone), tasks)
+    """Yield fits in the order of their names, found together."""
+    found = bench.workers.map(lambda task: task[1](bench), tasks)
     for name, _ in tasks:
         say(f"fitting {name}")
         one = next(found)
-        one.problem.jobs = bench.jobs
         say.saw(one)
         yield one
 

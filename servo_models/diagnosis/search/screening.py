@@ -22,7 +22,6 @@ from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.changes import changes, corrected_changes, neighbours
 from servo_models.diagnosis.sizes import Settings
-from servo_models.identification.problem import map_on
 
 STRETCH, LEAST = 1.6, 0.5
 """A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
@@ -102,7 +101,7 @@ def sights_of(
         base = problem.values(seen.vector)
         tasks = [(one, sizes) for one in every for sizes in neighbours(one)]
         simulate = partial(corrected_changes if corrected else changes, seen, base)
-        found = map_on(problem.jobs, simulate, tasks)
+        found = problem.workers.map(simulate, tasks)
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
         sights += _sights(seen, every_size, list(chain.from_iterable(found)))
     return sights

@@ -13,8 +13,8 @@ from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.telling.words import doubts, listed, missed, moves
 from servo_models.diagnosis.verdict import NO_GAP
-from servo_models.identification.beginning import false_starts
-from servo_models.identification.estimate import together
+from servo_models.identification.simulation import false_starts
+from servo_models.identification.uncertainty import together
 
 UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""

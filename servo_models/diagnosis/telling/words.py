@@ -20,7 +20,7 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
-from servo_models.identification.estimate import doubt
+from servo_models.identification.uncertainty import doubt
 
 SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""

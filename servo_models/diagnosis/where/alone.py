@@ -25,7 +25,7 @@ from servo_models.diagnosis.fitting.evidence import BLOCKS
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import WORSE, Breakdown, Sums, tabulate
 from servo_models.errors import UserError
-from servo_models.identification.run import Run
+from servo_models.identification.simulation import Run
 
 MOMENTS = (0.0, 0.5, 1.0)
 """Moments between two samples at which a wire held between them may have been measured: a

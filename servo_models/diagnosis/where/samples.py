@@ -16,7 +16,7 @@ from servo_models.data.recording import Log
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import Rows
 from servo_models.identification.problem import Problem
-from servo_models.identification.run import Run
+from servo_models.identification.simulation import Run
 
 STILL = 0.003
 """Speed over the largest one of a log up to which nothing moves."""

@@ -10,7 +10,6 @@ Source: Ljung, System Identification, 2nd ed., sec. 9.4 (asymptotic covariance),
 
 from __future__ import annotations
 
-import os
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,11 +19,12 @@ from servo_models.analysis.lookalikes import cause, experiment
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Mask
+from servo_models.core.workers import Workers
 from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.identifiability import responses
 from servo_models.identification.identifiability.evidence import EXPLAINED, Evidence
-from servo_models.identification.problem import Problem, map_on
+from servo_models.identification.problem import Problem
 
 SHOWN = 0.5
 """RMS difference in noise floors below which a log shows nothing: noise is never quite white,
@@ -123,8 +123,14 @@ def excitation(
     judging = [log for log in logs if log.fitted.any()]
     if not judging:
         raise UserError("every sample is held out: leave some to estimate from")
-    many = jobs or os.cpu_count() or 1
-    problem = Problem(model, judging, [], sigma=dict(floor), jobs=many)
+    with Workers(jobs) as workers:
+        problem = Problem(model, judging, [], sigma=dict(floor), workers=workers)
+        return _excitation(model, problem, asked, given)
+
+
+def _excitation(
+    model: Model, problem: Problem, asked: Mapping[str, None], given: Mapping[str, float]
+) -> Excitation:
     nominal = responses.response(problem, {})
     if nominal is None:
         raise UserError("the nominal model leaves the finite numbers on these logs: correct it")
@@ -132,7 +138,9 @@ def excitation(
     settings = responses.effects(model)
     told = responses.slopes(problem, model, changes, together=bool(asked))
     parameters = told.causes
-    effects = list(map_on(many, lambda it: responses.difference(problem, nominal, *it), settings))
+    effects = list(
+        problem.workers.map(lambda it: responses.difference(problem, nominal, *it), settings)
+    )
     causes = [c for c in (*parameters, *effects) if c.difference is not None]
     evidence = Evidence(causes, asked, given, told.jitter)
     outputs = responses.outputs(problem)

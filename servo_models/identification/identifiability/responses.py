@@ -11,9 +11,9 @@ import numpy as np
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.errors import UserError
-from servo_models.identification.estimate import Axis
 from servo_models.identification.information import Information, information
 from servo_models.identification.problem import Free, Problem, free_parameter
+from servo_models.identification.uncertainty import Axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def _slopes(problem: Problem, model: Model, batch: Sequence[Free]) -> Slopes:
     off = [known[it] for it in owners.values() if it in known and not any(known[it].values())]
     around = {name: value for sizes in off for name, value in _typical(model, sizes).items()}
     at = replace(model, values={**model.values, **around})
-    own = Problem(at, problem.logs, batch, sigma=problem.sigma, jobs=problem.jobs)
+    own = Problem(at, problem.logs, batch, sigma=problem.sigma, workers=problem.workers)
     told = information(own, own.start)
     names = [change.name for change in batch]
     causes: list[Cause] = []

@@ -8,9 +8,9 @@ import math
 import numpy as np
 
 from servo_models.analysis.explain import display_scale, display_unit
-from servo_models.identification.estimate import doubt
 from servo_models.identification.problem import Free
 from servo_models.identification.result import Identification
+from servo_models.identification.uncertainty import doubt
 from servo_models.report.parts import MINUS, NONE, Line, Section, Table, number, printed
 from servo_models.report.sheets import with_error
 from servo_models.report.style import Picture, colour, drawing, picture

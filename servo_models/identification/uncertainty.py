@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.analysis.statistics import inflation
+from servo_models.analysis.statistics import autocovariance, inflation, scatter
 from servo_models.core.types import Array
-from servo_models.identification.covariance import covariance
 from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
 
@@ -333,3 +332,32 @@ def _alike(names: Sequence[str], found: Spread) -> list[str]:
         " that moves only one"
         for i, j in pairs
     ]
+
+
+def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float = 1.0) -> Array:
+    """Covariance of the estimates in scales, shape (p, p).
+
+    The white-noise covariance would be far too small: here it is J+ R J+', with the covariance
+    R of the errors from an autoregressive model of each record's residuals.
+    Source: Ljung, System Identification, 2nd ed., sec. 9.3.
+
+
+    Priors are scores of their own with the variance that they claim; that of the errors counts
+    ``more`` times.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
+    count = problem.samples
+    prior = jacobian[count:]
+    middle = prior.T @ prior
+    start = 0
+    for log in problem.logs:
+        kept = int(log.fitted.sum())
+        if kept == 0:
+            continue
+        for _ in log.outputs:
+            part = slice(start, start + kept)
+            own = autocovariance(residuals[part])
+            middle = middle + more * scatter(jacobian[part], own)
+            start += kept
+    freedom = count / max(count - jacobian.shape[1], 1)
+    return np.asarray(freedom * inverse @ middle @ inverse)

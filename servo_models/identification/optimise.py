@@ -17,8 +17,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.identification.information import information, moved, units
-from servo_models.identification.problem import Problem
-from servo_models.identification.slopes import steps
+from servo_models.identification.problem import DIFFERENCE, Problem
 
 Progress = Callable[[str], None]
 
@@ -32,6 +31,10 @@ GENERATIONS = 60
 RUNS = 3
 """Runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)."""
 
+SLOPE_STEPS = (1e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # of the scale of a parameter
+"""Wider steps that are tried in turn where the response is rough."""
+SLOPE_DISAGREEMENT = 0.5  # of the slope over the wider step
+"""From which two slopes differ."""
 POLISHES = 2
 """Runs of CMA-ES over the dents of a rough surface, each about the best point so far."""
 POLISH_GENERATIONS = 30
@@ -54,7 +57,7 @@ class Found:
         converged: the last local search met its tolerance.
         interrupted: the user stopped it.
         costs: of every start, sorted.
-        widths: steps of slopes where the response is rough, shape (p,), see ``slopes.steps``.
+        widths: steps of slopes where the response is rough, shape (p,), see ``steps``.
     """
 
     vector: Array
@@ -92,15 +95,15 @@ def search(
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _explore(problem, seed, tell)
-            ends.append(descend(problem, problem.best[1], widths=widths))
+            ends.append(descend(problem, problem.memory.best[1], widths=widths))
         for count, start in enumerate(_starts(problem, starts, seed)):
             tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
             ends.append(descend(problem, start, widths=widths))
-        if problem.best[0] < min(cost for cost, _, _ in ends):
-            ends.append(descend(problem, problem.best[1], widths=widths))
+        if problem.memory.best[0] < min(cost for cost, _, _ in ends):
+            ends.append(descend(problem, problem.memory.best[1], widths=widths))
     except KeyboardInterrupt:
         stopped = True
-    cost, vector = problem.best
+    cost, vector = problem.memory.best
     met = any(ok for end, _, ok in ends if end <= cost * (1.0 + 1e-6))
     costs = tuple(sorted(end for end, _, _ in ends))
     return Found(vector, cost, met and not stopped, stopped, costs, widths)
@@ -117,13 +120,13 @@ def polished(problem: Problem, found: Found, seed: int, tell: Progress) -> Found
             _polish(problem, seed + run, tell)
     except KeyboardInterrupt:
         found = replace(found, converged=False, interrupted=True)
-    cost, vector = problem.best
+    cost, vector = problem.memory.best
     return replace(found, vector=vector, cost=cost)
 
 
 def _polish(problem: Problem, seed: int, tell: Progress) -> None:
     """One run of CMA-ES about the best point, over the values off their bounds."""
-    cost, vector = problem.best
+    cost, vector = problem.memory.best
     inner = [i for i, side in enumerate(problem.sides(vector)) if not side]
     if not inner or cost == 0.0:
         return
@@ -142,7 +145,7 @@ def _polish(problem: Problem, seed: int, tell: Progress) -> None:
 
 
 def _so_far(problem: Problem) -> str:
-    cost = problem.best[0]
+    cost = problem.memory.best[0]
     if not np.isfinite(cost):
         return ""
     return f", best so far {np.sqrt(2.0 * cost / max(problem.samples, 1)):.4g} sigma"
@@ -260,3 +263,27 @@ def _box(problem: Problem) -> tuple[Array, Array]:
         low[i] = max(low[i], around[0] / free.scale)
         high[i] = min(high[i], around[1] / free.scale)
     return low, high
+
+
+def steps(problem: Problem, vector: Array) -> Array | None:
+    """Return for each parameter the least step whose slope the next wider step confirms.
+
+    A quantiser, dry friction or a sampler inside a loop makes the response a staircase of its
+    parameters, or throws a limit cycle to and fro: small differences are then 0, or noise that
+    grows as the step shrinks.
+    Source: More, Wild, Estimating derivatives of noisy simulations, ACM TOMS 38 (2012).
+
+    They are in scales, shape (p,); None where the smallest step will do for all.
+    """
+    widths = np.full(len(vector), DIFFERENCE)
+    rough = np.ones(len(vector), dtype=bool)
+    finer = problem.jacobian(vector)[: problem.samples]
+    for step in SLOPE_STEPS:
+        wider = problem.jacobian(vector, np.full(len(vector), step))[: problem.samples]
+        size = np.linalg.norm(wider, axis=0)
+        rough &= np.linalg.norm(finer - wider, axis=0) > SLOPE_DISAGREEMENT * size
+        if not rough.any():
+            break
+        widths[rough] = step
+        finer = wider
+    return widths if np.any(widths > DIFFERENCE) else None

@@ -1,0 +1,62 @@
+"""Threads on which simulations go on together: compiled runs let other threads run."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from typing import TypeVar
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+_thread = threading.local()
+
+
+class Workers:
+    """So many threads, within ``with``; before and after it tasks are done one by one.
+
+    Within it BLAS works in the thread that calls it: its own threads gain nothing on matrices of
+    a few columns, and while they wait they take the processors from the simulations.
+
+    Example:
+        >>> with Workers(2) as workers:
+        ...     list(workers.map(abs, [-1, 2]))
+        [1, 2]
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        """By default there are as many threads as processors."""
+        self.count = count or os.cpu_count() or 1
+        self._pool: ThreadPoolExecutor | None = None
+        self._open = ExitStack()
+
+    def __enter__(self) -> Workers:
+        import scipy.linalg  # noqa: F401 - it brings a BLAS of its own, limited once it is loaded
+        from threadpoolctl import threadpool_limits
+
+        self._open.enter_context(threadpool_limits(1, "blas"))
+        if self.count > 1:
+            mark = (_thread, "is_worker", True)
+            pool = ThreadPoolExecutor(self.count, initializer=setattr, initargs=mark)
+            self._pool = self._open.enter_context(pool)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool = None
+        self._open.close()
+
+    def map(self, function: Callable[[T], S], tasks: Iterable[T]) -> Iterator[S]:
+        """Return ``map`` of a function over tasks, in order.
+
+        A task does tasks of its own itself: all threads may be waiting for such ones.
+        """
+        if self._pool is None or hasattr(_thread, "is_worker"):
+            return map(function, tasks)
+        return self._pool.map(function, tasks)
+
+
+ALONE = Workers(1)
+"""No threads: tasks are done one by one."""
