@@ -14,12 +14,12 @@ from fmu_host import Host
 from html_page import Page
 from jsonschema import Draft202012Validator, ValidationError
 
+from servo_models import diagnosis
 from servo_models.cli import main
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
-from servo_models.diagnosis import telling
 from servo_models.diagnosis.fitting import explanation
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Problem
@@ -126,7 +126,7 @@ def test_the_audit_of_the_log_and_what_moved_without_effects_are_told(session: S
 
 
 def check_schema(document: object) -> None:
-    path = Path(telling.__file__).parent / "schema.json"
+    path = Path(diagnosis.__file__).parent / "schema.json"
     schema = json.loads(path.read_text(encoding="utf-8"))
     Draft202012Validator.check_schema(schema)
     Draft202012Validator(schema).validate(document)

@@ -170,8 +170,8 @@ class Section:
         title: heading, and by ``anchor`` its place on the page.
         lead: how to read what follows, in a sentence or two.
         items: sentences, as a list.
-        facts: pairs of a name and what is said about it.
-        tables, pictures: in their order; a terminal draws none.
+        facts: pairs of a name and what is said about it, such as versions; no terminal has them.
+        tables, pictures: in their order; no terminal has pictures.
         folded: on the page behind a click on its title.
     """
 
