@@ -192,8 +192,8 @@ def _refined(found: Diagnosis) -> str:
     if now == then:
         return ""
     return (
-        " All fits ended as soon as they could be compared; the one with"
-        f" {tables.together(taken.effects)} was then fitted to the end, and leaves {now} instead of {then}."
+        f" All fits ended as soon as they could be compared; {tables.together(taken.effects)} was"
+        f" then fitted to the end, and leaves {now} instead of {then}."
     )
 
 
