@@ -8,9 +8,8 @@ import subprocess
 import sys
 from importlib.metadata import version
 
-from conftest import Run
-
 import servo_models as sm
+from tests.conftest import Run
 
 
 def test_the_version_is_that_of_the_installed_package(run: Run) -> None:

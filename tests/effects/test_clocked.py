@@ -6,13 +6,13 @@ from typing import Annotated
 
 import numpy as np
 import pytest
-from plants.bench import held_bench, held_signal, respond, sine_bench, step_constant
 
 from servo_models.core.block import Block, Param, block
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Plant, State, Wire, place
 from servo_models.effects.sample_hold import sample_hold
 from servo_models.effects.transport_delay import EDGES, transport_delay
+from tests.support.bench import held_bench, held_signal, respond, sine_bench, step_constant
 
 
 @block("filtered_rate")

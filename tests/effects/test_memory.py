@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from plants.bench import held_bench, respond, shaft_bench, sine_bench
 from scipy import signal as scipy_signal
 
 from servo_models.core.plant import place
@@ -18,6 +17,7 @@ from servo_models.effects.hysteresis import hysteresis
 from servo_models.effects.lag import lag
 from servo_models.effects.rate_limit import rate_limit
 from servo_models.effects.thermal_drift import thermal_drift
+from tests.support.bench import held_bench, respond, shaft_bench, sine_bench
 
 IRREGULAR = np.concatenate([[0.0], np.cumsum(np.random.default_rng(3).exponential(3e-3, 100))])
 

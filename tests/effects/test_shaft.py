@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from plants.bench import respond, shaft_bench
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import ellipk
@@ -24,6 +23,7 @@ from servo_models.effects.load_friction import load_friction
 from servo_models.effects.load_inertia import load_inertia
 from servo_models.effects.stribeck_friction import stribeck_friction
 from servo_models.effects.viscous_friction import viscous_friction
+from tests.support.bench import respond, shaft_bench
 
 COULOMB = place("coulomb", coulomb_friction, "friction")
 STRIBECK = place("stribeck", stribeck_friction, "friction")

@@ -4,8 +4,8 @@
 
 Every call has an expected outcome: it succeeds with the numbers of the printed text, to the last
 bit, or it is refused.  Batches run in processes of their own, so a crash or a hang is counted
-and the sequence named.  ``tests/test_fuzz_fmi.py`` runs a share.  Handles that are freed already,
-NULL states and wrong GUIDs never reach the slave and are left out.
+and the sequence named.  ``tests/fmu/test_fuzz_fmi.py`` runs a share.  Handles that are freed
+already, NULL states and wrong GUIDs never reach the slave and are left out.
 """
 
 from __future__ import annotations
@@ -23,12 +23,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmu_host import Host
 
 from fmu_src.variables import variables
 from servo_models.build import build
@@ -36,6 +35,7 @@ from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import plain_make
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import step_text
+from tests.support.fmu_host import Host
 
 BATCH = 200
 """Sequences in a process."""

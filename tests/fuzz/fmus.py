@@ -8,7 +8,8 @@ process of its own.  Counted are
 * false alarms: an FMU with a harmless change that does not pass;
 * left behind: files or processes outside of what the command was given.
 
-Run ``python tests/fuzz/fmus.py --count 200``; ``tests/test_hostile_fmus.py`` runs a share.
+Run ``python tests/fuzz/fmus.py --count 200``; ``tests/validation/test_hostile_fmus.py`` runs a
+share.
 """
 
 from __future__ import annotations

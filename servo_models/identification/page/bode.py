@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import hold
 from servo_models.core.plant import Wire
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.page.empirical import Empirical, Record, empirical
 from servo_models.identification.page.readings import words
 from servo_models.identification.result import Identification
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.report.parts import Section
 from servo_models.report.style import Picture, colour, drawing, picture
 from servo_models.units import factor

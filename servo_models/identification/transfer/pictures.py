@@ -5,22 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.core.types import Array
+from servo_models.analysis.sine_test import hold
+from servo_models.core.types import Array, Complex
 from servo_models.identification.page.empirical import Record as Spectra
 from servo_models.identification.page.empirical import empirical
 from servo_models.identification.page.readings import BUCKETS, envelope, shade, words
 from servo_models.identification.transfer.evidence import Record, Sweep
 from servo_models.identification.transfer.identify import TransferResult
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.report.style import colour, drawing
 from servo_models.units import factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Complex = NDArray[np.complex128]
 Points = tuple[Array, Complex]
 """Frequencies [rad/s] and complex gain, SI."""
 

@@ -1,0 +1,143 @@
+"""Log descriptions: which samples of a file are taken, judged and held out, and when they were."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.descriptions import DEGREE, LOG, TABLE, complaint, describe, text_of
+
+
+def test_a_window_and_a_span_count_from_the_first_row_of_the_file(tmp_path: Path) -> None:
+    more = 'window = ["10 ms", 0.090]\nheld_out = { from = "50 ms", to = "70 ms" }\n'
+    (log,) = describe(tmp_path, LOG + more).logs
+    assert log.times == pytest.approx(5e-3 * np.arange(17), abs=1e-12)
+    assert list(log.rows) == list(range(4, 21))
+    assert list(np.flatnonzero(log.held_out)) == [8, 9, 10, 11, 12]
+    assert log.outputs["angle"][0] == pytest.approx(0.2 * DEGREE)
+
+
+def test_what_is_outside_the_window_may_be_broken(tmp_path: Path) -> None:
+    rows = [*TABLE, (200.0, "off", "nan")]
+    assert "row 22, column 'u'" in complaint(tmp_path, data=text_of(rows))
+    (log,) = describe(tmp_path, LOG + 'window = [0, "95 ms"]', data=text_of(rows)).logs
+    assert len(log.times) == 20
+
+
+@pytest.mark.parametrize(
+    ("held_out", "expected"),
+    [
+        ("true", [1] * 20),
+        ("false", [0] * 20),
+        ('{ from = "85 ms" }', [0] * 17 + [1] * 3),
+        ('{ to = "10 ms" }', [1] * 3 + [0] * 17),
+        # excursions from 1 to 3, to 2, to 0 and on to 2 and 3; the levels are 0, 2, 3
+        (
+            '{ input = "voltage", levels = "odd" }',
+            [0] * 3 + [1] * 5 + [0] * 4 + [1] * 2 + [0] * 2 + [1] * 4,
+        ),
+        ('{ input = "voltage", levels = "even" }', [0] * 8 + [1] * 4 + [0] * 2 + [1] * 2 + [0] * 4),
+    ],
+)
+def test_what_is_held_out(tmp_path: Path, held_out: str, expected: list[int]) -> None:
+    command = [1, 1, 1, 3, 3, 3, 1, 1, 2, 2, 1, 1, 0, 0, 2, 2, 3, 3, 1, 1]
+    rows = [(row[0], u, row[2]) for row, u in zip(TABLE, command)]
+    (log,) = describe(tmp_path, f"{LOG}held_out = {held_out}\n", data=text_of(rows)).logs
+    assert list(log.held_out) == expected
+
+
+def test_only_what_follows_a_command_counts(tmp_path: Path) -> None:
+    command = [1, 1, 1, 3, 3, 3, 3, 3, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3]
+    rows = [(row[0], u, row[2]) for row, u in zip(TABLE, command)]
+    judged = 'judged = { input = "voltage", after_change = "12 ms" }\n'
+    held = 'held_out = { from = "50 ms" }\n'
+    (log,) = describe(tmp_path, LOG + judged + held, data=text_of(rows)).logs
+    assert list(np.flatnonzero(log.fitted)) == [3, 4, 5, 9]
+    assert list(np.flatnonzero(log.checked)) == [10, 11, 12]
+
+
+def test_repeated_rows_can_be_dropped(tmp_path: Path) -> None:
+    rows = [*TABLE[:5], TABLE[4], TABLE[4], *TABLE[5:]]
+    said = complaint(tmp_path, data=text_of(rows))
+    assert "log.csv', row 7, column 'time_ms': time 0.12 s repeats" in said
+    assert 'time.repeats = "drop"' in said
+    log_ = LOG.replace('unit = "ms" }', 'unit = "ms", repeats = "drop" }')
+    (log,) = describe(tmp_path, log_, data=text_of(rows)).logs
+    assert log.outputs["angle"] == pytest.approx([row[2] * DEGREE for row in TABLE])
+    assert list(log.rows) == [2, 3, 4, 5, 6, *range(9, 24)]
+
+
+@pytest.mark.parametrize(
+    ("first", "more", "expected"),
+    [
+        (0.0, "", 0.0),
+        (0.04, "", 0.0),  # below a thousandth of the scale of 50 V
+        (5.0, "", 0.095),  # stop_time is 0.2 s, the log is shorter
+        (5.0, 'settle = "30 ms"', 0.03),
+        (0.0, "constants = { load_torque = 0.01 }", 0.095),
+    ],
+)
+def test_a_log_that_begins_away_from_rest_settles_first(
+    tmp_path: Path, first: float, more: str, expected: float
+) -> None:
+    rows = [(TABLE[0][0], first, TABLE[0][2]), *TABLE[1:]]
+    (log,) = describe(tmp_path, LOG + more, data=text_of(rows)).logs
+    assert log.settle == pytest.approx(expected)
+
+
+def test_inputs_of_another_table_are_held(tmp_path: Path) -> None:
+    reads = [{"t": 10.0 * i, "angle": 0.1 * i} for i in range(20)]
+    drive = [{"t": 15.0, "u": 1.0}, {"t": 15.0, "u": 9.0}, {"t": 40.0, "u": 2.0}]
+    (tmp_path / "log.json").write_text(json.dumps({"reads": reads, "drive": drive}))
+    log_ = """
+    [[logs]]
+    file = "log.json"
+    table = "reads"
+    time = { column = "t", unit = "ms" }
+    inputs.voltage = { column = "u", table = "drive" }
+    outputs.angle = "angle"
+    """
+    (log,) = describe(tmp_path, log_).logs
+    assert list(log.rows) == list(range(3, 21))  # the first command comes at 15 ms
+    assert list(log.inputs["voltage"]) == [9.0, 9.0] + [2.0] * 16
+    assert log.times[0] == 0.0
+    other = log_.replace('table = "reads"', 'table = "drive"').replace(
+        'outputs.angle = "angle"', 'outputs.angle = { column = "angle", table = "reads" }'
+    )
+    assert "it is in table 'reads', the time in 'drive'" in complaint(tmp_path, log=other)
+
+
+def test_columns_that_were_not_sampled_together(tmp_path: Path) -> None:
+    times = [1e-3 * i for i in range(20)]
+    document = {"t": times, "u": [1.0] * 20, "angle": [0.1] * 19, "none": []}
+    (tmp_path / "log.json").write_text(json.dumps(document))
+    log_ = """
+    [[logs]]
+    file = "log.json"
+    time = "t"
+    inputs.voltage = "u"
+    outputs.angle = "angle"
+    """
+    assert "column 'angle' has 19 rows, the time 20" in complaint(tmp_path, log=log_)
+    no_time = log_.replace('"t"', '"none"')
+    assert "column 'none' has no rows" in complaint(tmp_path, log=no_time)
+
+
+def test_a_shifted_column_is_late_or_early(tmp_path: Path) -> None:
+    """An input stays a staircase, an output is linear between its samples."""
+    stamps = [10.0 * k for k in range(40)]
+    rows = [(t, float(k // 10), 2e-3 * t) for k, t in enumerate(stamps)]
+    body = """[[logs]]
+file = "log.csv"
+time = { column = 1, unit = "ms" }
+inputs.voltage = { column = 2, unit = "V", shift = "20 ms" }
+outputs.angle = { column = 3, unit = "deg", shift = "-5 ms" }
+"""
+    (log,) = describe(tmp_path, log=body, data=text_of(rows)).logs
+    voltage = [rows[max(k - 2, 0)][1] for k in range(40)]
+    np.testing.assert_array_equal(log.inputs["voltage"], voltage)
+    expected = DEGREE * 2e-3 * (np.array(stamps[:-1]) + 5.0)
+    np.testing.assert_allclose(log.outputs["angle"][:-1], expected, atol=1e-12)

@@ -1,0 +1,286 @@
+"""Drafts of descriptions: what ``check --init`` makes of a log of any format."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import scipy.io
+
+from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import model, simulate
+from servo_models.data.description import read_description
+from servo_models.data.scaffold import draft
+from servo_models.data.scaffold.columns import heading
+from tests.conftest import Run
+from tests.support.noisy_motor import TIMES, VOLTAGE, described, frame, motor_log
+
+
+@pytest.fixture
+def csv(tmp_path: Path) -> Path:
+    path = tmp_path / "bench log.csv"
+    frame(motor_log()).write_csv(path)
+    return path
+
+
+def test_a_log_alone_asks_for_init(run: Run, csv: Path) -> None:
+    code, _, err = run("check", csv)
+    assert code == 2
+    assert "--init" in err
+    code, _, err = run("check", described(csv), "--out", "x.toml")
+    assert code == 2
+    assert "add --init" in err
+
+
+def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "records.toml"
+    path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')
+    code, _, err = run("check", path)
+    assert code == 2
+    assert "add [[logs]]" in err
+
+
+def write(table: pl.DataFrame, path: Path) -> None:
+    if path.suffix == ".parquet":
+        table.write_parquet(path)
+    elif path.suffix == ".json":
+        path.write_text(json.dumps({"rig": "bench", "entries": table.to_dicts()}))
+    elif path.suffix == ".mat":
+        scipy.io.savemat(path, {name: table[name].to_numpy() for name in table.columns})
+    else:
+        table.write_csv(path, separator="\t" if path.suffix == ".tsv" else ",")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".tsv", ".parquet", ".json", ".mat"])
+def test_a_draft_of_every_format_reads_back(run: Run, tmp_path: Path, suffix: str) -> None:
+    log, path = motor_log(), tmp_path / f"log{suffix}"
+    write(frame(log), path)
+    code, _, err = run("check", path, "--init")
+    assert (code, err) == (0, "")
+    told = read_description(path.with_suffix(".toml"))
+    assert told.actuator.name == "torque_motor"
+    (read,) = told.logs
+    assert read.times == pytest.approx(log.times, abs=1e-12)
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"])
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"])
+    assert run("check", path.with_suffix(".toml"))[0] in (0, 1)
+
+
+def test_a_draft_finds_signals_in_several_topics(run: Run, tmp_path: Path) -> None:
+    writer = pytest.importorskip("mcap.writer")
+    log, path = motor_log(), tmp_path / "log.mcap"
+    with path.open("wb") as stream:
+        out = writer.Writer(stream)
+        out.start()
+        schema = out.register_schema("sample", "jsonschema", b"{}")
+        topics = {
+            "/drive": ("voltage_V", log.inputs["voltage"]),
+            "/encoder": ("angle_deg", np.degrees(log.outputs["angle"])),
+        }
+        for topic, (name, values) in topics.items():
+            channel = out.register_channel(topic, "json", schema)
+            for time, value in zip(log.times, values):
+                at = round(1e9 * time)
+                out.add_message(channel, at, json.dumps({name: value}).encode(), at)
+        out.finish()
+    code, _, err = run("check", path, "--init")
+    assert (code, err) == (0, "")
+    (read,) = read_description(path.with_suffix(".toml")).logs
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"])
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"])
+
+
+@pytest.mark.parametrize(
+    ("time", "command", "reading"),
+    [
+        ("Time [ms]", "Coil Voltage (mV)", "angle_deg"),
+        ("t_us", "cmd_V", "theta_rad"),
+        ("timestamp", "voltage", "angle [mrad]"),
+    ],
+)
+def test_units_are_taken_from_headings(
+    tmp_path: Path, time: str, command: str, reading: str
+) -> None:
+    log = motor_log()
+    sizes = {"ms": 1e3, "us": 1e6, "mV": 1e3, "deg": 180.0 / np.pi, "mrad": 1e3}
+    factors = [sizes.get(heading(name)[1] or "", 1.0) for name in (time, command, reading)]
+    signals = (log.times, log.inputs["voltage"], log.outputs["angle"])
+    names = (time, command, reading)
+    table = pl.DataFrame({n: f * s for n, f, s in zip(names, factors, signals)})
+    table.write_csv(tmp_path / "log.csv")
+    target = tmp_path / "d.toml"
+    target.write_text(draft(tmp_path / "log.csv", "torque_motor").text(tmp_path))
+    (read,) = read_description(target).logs
+    assert read.times == pytest.approx(log.times, abs=1e-9)
+    assert read.inputs["voltage"] == pytest.approx(signals[1])
+    assert read.outputs["angle"] == pytest.approx(signals[2])
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "unit"),
+    [
+        ("angle_deg", ("angle",), "deg"),
+        ("velocity_rad_s", ("velocity",), "rad/s"),
+        ("goalPosition", ("goal", "position"), None),
+        ("rate [deg/s]", ("rate",), "deg/s"),
+        ("drive (V)", ("drive",), "V"),
+        ("state (on)", ("state",), None),
+        ("position[0]", ("position",), None),
+        ("effort(12)", ("effort",), None),
+        ("q[0,1]", ("q",), None),
+        ("joint[0].velocity [rad/s]", ("joint", "velocity"), "rad/s"),
+        ("slip [%]", ("slip",), "%"),
+        ("turns [1/min]", ("turns",), "1/min"),
+        ("s", ("s",), None),
+    ],
+)
+def test_headings(name: str, words: tuple[str, ...], unit: str | None) -> None:
+    assert heading(name) == (words, unit)
+
+
+def test_a_file_without_header_is_told_by_its_numbers(run: Run, tmp_path: Path) -> None:
+    log, path = motor_log(), tmp_path / "log.csv"
+    columns = [np.round(1e3 * log.times), log.inputs["voltage"], np.degrees(log.outputs["angle"])]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", fmt="%.6g")
+    code, _, err = run("check", path, "--init")
+    assert (code, "--actuator" in err) == (2, True)
+    code, _, _ = run("check", path, "--init", "--actuator", "torque_motor")
+    assert code == 0
+    text = path.with_suffix(".toml").read_text()
+    assert text.count("guessed") >= 4
+    (read,) = read_description(path.with_suffix(".toml")).logs
+    assert read.times == pytest.approx(log.times)
+    assert read.inputs["voltage"] == pytest.approx(log.inputs["voltage"])
+    assert read.outputs["angle"] == pytest.approx(log.outputs["angle"], abs=1e-6)
+
+
+def test_a_draft_never_overwrites(run: Run, csv: Path) -> None:
+    path = csv.with_suffix(".toml")
+    path.write_text("mine")
+    code, _, err = run("check", csv, "--init")
+    assert code == 2
+    assert "exists" in err
+    assert path.read_text() == "mine"
+    other = csv.with_name("other.toml")
+    assert run("check", csv, "--init", "--out", other)[0] == 0
+    assert other.exists()
+
+
+def test_a_draft_that_is_not_complete_says_what_is_missing(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    pl.DataFrame({"time_s": TIMES, "voltage_V": VOLTAGE}).write_csv(path)
+    code, out, _ = run("check", path, "--init", "--actuator", "torque_motor")
+    assert code == 1
+    assert "completed first" in out
+    assert "no column fits an output" in path.with_suffix(".toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [("", "empty"), ("a,b\nx,y\nz,w\n", "no column of numbers"), (None, "cannot read")],
+)
+def test_a_draft_of_nothing_is_refused(
+    run: Run, tmp_path: Path, content: str | None, words: str
+) -> None:
+    path = tmp_path / "log.csv"
+    if content is not None:
+        path.write_text(content)
+    code, _, err = run("check", path, "--init")
+    assert code == 2
+    assert words in err
+    assert not path.with_suffix(".toml").exists()
+    assert run("check", path, "--init", "--actuator", "sg09")[0] == 2
+
+
+def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> None:
+    cases = {
+        "emps/DATA_EMPS.mat": ("linear_drive", {"reference", "position"}),
+        "sg90_steps/log.csv": ("sg90", {"pulse_width", "rate"}),
+        "so101/wrist_roll-multisine.csv": ("sg90", {"pulse_width", "angle", "rate"}),
+    }
+    for number, (file, (name, signals)) in enumerate(cases.items()):
+        assert name in actuators()
+        path = tmp_path / f"{number}.toml"
+        code, _, err = run("check", logs_folder / file, "--init", "--out", path, "--actuator", name)
+        assert (code, err) == (0, "")
+        (log,) = read_description(path).logs
+        assert signals <= {*log.inputs, *log.outputs}
+
+
+@pytest.mark.parametrize("actuator_name", list(actuators()))
+def test_a_draft_writes_what_it_assumes_of_inputs_that_are_not_logged(
+    run: Run, tmp_path: Path, actuator_name: str
+) -> None:
+    """The supply that a simulation would take by default stands in the description as a value."""
+    found = actuators()[actuator_name]
+    main, size = found.step
+    times = np.linspace(0.0, 1.0, 200)
+    chosen = model(found)
+    response = simulate(chosen, times, {main: size})
+    output = found.plant.outputs[0]
+    wires = {name: found.plant.wire[name] for name in (main, output)}
+    table = pl.DataFrame({"t [s]": times, "u": response[main], "y": response[output]})
+    path = tmp_path / "log.csv"
+    table.rename({"u": f"{main} [{wires[main].unit}]"}).rename(
+        {"y": f"{output} [{wires[output].unit}]"}
+    ).write_csv(path)
+    rests = {w.name: w.rest for w in found.plant.inputs if w.rest and w.name != main}
+    assert run("check", path, "--init", "--actuator", actuator_name)[0] == 0
+    (log,) = read_description(path.with_suffix(".toml")).logs
+    assert {name: log.constants.get(name) for name in rests} == rests
+
+
+@pytest.mark.parametrize("cell", ["nan", "", "-", "inf"])
+def test_a_column_with_one_bad_cell_is_told(run: Run, csv: Path, cell: str) -> None:
+    rows = [line.split(",") for line in csv.read_text().splitlines()]
+    rows = [[*row, f"0.{i}"] for i, row in enumerate(rows)]
+    rows[0][-1] = "coil_current"
+    rows[17][-1] = cell
+    csv.write_text("\n".join(",".join(row) for row in rows))
+    code, out, _ = run("check", csv, "--init")
+    assert code == 1
+    assert "row 18, column 'coil_current'" in out
+    assert "column 'coil_current'" in csv.with_suffix(".toml").read_text()
+
+
+def test_an_index_is_no_unit_and_what_is_left_out_is_told(run: Run, tmp_path: Path) -> None:
+    """As ROS writes arrays of joints."""
+    log, path = motor_log(), tmp_path / "log.csv"
+    angle = np.degrees(log.outputs["angle"])
+    pl.DataFrame(
+        {
+            "time_s": log.times,
+            "voltage [V]": log.inputs["voltage"],
+            "position[0]": angle,
+            "position[1]": 0.5 * angle,
+            "effort[0]": np.zeros(len(angle)),
+            "humidity": np.cos(log.times),
+            "mode": ["run"] * len(angle),
+        }
+    ).write_csv(path)
+    code, out, _ = run("check", path, "--init", "--actuator", "torque_motor")
+    assert code == 0
+    draft_text = path.with_suffix(".toml").read_text()
+    (told,) = (line for line in draft_text.splitlines() if line.startswith("outputs.angle"))
+    assert 'column = "position[0]", unit = "deg"' in told
+    assert "# guessed" in told
+    for sentence in (
+        'not used, angle is taken from "position[0]": "position[1]"',
+        'not used, constant: "effort[0]"',
+        'not used, the name does not tell what it is: "humidity"',
+        'not used, not numbers throughout: "mode"',
+    ):
+        assert sentence in out.splitlines()
+        assert f"# {sentence}" in draft_text.splitlines()
+
+
+def test_a_column_of_words_is_no_warning(run: Run, csv: Path) -> None:
+    rows = csv.read_text().splitlines()
+    csv.write_text("\n".join([f"{rows[0]},state", *(f"{row},running" for row in rows[1:])]))
+    code, out, _ = run("check", csv, "--init")
+    assert code == 0
+    assert "Warning" not in out
+    assert '"state"' in csv.with_suffix(".toml").read_text()

@@ -1,0 +1,159 @@
+"""Times and units that no run has are refused at once: the row or the right unit is named."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.core.simulate import model, simulate
+from servo_models.errors import UserError
+from servo_models.units import exponents, factor, parse
+from tests.conftest import Run
+
+HEAD = """actuator = "sg90"
+[uncertainty]
+motor_time_constant = "10 %"
+[[logs]]
+file = "log.csv"
+time = { column = "t", unit = "UNIT" }
+inputs.pulse_width = { column = "command", unit = "us" }
+outputs.angle = { column = "angle", unit = "deg" }
+"""
+STEP = 0.02
+"""[s] between rows of the sane log."""
+ROWS = 150
+
+
+def record(folder: Path, times: np.ndarray, unit: str = "s") -> Path:
+    """Write a log with these times beside a description of it."""
+    command = 1500.0 + 100.0 * (np.arange(ROWS) > 20)
+    angle = 9.0 * (np.arange(ROWS) > 30) + 0.1 * np.random.default_rng(1).standard_normal(ROWS)
+    rows = "\n".join(f"{t!r},{c},{a}" for t, c, a in zip(times.tolist(), command, angle))
+    (folder / "log.csv").write_text(f"t,command,angle\n{rows}\n")
+    path = folder / "rig.toml"
+    path.write_text(HEAD.replace("UNIT", unit))
+    return path
+
+
+SANE = STEP * np.arange(ROWS)
+
+
+@pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
+@pytest.mark.parametrize(
+    ("ratio", "begin", "unit"),
+    [(1e3, 0, "ms"), (1e6, 5e12, "us"), (1e9, 1_700_000_000_000_000_000, "ns")],
+    ids=["ms", "us", "epoch in ns"],
+)
+def test_a_time_read_in_the_wrong_unit(
+    tmp_path: Path, run: Run, command: str, ratio: float, begin: float, unit: str
+) -> None:
+    path = record(tmp_path, np.round(ratio * SANE) + begin)
+    code, out, err = run(command, path)
+    assert (code, out) == (2, "")
+    assert f'write unit = "{unit}"' in err
+    assert "'t' in s" in err
+    assert "log.csv" in err
+    right = record(tmp_path, np.round(ratio * SANE) + begin, unit)
+    assert run("check", right)[0] in (0, 1)
+
+
+@pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
+@pytest.mark.parametrize("row", [1, 70, ROWS - 1])
+@pytest.mark.parametrize("jump", [1e5, 1e12])
+def test_a_clock_that_jumps(tmp_path: Path, run: Run, command: str, row: int, jump: float) -> None:
+    """Rows are counted as the author of the file would, below one of names."""
+    times = SANE.copy()
+    times[row:] += jump
+    code, out, err = run(command, record(tmp_path, times))
+    assert (code, out) == (2, "")
+    assert f"row {row + 2}" in err
+    assert f"time jumps by {jump:.3g} s" in err
+
+
+@pytest.mark.parametrize("step", [1e-16, 1e-200, 1e-320])
+def test_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run, step: float) -> None:
+    code, out, err = run("check", record(tmp_path, step * np.arange(ROWS)))
+    assert (code, out) == (2, "")
+    assert "log.csv', column 't' in s: rows are" in err
+    assert "correct the unit" in err
+
+
+def test_a_pause_is_no_jump(tmp_path: Path, run: Run) -> None:
+    times = SANE.copy()
+    times[70:] += 5.0
+    assert run("check", record(tmp_path, times))[0] in (0, 1)
+
+
+def test_a_table_of_inputs_that_never_ends(tmp_path: Path, run: Run) -> None:
+    (tmp_path / "pulses.csv").write_text("time,pulse_width\n0,0.0015\n1,0.0016\n1e12,0.0016\n")
+    code, out, err = run("simulate", "sg90", "--inputs", tmp_path / "pulses.csv")
+    assert (code, out) == (2, "")
+    assert "internal steps" in err
+    assert "follows row 1" in err
+
+
+def test_a_run_that_never_ends_is_refused_in_python() -> None:
+    with pytest.raises(UserError, match="choose a longer internal_step"):
+        simulate(model("torque_motor"), [0.0, 1e9], {"voltage": 1.0})
+
+
+# Units
+
+
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "9**9**9**9",
+        "m9**9",
+        "m^9^9",
+        "(m^9)^9",
+        "m10",
+        "m**12",
+        "m" * 61,
+        "kg;m",
+        "__import__('os')",
+    ],
+)
+def test_a_unit_that_would_be_computed_for_ever_is_refused(unit: str) -> None:
+    for ask in (
+        lambda: exponents(unit),
+        lambda: factor(unit, "m"),
+        lambda: parse(f"1 {unit}", "m"),
+    ):
+        with pytest.raises(UserError, match=r"no unit|not a number with a unit"):
+            ask()
+
+
+@pytest.mark.parametrize(
+    "unit", ["µs", "deg/s", "N.m.s/rad2", "1/(N.m)", "kg.m2", "m^2", "m**2/s", "%"]
+)
+def test_units_of_people_are_read(unit: str) -> None:
+    assert exponents(unit)[0] > 0.0
+
+
+def ask(text: str) -> None:
+    """In a process of its own: what hangs is ended there."""
+    with contextlib.suppress(UserError):
+        factor(text, "m")
+
+
+@given(st.lists(st.text("m9.*/^()- s%d1", min_size=1, max_size=40), min_size=50, max_size=50))
+def test_no_unit_hangs(units: list[str]) -> None:
+    process = multiprocessing.get_context("fork").Process(target=lambda: [ask(u) for u in units])
+    process.start()
+    process.join(60)
+    ended = process.exitcode
+    process.kill()
+    assert ended == 0, units
+
+
+@pytest.mark.parametrize("number", [10**400, "1" * 5000, "1" * 190 + "e999999999"])
+def test_endless_numbers_are_refused(number: int | str) -> None:
+    with pytest.raises(UserError):
+        parse(number, "s")

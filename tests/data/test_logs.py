@@ -1,0 +1,265 @@
+"""Readers of measured files: what somebody else's library wrote comes back, faults have a place."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+import scipy.io
+from hypothesis import given, settings
+
+from servo_models.data.readers import read_columns
+from servo_models.errors import UserError
+from tests.support.files import ROWS, complaint, file
+
+
+def test_parquet_with_whole_numbers_and_flags(tmp_path: Path) -> None:
+    path = tmp_path / "log.parquet"
+    frame = pl.DataFrame({"t": [0, 1], "on": [True, False], "u": [0.5, None], "why": ["a", "b"]})
+    frame.write_parquet(path)
+    columns = read_columns(path)
+    assert list(columns.numbers("on")) == [1.0, 0.0]
+    assert "row 2, column 'u' is empty" in complaint(path, "u")
+    assert "row 1, column 'why': 'a' is not a number" in complaint(path, "why")
+
+
+RECORDS = [
+    {"t": 0, "pose": {"q": [1.5, -2]}, "on": True},
+    {"t": 0.1, "pose": {"q": [1.25, -3]}, "on": False},
+]
+
+
+@pytest.mark.parametrize(
+    ("document", "table"),
+    [
+        (RECORDS, None),
+        ({"rig": "a", "gains": [1, 2, 3], "run": {"entries": RECORDS}}, "run.entries"),
+    ],
+)
+def test_json_records(tmp_path: Path, document: Any, table: str | None) -> None:
+    path = file(tmp_path, json.dumps(document), "log.json")
+    for named in {None, table}:
+        columns = read_columns(path, named)
+        assert columns.names == ("t", "pose.q[0]", "pose.q[1]", "on")
+        assert list(columns.numbers("pose.q[1]")) == [-2.0, -3.0]
+        assert list(columns.numbers("on")) == [1.0, 0.0]
+
+
+@settings(deadline=None, max_examples=40)
+@given(rows=ROWS)
+def test_json_lists(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, float]]
+) -> None:
+    times, values = zip(*rows)
+    document = {"rig": "a", "data": {"t": times, "u": values}}
+    path = file(tmp_path_factory.getbasetemp(), json.dumps(document), "log.json")
+    assert np.array_equal(read_columns(path).numbers("data.u"), values)
+
+
+@pytest.mark.parametrize(
+    ("content", "column", "said"),
+    [
+        ('[{"t": 0},\n {"t": }]', "t", "row 2: no JSON"),
+        ('{"rig": "a"}', "t", "no records"),
+        ("[]", 1, "no rows"),
+        ('[{"t": 0, "u": 1}, {"t": 1}]', "u", "row 2, column 'u' is empty"),
+        ('[{"t": 0}, {"t": "late"}]', "t", "row 2, column 't': 'late' is not a number"),
+        ('[{"t": 0}, {"t": NaN}]', "t", "row 2, column 't': 'nan' is not finite"),
+        ('[{"t": 1%s}]' % ("0" * 400), "t", "row 1, column 't': 'inf' is not finite"),
+        (b"\xff\xfe\x00", "t", "damaged"),
+    ],
+)
+def test_a_fault_of_json_is_named(
+    tmp_path: Path, content: str | bytes, column: str | int, said: str
+) -> None:
+    assert said in complaint(file(tmp_path, content, "log.json"), column)
+
+
+MEASURED: dict[str, Any] = {
+    "t": np.arange(4.0)[:, None] / 3.0,
+    "flag": np.array([[0, 1, 1, 0]], dtype=np.uint8),
+    "both": np.arange(8.0).reshape(4, 2),
+    "gain": 3.0,
+    "who": "a name",
+    "run": {"angle": np.array([0.1, 0.2, 0.3, 0.4])},
+}
+
+
+@pytest.mark.parametrize("options", [{}, {"do_compression": True}])
+def test_mat_5(tmp_path: Path, options: dict[str, bool]) -> None:
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, MEASURED, **options)
+    check_matlab(path)
+
+
+def test_mat_73(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "log.mat"
+    with h5py.File(path, "w", userblock_size=512) as file_:
+        for name, value in {**MEASURED, "run/angle": MEASURED["run"]["angle"]}.items():
+            if name == "who":
+                codes = np.array([[ord(c)] for c in "a name"], dtype=np.uint16)
+                file_.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
+            elif name != "run":
+                file_[name] = np.atleast_2d(value).T
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+    check_matlab(path)
+
+
+def check_matlab(path: Path) -> None:
+    columns = read_columns(path)
+    assert set(columns.names) == {"t", "flag", "both(:,1)", "both(:,2)", "run.angle"}
+    assert np.array_equal(columns.numbers("t"), np.arange(4.0) / 3.0)
+    assert np.array_equal(columns.numbers("flag"), [0.0, 1.0, 1.0, 0.0])
+    assert np.array_equal(columns.numbers("both(:,2)"), [1.0, 3.0, 5.0, 7.0])
+    assert np.array_equal(columns.numbers("run.angle"), [0.1, 0.2, 0.3, 0.4])
+    assert "did you mean 'flag'" in complaint(path, "flags")
+
+
+def test_mat_faults(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, {"who": "a name", "gain": 1.0})
+    assert "no vector" in complaint(path)
+    scipy.io.savemat(path, {"wide": np.array([[0.0, 1.0, 2.0], [3.0, np.nan, 5.0]])})
+    assert list(read_columns(path).numbers("wide(1,:)")) == [0.0, 1.0, 2.0]
+    assert "row 2, column 'wide(2,:)'" in complaint(path, "wide(2,:)")
+    for content in (b"junk", b"MATLAB 7.3 MAT-file and then nothing", path.read_bytes()[:200]):
+        assert "damaged" in complaint(file(tmp_path, content, "bad.mat"))
+
+
+def ulog(topics: Mapping[tuple[str, int], Sequence[tuple[int, float, float]]]) -> bytes:
+    """A ULog file byte by byte, as its specification says; fields x and y[1] of each topic."""
+
+    def message(kind: bytes, content: bytes) -> bytes:
+        return struct.pack("<H", len(content)) + kind + content
+
+    parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0), message(b"B", bytes(40))]
+    for name in {name for name, _ in topics}:
+        parts.append(message(b"F", f"{name}:uint64_t timestamp;float x;float[2] y;".encode()))
+    for number, (name, instance) in enumerate(topics):
+        parts.append(message(b"A", struct.pack("<BH", instance, number) + name.encode()))
+    for number, rows in enumerate(topics.values()):
+        for time, x, y in rows:
+            parts.append(message(b"D", struct.pack("<HQfff", number, time, x, 0.0, y)))
+    return b"".join(parts)
+
+
+def test_ulog(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog")
+    topics = {
+        ("motors", 0): [(1000, 0.5, 1.5), (2000, 0.25, 2.5)],
+        ("gyro", 0): [(900, 4.0, 1.0)],
+        ("gyro", 1): [(950, 8.0, float("nan"))],
+    }
+    path = file(tmp_path, ulog(topics), "flight.ulg")
+    every = read_columns(path)
+    assert list(every.numbers("motors.y[1]")) == [1.5, 2.5]
+    motors = read_columns(path, "motors")
+    assert motors.names == ("timestamp", "x", "y[0]", "y[1]")
+    assert list(motors.numbers("timestamp")) == [1000.0, 2000.0]
+    assert list(read_columns(path, "gyro.1").numbers("x")) == [8.0]
+    message = complaint(path, "y[1]", table="gyro.1")
+    assert "table 'gyro.1', row 1, column 'y[1]': 'nan' is not finite" in message
+    assert "did you mean 'motors'" in complaint(path, table="motor")
+    whole = path.read_bytes()
+    for content in (b"ULog?", whole[:100], whole[:19] + b"\xff" + whole[20:60] + b"?" * 40):
+        assert "damaged" in complaint(file(tmp_path, content, "bad.ulg"))
+    cut = read_columns(file(tmp_path, whole[:-60], "cut.ulg"), "motors")
+    assert list(cut.numbers("timestamp")) == [1000.0]
+
+
+def test_mcap_in_json(tmp_path: Path) -> None:
+    writer_ = pytest.importorskip("mcap.writer")
+    stream = io.BytesIO()
+    writer = writer_.Writer(stream)
+    writer.start()
+    channels = {
+        topic: writer.register_channel(topic=topic, message_encoding=encoding, schema_id=0)
+        for topic, encoding in (("/drive", "json"), ("/read", "json"), ("/seen", "protobuf"))
+    }
+    begin = 1_700_000_000_123_456_789
+    for i in range(3):
+        data = json.dumps({"u": i / 3, "state": {"on": i > 0}}).encode()
+        time = begin + 1_000_000 * i
+        writer.add_message(channels["/drive"], log_time=time, data=data, publish_time=time + 7)
+    writer.add_message(channels["/read"], log_time=begin + 1, data=b'{"x": 1}', publish_time=begin)
+    writer.add_message(channels["/seen"], log_time=begin, data=b"\x08\x01", publish_time=begin)
+    writer.finish()
+    path = file(tmp_path, stream.getvalue(), "run.mcap")
+    drive = read_columns(path, "/drive")
+    assert drive.names == ("log_time", "publish_time", "u", "state.on")
+    assert list(drive.numbers("log_time")) == [0.0, 1e6, 2e6]
+    assert list(drive.numbers("publish_time")) == [7.0, 1e6 + 7, 2e6 + 7]
+    assert list(drive.numbers("u")) == [0.0, 1 / 3, 2 / 3]
+    assert list(drive.numbers("state.on")) == [0.0, 1.0, 1.0]
+    assert list(read_columns(path).numbers("/read.log_time")) == [1.0]
+    assert "'protobuf'" in complaint(path, table="/seen")
+    assert "no table '/drives'" in complaint(path, table="/drives")
+    for end in (10, 200):
+        assert "damaged" in complaint(file(tmp_path, stream.getvalue()[:end], "bad.mcap"))
+
+
+def test_mcap_of_ros_2(tmp_path: Path) -> None:
+    ros2 = pytest.importorskip("mcap_ros2.writer")
+    stream = io.BytesIO()
+    writer = ros2.Writer(stream)
+    definition = (
+        "Stamp stamp\nfloat64[] position\nfloat32[2] gain\nbool on\n"
+        + "=" * 80
+        + "\nMSG: rig_msgs/Stamp\nint32 sec\nuint32 nanosec"
+    )
+    schema = writer.register_msgdef("rig_msgs/msg/Joint", definition)
+    for i in range(2):
+        message = {
+            "stamp": {"sec": i, "nanosec": 5},
+            "position": [0.1 * i, 1 / 3],
+            "gain": [0.5, 2.0],
+            "on": True,
+        }
+        writer.write_message("/joint", schema, message, log_time=1_000 * i, publish_time=0)
+    writer.finish()
+    columns = read_columns(file(tmp_path, stream.getvalue(), "run.mcap"))
+    assert columns.names[2:] == (
+        "stamp.sec",
+        "stamp.nanosec",
+        "position[0]",
+        "position[1]",
+        "gain[0]",
+        "gain[1]",
+        "on",
+    )
+    assert list(columns.numbers("stamp.sec")) == [0.0, 1.0]
+    assert list(columns.numbers("position[1]")) == [1 / 3, 1 / 3]
+    assert list(columns.numbers("gain[0]")) == [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("name", "extra", "library"),
+    [
+        ("log.ulg", "ulog", "pyulog"),
+        ("log.mat", "mat73", "h5py"),
+        ("log.mcap", "mcap", "mcap.reader"),
+    ],
+)
+def test_a_missing_extra_says_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, extra: str, library: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    path = file(tmp_path, b"MATLAB 7.3 MAT-file", name)
+    with pytest.raises(UserError, match=rf"pip install 'servo-models\[{extra}\]'"):
+        read_columns(path)
+
+
+def test_a_missing_file_and_another_kind(tmp_path: Path) -> None:
+    assert "cannot read" in complaint(tmp_path / "absent.csv")
+    assert ".mcap" in complaint(file(tmp_path, "t\n0\n", "log.xlsx"))
+    assert "no table 'x'" in complaint(file(tmp_path, "t\n0\n"), table="x")

@@ -1,0 +1,363 @@
+"""Diagnosis: what it needs, how it speaks, and laws of its figures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from threadpoolctl import threadpool_info
+
+from servo_models.analysis.linear_model import LinearModel
+from servo_models.core.catalogue import actuators
+from servo_models.core.simulate import model, simulate
+from servo_models.core.workers import Workers
+from servo_models.data.audit import Floor
+from servo_models.data.description import read_description
+from servo_models.diagnosis import summary
+from servo_models.diagnosis.confirm import Confirmation, confirm
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.fitting.evidence import Evidence, blocks
+from servo_models.diagnosis.gap import gaps, whole_gap
+from servo_models.diagnosis.preconditions import slowest_time_constant
+from servo_models.diagnosis.unseen import Unseen
+from servo_models.diagnosis.verdict import Verdict, decide
+from servo_models.errors import UserError
+from servo_models.identification.problem import Problem
+from servo_models.validation.torque_motor.reference import EQ_12
+from tests.support.delayed_motor import DESCRIPTION, describe
+from tests.support.logs import changed, log_of
+
+
+class Told(list[str]):
+    """What a diagnosis says while it runs."""
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, Told]:
+    told = Told()
+    path = describe(tmp_path_factory.mktemp("case"), seconds=0.2)
+    return diagnose(path, tell=told.append), told
+
+
+def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagnosis, Told]) -> None:
+    found, told = case
+    fitted = [text for text in told if text.startswith("fitting ")]
+    for claim in found.claims:
+        assert any(text.split(";")[0].endswith(claim.name) for text in fitted) or claim.taken
+    assert any("best so far transport_delay" in text for text in fitted)
+    first = next(i for i, text in enumerate(told) if "best so far" in text)
+    assert all("best so far" in text and "noise floors" in text for text in told[first:])
+
+
+@pytest.mark.thorough
+def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
+    told = read_description(case[0].logs[0].path.parent / "rig.toml")
+    found = diagnose(told, left_out=["transport_delay"])
+    assert "transport_delay" not in {claim.name for claim in found.claims}
+    assert "transport_delay" not in summary.ruled_out(found)
+
+
+def test_a_confirmation_does_not_hang_on_the_effects_alone(case: tuple[Diagnosis, Told]) -> None:
+    """A log that fixes a load torque is run with it, in the FMU as in the simulation."""
+    found, _ = case
+    (log,) = found.logs
+    held = replace(log, constants={"load_torque": 0.01})
+    problem = Problem(found.model, [held], found.causes.taken.problem.free, dict(found.floors))
+    plain = Problem(found.model, [log], [], dict(found.floors))
+    causes = replace(
+        found.causes,
+        taken=replace(found.causes.taken, problem=problem),
+        retuned=replace(found.causes.retuned, problem=plain),
+    )
+    loaded = confirm(replace(found, causes=causes, logs=(held,)))
+    assert loaded.difference == 0.0
+    assert loaded.rows[0].after > 10.0 * confirm(found).rows[0].after
+
+
+SAID = {
+    "no-gap": "No gap",
+    "parameters": "Re-tuned parameters explain the gap",
+    "effect": "transport_delay on 'voltage' explains the gap",
+    "outside-catalogue": "Outside the catalogue",
+    "not-identifiable": "These logs cannot tell which effect it is: transport_delay, backlash",
+}
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) -> None:
+    verdict = Verdict(kind, {}, ("transport_delay", "backlash"), ())
+    text = summary.sentence(replace(case[0], verdict=verdict))
+    assert text.startswith(SAID[kind])
+    assert text.endswith(".")
+    assert "\n" not in text
+    if kind == "effect":
+        assert "cannot be told apart from backlash" in text
+
+
+def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    """Of the same rig with a friction that no sample that is judged has shown."""
+    found, _ = case
+    (log,) = found.logs
+    rubbing = changed(found.fitted, {"coulomb_friction.level": 0.01})
+    angle = simulate(rubbing, log.times, log.inputs)["angle"]
+    everything = np.ones(len(log.times), dtype=bool)
+    other = replace(log, name="rubbing", outputs={"angle": angle}, held_out=everything)
+    causes = found.causes
+    both, alone = (
+        replace(one, problem=Problem(found.model, [log, other], one.problem.free, found.floors))
+        for one in (causes.taken, causes.retuned)
+    )
+    told = replace(found, causes=replace(causes, taken=both, retuned=alone), logs=(log, other))
+    (missed,) = told.held_out
+    assert missed.after > 3.0 * told.gap.rms["after"]
+    assert (
+        f"; of log 'rubbing', held out, it leaves {missed.after:.3g} noise floors."
+        in summary.sentence(told)
+    )
+    assert any("'rubbing'" in text and "judge that log" in text for text in summary.warnings(told))
+    assert "held out, it leaves" not in summary.sentence(found)
+
+
+@pytest.mark.parametrize("after", [math.nan, 3.0])
+def test_no_effect_is_blamed_where_parameters_alone_cannot_be_simulated(
+    case: tuple[Diagnosis, Told], after: float
+) -> None:
+    found = replace(case[0])
+    found.__dict__["held_out"] = (Unseen("light", math.nan, after, worse=False),)
+    (text,) = [text for text in summary.warnings(found) if "'light'" in text]
+    assert "with parameters alone" in text
+    assert "something else is missing" not in text
+
+
+def test_parameters_that_close_little_are_not_said_to_explain_a_gap(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    found = replace(case[0], verdict=Verdict("parameters", {}, (), ()))
+    little = replace(found.gap, closed=(0.49, 0.0, 0.6))
+    text = "The gap cannot be told from noise, no effect is needed"
+    assert summary.headline(replace(found, gap=little)) == text
+    assert summary.headline(replace(found, moved=())) == text
+    outside = replace(found, verdict=Verdict("outside-catalogue", {}, (), ()), moved=())
+    bare = replace(found.causes, taken=found.causes.retuned)
+    assert "with the nominal model" in summary.headline(replace(outside, causes=bare))
+
+
+def test_an_effect_that_every_explanation_names_is_told_as_sure(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    found, _ = case
+    taken = found.causes.taken
+    pair = [replace(taken, effects=("transport_delay", it)) for it in ("backlash", "sensor_lag")]
+    members = ("transport_delay", "backlash", "sensor_lag")
+    text = summary.headline(
+        replace(found, verdict=Verdict("not-identifiable", {}, members, tuple(pair)))
+    )
+    assert text == (
+        "It is transport_delay on 'voltage', and these logs cannot tell which other effect:"
+        " backlash, sensor_lag leave much the same"
+    )
+
+
+def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) -> None:
+    found, _ = case
+    assert not any("prior deviations" in text for text in summary.warnings(found))
+    value = found.found[0]
+    spread = {one.name: one.prior for one in found.causes.taken.problem.free}[value.name]
+    assert spread
+    found.__dict__["found"] = (replace(value, value=value.nominal + 5.0 * spread),)
+    try:
+        assert summary.moves(found) == {value.name: pytest.approx(5.0)}
+        (text,) = [it for it in summary.warnings(found) if "prior deviations" in it]
+        assert f"'{value.name}' by +5" in text
+    finally:
+        del found.__dict__["found"]
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.4, False), (0.6, True)])
+def test_motion_that_counts_as_noise_is_warned_of(
+    case: tuple[Diagnosis, Told], share: float, warned: bool
+) -> None:
+    found, _ = case
+    (gap,) = found.gaps
+    assert gap.motion < 0.1 * gap.floor
+    seen = replace(found, gaps=(replace(gap, motion=share * gap.floor),))
+    assert any("contains motion" in text for text in summary.warnings(seen)) == warned
+
+
+@pytest.mark.parametrize(
+    ("times", "tolerance", "said"),
+    [(2.0, 2.0, ""), (4.0, 2.0, "counts as noise"), (4.0, 1e9, "a smaller --tolerance")],
+)
+def test_repeats_that_differ_by_more_than_noise_are_warned_of(
+    case: tuple[Diagnosis, Told], times: float, tolerance: float, said: str
+) -> None:
+    found, _ = case
+    (gap,), (audit,) = found.gaps, found.audits
+    (reading,) = audit.readings
+    spread = times * max(reading.floor.quantum, reading.floor.residual)
+    seen = replace(reading, floor=replace(reading.floor, repeats=spread))
+    told = replace(
+        found,
+        audits=(replace(audit, readings=(seen,)),),
+        gaps=(replace(gap, floor=spread, origin=seen.floor.origin),),
+        verdict=decide(found.causes, tolerance),
+    )
+    about = [text for text in summary.warnings(told) if "between repeats" in text]
+    assert bool(about) == bool(said)
+    assert all(said in text for text in about)
+    assert all(("--tolerance" in text) == told.within_tolerance for text in about)
+
+
+def test_repeats_of_readings_that_do_not_scatter_are_told_without_a_ratio(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    """A reading of a simulation that rests most of the time: its differences are 0."""
+    found, _ = case
+    (gap,), (audit,) = found.gaps, found.audits
+    (reading,) = audit.readings
+    still = replace(reading, floor=Floor(0.0, gap.floor, 0.0))
+    told = replace(
+        found,
+        audits=(replace(audit, readings=(still,)),),
+        gaps=(replace(gap, origin=still.floor.origin),),
+    )
+    assert any("far more than it scatters by" in text for text in summary.warnings(told))
+
+
+@pytest.mark.parametrize(("off", "warned"), [(0.0, False), (1e-3, True)])
+def test_an_fmu_that_differs_from_the_simulation_is_warned_of(
+    case: tuple[Diagnosis, Told], off: float, warned: bool
+) -> None:
+    seen = replace(case[0], unconfirmed=Confirmation((), off).doubt)
+    about = [text for text in summary.warnings(seen) if "FMU" in text]
+    assert len(about) == warned
+    assert all("0.001 of full scale" in text for text in about)
+
+
+def test_the_parameter_file_is_the_fitted_model(case: tuple[Diagnosis, Told]) -> None:
+    found, _ = case
+    assert found.parameter_set().model().values == found.fitted.values
+
+
+def test_linear_algebra_keeps_to_one_thread_and_gets_the_others_back() -> None:
+    import scipy.linalg  # noqa: F401
+
+    def threads() -> list[int]:
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    before = threads()
+    assert before
+    with Workers(1):
+        assert set(threads()) == {1}
+    assert threads() == before
+
+
+def test_the_slowest_time_constant_is_that_of_the_slowest_pole() -> None:
+    poles = np.roots(EQ_12[1])
+    expected = 1.0 / np.min(-poles.real)
+    assert slowest_time_constant(model("torque_motor", "identified")) == pytest.approx(
+        expected, rel=1e-4
+    )
+
+
+@given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=4), st.booleans(), st.booleans())
+def test_poles_of_known_time_constants(times: list[float], clocked: bool, free: bool) -> None:
+    """Decays of known length, with and without a clock, beside an integrator or not."""
+    period = 0.3 * min(times) if clocked else 0.0
+    rates = [1.0 / time for time in times] + [0.0] * free
+    diagonal = [np.exp(-rate * period) if clocked else -rate for rate in rates]
+    n = len(rates)
+    linear = LinearModel(
+        np.diag(diagonal), np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)),
+        tuple("x" * n), (), (), (), {}, {}, {}, period,
+    )  # fmt: skip
+    assert linear.slowest() == pytest.approx(max(times), rel=1e-6)
+
+
+def test_nothing_that_decays_has_no_slowest_time_constant() -> None:
+    none = np.zeros((1, 0)), np.zeros((0, 1)), np.zeros((0, 0))
+    linear = LinearModel(np.zeros((1, 1)), *none, ("x",), (), (), (), {}, {}, {})
+    assert linear.slowest() == 0.0
+
+
+def two_outputs(count: int) -> Problem:
+    times = 1e-3 * np.arange(count)
+    random = np.random.default_rng(2)
+    outputs = {"angle": random.normal(size=count), "current": random.normal(size=count)}
+    log = log_of(times, {"voltage": np.zeros(count)}, outputs)
+    return Problem(model("torque_motor"), [log], [], {"angle": 0.2, "current": 3.0})
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
+def test_gaps_of_outputs_make_up_the_gap_of_all(seed: int, size: float) -> None:
+    """In noise floors, squares of equally long outputs average to that of all of them."""
+    problem = two_outputs(200)
+    random = np.random.default_rng(seed)
+    parts = blocks(problem)
+
+    def stage(scale: float) -> Evidence:
+        errors = scale * random.normal(size=len(parts)) * np.where(parts % 2, 1.0, 3.0)
+        return Evidence(np.empty(0), errors, errors, parts)
+
+    before, retuned, after = stage(5.0 * size), stage(2.0 * size), stage(size)
+    causes: Any = SimpleNamespace(
+        before=before,
+        retuned=SimpleNamespace(problem=problem, evidence=retuned),
+        taken=SimpleNamespace(evidence=after),
+    )
+    floors = dict(problem.sigma)
+    whole = whole_gap(causes, 0)
+    single = gaps(causes, floors, dict.fromkeys(floors, ""), 0)
+    for name, evidence in (("before", before), ("retuned", retuned), ("after", after)):
+        squares = [(gap.rms[name] / gap.floor) ** 2 for gap in single]
+        assert whole.rms[name] ** 2 == pytest.approx(np.mean(squares))
+        assert whole.rms[name] == pytest.approx(evidence.rms)
+        low, high = whole.intervals[name]
+        assert low <= whole.rms[name] * 1.05
+        assert high >= whole.rms[name] * 0.95
+
+
+def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
+    """Without stops, on a spring that softens until it gives way: the rotor runs away."""
+    given_ = (
+        "parameters.stiffness = 0.3\nparameters.end_stops.half_range = 0\n"
+        "parameters.stiffness_hardening.coefficient = -200\n"
+    )
+    text = DESCRIPTION.format("").replace("[uncertainty]", f"{given_}[uncertainty]")
+    with pytest.raises(
+        UserError, match=r"rig.toml': the nominal model cannot be simulated on log 'log'.*correct"
+    ):
+        diagnose(describe(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("names", "read"), [(["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
+)
+def test_names_are_listed_as_one_reads_them(names: list[str], read: str) -> None:
+    assert summary.listed(iter(names)) == read
+
+
+def test_an_effect_is_told_on_a_wire_that_a_user_knows() -> None:
+    """Its function for the internal step comes first, and is no place in the actuator."""
+    for name in ("torque_motor", "sg90", "smart_servo"):
+        found: Any = SimpleNamespace(model=model(name))
+        assert summary.placed(found, ["gear_compliance"]) == "gear_compliance on 'angle'"
+
+
+def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on() -> None:
+    for actuator in actuators().values():
+        plant = actuator.plant
+        for name, placements in plant.placements.items():
+            wires = [wire for link in placements for wire in link.on]
+            wire = plant.main_wire(name)
+            assert wire in plant.wire
+            assert not [it for it in wires[: wires.index(wire)] if it in plant.wire]

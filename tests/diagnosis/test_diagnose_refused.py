@@ -1,0 +1,271 @@
+"""servo-models diagnose: what it refuses in one line, before the work, and what it doubts."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from servo_models import diagnosis
+from servo_models.core.simulate import model, simulate
+from servo_models.data.description import read_description
+from servo_models.diagnosis.preconditions import check_logs
+from servo_models.errors import UserError
+from servo_models.validation.linear_drive.reference import G_TAU, K_V
+from tests.conftest import Run
+from tests.support.delayed_motor import DESCRIPTION, RATE, describe
+
+BAD = {
+    "no file": ("", "no file", "absent.csv"),
+    "another actuator's input": (
+        DESCRIPTION.format("").replace("inputs.voltage", "inputs.pulse_width"),
+        "pulse_width",
+        "rig.toml",
+    ),
+    "another actuator's parameters": (
+        DESCRIPTION.format("").replace('actuator = "torque_motor"', 'actuator = "sg90"'),
+        "variant",
+        "rig.toml",
+    ),
+    "everything held out": (DESCRIPTION.format("held_out = true"), "holds out every", "rig.toml"),
+    "no logs": (
+        'actuator = "torque_motor"\nsweeps = []\n',
+        "describes no log",
+        "rig.toml",
+    ),
+}
+
+
+@pytest.mark.parametrize("tolerance", ["nan", "inf"])
+def test_a_tolerance_that_is_no_number_is_refused(tolerance: str, run: Run, tmp_path: Path) -> None:
+    code, _, err = run("diagnose", describe(tmp_path), "--tolerance", tolerance)
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert "--tolerance" in err
+
+
+@pytest.mark.parametrize(("seconds", "short"), [(0.03, True), (0.04, False)])
+def test_a_record_too_short_to_know_its_noise_is_told(
+    seconds: float, short: bool, run: Run, tmp_path: Path
+) -> None:
+    """120 and 160 samples."""
+    _, out, _ = run("diagnose", describe(tmp_path, seconds=seconds), "--format", "json")
+    told = [it for it in json.loads(out)["warnings"] if "fewer than 128 samples" in it]
+    assert len(told) == short
+    assert all("'log'" in it and "log longer" in it for it in told)
+
+
+def with_flag(folder: Path, outputs: str) -> Path:
+    """The log of a rig with a flag that is never raised."""
+    path = describe(folder, DESCRIPTION.format("").replace("outputs.angle", outputs))
+    head, *rows = (folder / "log.csv").read_text().splitlines()
+    lines = [f"{head},stop", *(f"{row},0" for row in rows)]
+    (folder / "log.csv").write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.thorough
+def test_a_flag_is_not_judged(run: Run, tmp_path: Path) -> None:
+    """Whatever it is, all figures are those without it, and a warning says so."""
+    (tmp_path / "flag").mkdir()
+    (tmp_path / "plain").mkdir()
+    flag = 'outputs.at_stop = { column = "stop" }\noutputs.angle'
+    found = []
+    for path in (with_flag(tmp_path / "flag", flag), describe(tmp_path / "plain")):
+        code, out, _ = run("diagnose", path, "--format", "json")
+        assert code == 1
+        found.append(json.loads(out))
+    told, plain = found
+    assert told["gap"] == plain["gap"]
+    assert told["effects"] == plain["effects"]
+    (more,) = set(told["warnings"]) - set(plain["warnings"])
+    assert "'at_stop' is a flag, 0 or 1" in more
+
+
+def test_a_log_of_a_flag_alone_is_refused(run: Run, tmp_path: Path) -> None:
+    alone = 'outputs.at_stop = { column = "stop" }\n#'
+    code, _, err = run("diagnose", with_flag(tmp_path, alone))
+    assert code == 2
+    assert "'log'" in err
+    assert "'at_stop'" in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.thorough
+def test_a_log_on_which_the_diagnosed_model_runs_away_stops_nothing(
+    run: Run, tmp_path: Path
+) -> None:
+    """Held out, without stops and with a spring so soft that, bent as the other log tells, it
+    gives way."""
+    path = describe(tmp_path)
+    times = np.arange(0.0, 0.3, 1.0 / RATE)
+    voltage = 14.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * times))
+    effects = {"transport_delay.time": 0.0, "stiffness_hardening.coefficient": -160.0}
+    rig = model("torque_motor", "identified", effects)
+    angle = np.rad2deg(simulate(rig, times, {"voltage": voltage})["angle"])
+    noisy = angle + 1e-3 * np.random.default_rng(1).standard_normal(len(times))
+    rows = np.column_stack([times, voltage, noisy])
+    np.savetxt(tmp_path / "log.csv", rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
+    log = DESCRIPTION[DESCRIPTION.index("[[logs]]") :].format("")
+    soft = f'{log}name = "soft"\nheld_out = true\nconstants.stiffness = 0.3\n'
+    soft += "constants.end_stops.half_range = 0.0\n"
+    path.write_text(DESCRIPTION.format("") + soft)
+    page = tmp_path / "d.html"
+    code, out, err = run("diagnose", path, "--format", "json", "--report", page)
+    assert code == 1, err
+    told = json.loads(out)
+    schema = json.loads((Path(diagnosis.__file__).parent / "schema.json").read_text())
+    Draft202012Validator(schema).validate(told)
+    assert any(one["name"] == "stiffness_hardening" and one["taken"] for one in told["effects"])
+    (soft_,) = [one for one in told["held_out"] if one["log"] == "soft"]
+    assert soft_["worse"]
+    assert soft_["after"] is None
+    assert soft_["retuned"] > 0.0
+    confirmed = told["confirmation"]["outputs"]["angle"]
+    assert confirmed["held_out"]["after"] is None
+    assert confirmed["judged"]["after"] > 0.0
+    assert any("'soft'" in text and "cannot be simulated" in text for text in told["warnings"])
+    assert page.exists()
+
+
+def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*_: object) -> None:
+        raise UserError("FMU 'diagnosed.fmu' cannot be initialised: no binary for this platform")
+
+    monkeypatch.setattr("servo_models.diagnosis.confirm.confirm", none)
+    written = [tmp_path / name for name in ("d.json", "d.html", "d.toml")]
+    options = zip(("--json", "--report", "--out"), written)
+    path = describe(tmp_path, seconds=0.1)
+    code, out, err = run("diagnose", path, *(word for option in options for word in option))
+    assert code == 1, err
+    assert all(file.exists() for file in written)
+    told = json.loads(written[0].read_text())
+    schema = json.loads((Path(diagnosis.__file__).parent / "schema.json").read_text())
+    Draft202012Validator(schema).validate(told)
+    assert told["confirmation"] is None
+    assert any("no binary for this platform" in text for text in told["warnings"])
+    assert "no binary for this platform" in out
+    assert "after as the FMU" not in out
+    assert "no binary for this platform" in written[1].read_text()
+
+
+@pytest.mark.parametrize(
+    ("option", "name"), [("--out", "rig.toml"), ("--out", "values.toml"), ("--json", "log.json")]
+)
+def test_what_is_read_is_not_written(option: str, name: str, run: Run, tmp_path: Path) -> None:
+    path = describe(tmp_path, DESCRIPTION.format("").replace("log.csv", "log.json"))
+    path.write_text('params = "values.toml"\n' + path.read_text())
+    for other in ("values.toml", "log.json"):
+        (tmp_path / other).write_text("kept")
+    before = (tmp_path / name).read_text()
+    for command in ("diagnose", "identify") if option == "--out" else ("diagnose",):
+        code, out, err = run(command, path, option, tmp_path / name)
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert f"{name}' is read, not written: choose another name" in err
+        assert (tmp_path / name).read_text() == before
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_leaves_no_file(name: str, run: Run, tmp_path: Path) -> None:
+    text, what, where = BAD[name]
+    path = describe(tmp_path, text or DESCRIPTION.format("").replace("log.csv", "absent.csv"))
+    code, out, err = run("diagnose", path, "--json", tmp_path / "d.json")
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert what in err
+    assert where in err
+    assert not (tmp_path / "d.json").exists()
+
+
+def test_a_log_shorter_than_the_slowest_time_constant_is_refused(run: Run, tmp_path: Path) -> None:
+    """The slowest pole of eq. 12 is at -120 rad/s: 8.33 ms."""
+    path = describe(tmp_path, seconds=0.008)
+    code, _, err = run("diagnose", path)
+    assert code == 2
+    assert "0.00833 s" in err
+    assert "'log' lasts 0.00775 s" in err
+    assert len(err.splitlines()) == 1
+
+
+class Loop(NamedTuple):
+    """An actuator with the second-order law of its loop: inertia and damping."""
+
+    name: str
+    variant: str
+    input: str
+    output: str
+    inertia: float
+    damping: float
+
+    @property
+    def slowest(self) -> float:
+        """Time constant [s] with which an oscillation dies."""
+        return 2.0 * self.inertia / self.damping
+
+
+STALL_TORQUE, NO_LOAD_SPEED = 19.5 * 0.0980665, 52.0 * 2.0 * np.pi / 60.0
+LOOPS = (
+    Loop("sg90", "measured", "pulse_width", "angle", 0.0347, 1.0),
+    Loop("linear_drive", "simple", "reference", "position", 100.0, 250.0 + G_TAU * K_V),
+    Loop("smart_servo", "sts3215", "goal", "angle_reading", 0.03, STALL_TORQUE / NO_LOAD_SPEED),
+)
+
+
+def describe_loop(folder: Path, loop: Loop, seconds: float) -> Path:
+    """A short log of it: a step at once, and any reading that moves."""
+    rest = {"pulse_width": 1.5e-3}.get(loop.input, 0.0)
+    rows = np.linspace([0.0, rest, 0.0], [seconds, 1.01 * rest + 1e-4, 0.01], 40)
+    np.savetxt(folder / "log.csv", rows, "%.9g", delimiter=",", header="t,u,y", comments="")
+    path = folder / "rig.toml"
+    path.write_text(
+        f'actuator = "{loop.name}"\nvariant = "{loop.variant}"\n[[logs]]\nfile = "log.csv"\n'
+        f'time = "t"\ninputs.{loop.input} = "u"\noutputs.{loop.output} = "y"\n'
+    )
+    return path
+
+
+@pytest.mark.parametrize("loop", LOOPS, ids=lambda it: it.name)
+def test_a_log_shorter_than_what_the_loop_needs_to_settle_is_refused(
+    loop: Loop, run: Run, tmp_path: Path
+) -> None:
+    """A clock of the controller moves its poles a little: by less than a tenth."""
+    path = describe_loop(tmp_path, loop, 0.9 * loop.slowest)
+    code, out, err = run("diagnose", path)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    told = re.search(rf"slowest time constant of '{loop.name}' is (\S+) s", err)
+    assert told
+    assert float(told[1]) == pytest.approx(loop.slowest, rel=0.1)
+    long_enough = read_description(describe_loop(tmp_path, loop, 1.1 * loop.slowest))
+    check_logs(path, long_enough.model, long_enough.logs)
+
+
+def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:
+    path = describe(tmp_path)
+    for option, name in (("--json", "d.txt"), ("--out", "p.json"), ("--report", "d.pdf")):
+        code, _, err = run("diagnose", path, option, tmp_path / name)
+        assert code == 2
+        assert "let the name end in" in err
+        assert not (tmp_path / name).exists()
+
+
+@pytest.mark.thorough
+def test_a_log_of_something_else_is_doubted(run: Run, tmp_path: Path) -> None:
+    """Readings that have nothing to do with the command: noise."""
+    path = describe(tmp_path, seconds=0.1)
+    rows = np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1)
+    rows[:, 2] = np.random.default_rng(1).standard_normal(len(rows))
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,u,angle", comments="")
+    _, out, _ = run("diagnose", path, "--format", "json", "--tolerance", "0.1")
+    document = json.loads(out)
+    floor = document["gap"]["outputs"]["angle"]["floor"]
+    assert floor == pytest.approx(np.deg2rad(1.0), rel=0.1)
+    assert any("hardly anything of 'angle'" in text for text in document["warnings"])

@@ -1,0 +1,317 @@
+"""The next experiment: played on the true rig, it tells apart what the first log could not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.analysis.experiment import in_time
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
+from servo_models.data.tables import read_inputs
+from servo_models.diagnosis.experiments import experiment
+from servo_models.diagnosis.experiments.commands import FAMILIES, Command
+from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
+from servo_models.diagnosis.experiments.experiment_search import Stage
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.staircases import shortened
+from servo_models.diagnosis.verdict import Verdict, decide
+from servo_models.identification.problem import Problem, free_parameter
+from tests.conftest import Run
+from tests.support.logs import changed, measured
+from tests.support.two_levels import DEAD_ZONE, FLOOR, HEAD, LOG, STEP, TWO_LEVELS
+
+KNOWN = {"resistance": 36.3, "stiffness": 0.011, "rotor_inertia": 7e-9}
+"""Standard deviations: the constants of Table 1 to 1 %."""
+
+
+def nominal() -> Model:
+    return model("torque_motor", "measured", {"end_stops.half_range": 0.0})
+
+
+def played(effects: Mapping[str, float], times: Array, voltage: Array, seed: int) -> Log:
+    """The rig with effects, measured with white noise."""
+    rig, inputs = changed(nominal(), effects), {"voltage": voltage}
+    return measured(rig, times, inputs, {"angle": FLOOR}, seed, name=f"log {seed}")
+
+
+def verdict_on(*logs: Log) -> Verdict:
+    chosen = nominal()
+    parameters = chosen.plant.parameters
+    free = tuple(
+        free_parameter(parameters[name], chosen.values[name], prior)
+        for name, prior in KNOWN.items()
+    )
+    return decide(find_causes(Bench(chosen, logs, free, {"angle": FLOOR})))
+
+
+STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}
+"""All make 10 V into 8.5 V."""
+
+
+@pytest.fixture(scope="module")
+def first() -> Log:
+    times = STEP * np.arange(float(len(TWO_LEVELS)))
+    return played(DEAD_ZONE, times, TWO_LEVELS, 1)
+
+
+@pytest.fixture(scope="module")
+def verdict(first: Log) -> Verdict:
+    return verdict_on(first)
+
+
+@pytest.fixture(scope="module")
+def experiments(verdict: Verdict) -> tuple[Experiment, ...]:
+    return next_experiments(verdict.rivals)
+
+
+def test_the_set_shrinks_to_the_truth(
+    first: Log, verdict: Verdict, experiments: tuple[Experiment, ...]
+) -> None:
+    assert set(verdict.members) >= STATIC
+    one = max(experiments, key=lambda e: e.separation)
+    assert one.telling
+    second = played(DEAD_ZONE, one.times, one.command, 2)
+    both = verdict_on(first, second)
+    assert both.members == ("drive_dead_zone",)
+
+
+def record(file: Path, times: Array, voltage: Array, seed: int) -> str:
+    """Play a command on the rig with its dead zone; returns the lines that describe the log."""
+    rig = model("torque_motor", "estimated", {"end_stops.half_range": 0.0, **DEAD_ZONE})
+    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
+    angle = simulate(rig, times, {"voltage": voltage})["angle"] + noise
+    rows = np.column_stack([times, voltage, angle])
+    np.savetxt(file, rows, "%.12g", delimiter=",", header="t,u,angle", comments="")
+    return LOG.format(file.name)
+
+
+@pytest.mark.thorough
+def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Path) -> None:
+    """From a description to a table, from the rig that plays it to a second log of the same."""
+    rig, found = tmp_path / "rig.toml", tmp_path / "d.json"
+    times = STEP * np.arange(float(len(TWO_LEVELS)))
+    text = HEAD + record(tmp_path / "first.csv", times, TWO_LEVELS, 1)
+    rig.write_text(text)
+    assert run("diagnose", rig, "--json", found)[0] == 1
+    document = json.loads(found.read_text())
+    assert document["verdict"] == "not-identifiable"
+    assert {one["name"] for one in document["effects"] if one["in_set"]} >= STATIC
+    told = max(document["next_experiments"], key=lambda it: it["separation"])
+    times, inputs = read_inputs(tmp_path / told["file"], nominal().plant)
+    rig.write_text(text + record(tmp_path / "second.csv", times, inputs["voltage"], 2))
+    assert run("diagnose", rig, "--json", found)[0] == 1
+    document = json.loads(found.read_text())
+    assert document["verdict"] == "effect"
+    (one,) = [one for one in document["effects"] if one["in_set"]]
+    assert (one["name"], one["taken"]) == ("drive_dead_zone", True)
+    width, kept = (value["value"] for value in one["parameters"])
+    assert (1.0 - kept) * width == pytest.approx(1.5, rel=0.01)  # lost beyond the zone
+
+
+def test_the_instruction_can_be_followed(
+    verdict: Verdict, experiments: tuple[Experiment, ...]
+) -> None:
+    against_the_likeliest = [
+        one.other for one in experiments if one.one == verdict.rivals[0].effects
+    ]
+    assert against_the_likeliest == [rival.effects for rival in verdict.rivals[1:]]
+    for one in experiments:
+        for word in (*one.one, *one.other, "voltage", " V", "log angle every 0.5 ms"):
+            assert word in one.text
+        assert one.so_far < 0.1 < one.separation
+        assert np.all(np.abs(one.command) <= 30.0)  # the actuator's standard step
+
+
+def test_the_table_is_ready_to_play(experiments: tuple[Experiment, ...], tmp_path: Path) -> None:
+    replace(experiments[0], file="next.csv").write(tmp_path)
+    file = tmp_path / "next.csv"
+    assert file.read_text().splitlines()[0] == "time [s],voltage [V]"
+    times, inputs = read_inputs(file, nominal().plant)
+    np.testing.assert_array_equal(times, experiments[0].times)
+    np.testing.assert_array_equal(inputs["voltage"], experiments[0].command)
+
+
+@pytest.mark.parametrize(("samples", "lasts"), [(600, 1.0), (41, 0.1)])
+def test_an_experiment_is_as_long_as_five_responses_or_five_logs(
+    samples: int, lasts: float, verdict: Verdict
+) -> None:
+    """A description may name a variant far slower than what its logs have shown."""
+    rival = verdict.rivals[0]
+    problem = rival.problem
+    brief = Problem(problem.model, shortened(problem.logs, samples), problem.free, problem.sigma)
+    stage = Stage([replace(rival, problem=brief)] * 2, 0)
+    assert stage.times[-1] == pytest.approx(5.0 * lasts * nominal().stop_time, rel=1e-6)
+
+
+def test_what_parameters_imitate_does_not_count(first: Log) -> None:
+    """A gain of the voltage is nothing but another torque constant."""
+    chosen = nominal()
+    parameters = chosen.plant.parameters
+    free = (free_parameter(parameters["torque_constant"], 6.432, 1.6),)
+    bench = Bench(chosen, [first], free, {"angle": FLOOR})
+    # the back EMF tells them apart; without it they are one model
+    still = changed(chosen, {"back_emf_constant": 0.0})
+    bench = replace(bench, model=still)
+    retuned = bench.fit((), ())
+    gain = free_parameter(parameters["gain_error.error"], 0.0, None)
+    other = bench.fit(("gain_error",), [gain])
+    (found,) = next_experiments((other, retuned))
+    assert found.separation < 0.1
+    assert not found.telling
+    assert "No command that was tried inside the limits" in found.text
+    assert next_experiments((retuned, other)) == ()  # which of them it is hardly matters
+
+
+def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
+    few = replace(verdict, rivals=verdict.rivals[:3])
+    pairs = [{one.one, one.other} for one in next_experiments(few.rivals)]
+    one, two, three = (rival.effects for rival in few.rivals)
+    assert pairs == [{one, two}, {one, three}, {two, three}]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("recorded", [False, True])
+def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first: Log) -> None:
+    """A load that was recorded is a condition like one that the description gives."""
+    load = np.full(len(first.times), 2e-4)
+    inputs = {**first.inputs, "load_torque": load}
+    held = replace(first, inputs=inputs) if recorded else None
+    loaded = verdict_on(held or replace(first, constants={"load_torque": 2e-4}))
+    told = next_experiments(loaded.rivals[:2])[0]
+    assert told.constants == {"load_torque": 2e-4}
+    assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text
+
+
+def test_an_experiment_begins_at_rest_where_its_limits_allow_that(verdict: Verdict) -> None:
+    """Else the motor is held at the first value for as long as a step takes."""
+    stage = Stage(verdict.rivals[:2], 0)
+    away = Command("triangle", 5.0, 2.0, 0.01, 0)
+    plan = stage.plan(away)
+    assert plan.settle == 0.0
+    assert plan.inputs["voltage"][0] == 0.0
+    np.testing.assert_array_equal(plan.inputs["voltage"][1:], away.values(stage.times)[1:])
+    stage.low = 1.0
+    plan = stage.plan(away)
+    assert plan.settle == pytest.approx(nominal().stop_time)
+    assert plan.inputs["voltage"][0] == away.values(stage.times)[0]
+
+
+def test_a_played_table_is_read_as_it_was_meant(
+    verdict: Verdict, experiments: tuple[Experiment, ...]
+) -> None:
+    """Its first row says that the rig rests, so that nobody takes what follows for settled."""
+    for one in experiments:
+        assert one.plan.settle == 0.0
+        assert one.command[0] == 0.0
+        assert "Hold its first value" not in one.text
+    stage = Stage(verdict.rivals[:2], 0)
+    stage.low = 10.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(experiment, "Stage", lambda *_: stage)
+        (away,) = next_experiments(verdict.rivals[:2])
+    held = in_time(away.plan.settle)
+    assert f"Hold its first value for {held} before the log begins." in away.text
+    assert away.command[0] != 0.0
+
+
+def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
+    """Twice the gain is told at once, unless both leave by far what the log has ever measured."""
+    gain = free_parameter(nominal().plant.parameters["gain_error.error"], 0.0, None)
+    told = {}
+    for size in (1.0, 1e-5):
+        log = replace(first, outputs={"angle": size * first.outputs["angle"]})
+        bench = Bench(nominal(), [log], (), {"angle": FLOOR})
+        other = bench.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
+        stage = Stage((bench.unfit((), (), {}), other), 0)
+        told[size] = stage.difference(Command("triangle", 0.0, 10.0, 0.05, 0), 0, 1)
+    assert told[1.0] > 100.0
+    assert told[1e-5] == 0.0
+
+
+def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(first: Log) -> None:
+    """A spring half as stiff again, of which a log at rest says nothing and its prior little."""
+    still = replace(first, inputs={"voltage": 0.0 * TWO_LEVELS})
+    spring = nominal().plant.parameters["stiffness"]
+    value = nominal().values["stiffness"]
+    bench = Bench(
+        nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}
+    )
+    rivals = [bench.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
+    stage = Stage(rivals, 0)
+    command = Command("triangle", 0.0, 10.0, 0.05, 0)
+    assert stage.difference(command, 0, 1) > 50.0
+    assert stage.separation(command, 0, 1) > 0.3  # slopes are those of another spring
+    assert stage.imitated(command, 0, 1) < 0.1
+
+
+def test_a_refit_leaves_no_more_than_there_was(verdict: Verdict) -> None:
+    stage = Stage(verdict.rivals[:2], 0)
+    for family in ("triangle", "chirp"):
+        command = Command(family, 0.0, 10.0, 0.05, 0)
+        assert 0.0 <= stage.imitated(command, 0, 1) <= stage.difference(command, 0, 1)
+
+
+def test_what_is_played_does_not_hold_meanwhile(verdict: Verdict, first: Log) -> None:
+    """Where the first log holds the input that another one moves."""
+    held = replace(
+        first, inputs={"load_torque": 1e-6 * first.inputs["voltage"]}, constants={"voltage": 5.0}
+    )
+    rivals = verdict.rivals[:2]
+    rivals = tuple(replace(it, problem=replace_logs(it.problem, [held, first])) for it in rivals)
+    stage = Stage(rivals, 0)
+    plan = stage.plan(Command("triangle", 0.0, 2.0, 0.05, 0))
+    assert list(plan.inputs) == ["voltage"]
+    assert set(plan.constants) == {"load_torque"}
+
+
+def replace_logs(problem: Problem, logs: list[Log]) -> Problem:
+    return Problem(problem.model, logs, problem.free, sigma=problem.sigma)
+
+
+def test_a_log_too_coarse_for_every_pace_gets_slower_ones(verdict: Verdict, first: Log) -> None:
+    """Eight samples of 25 ms in the 0.2 s of a step of the motor."""
+    times = 0.025 * np.arange(float(len(TWO_LEVELS)))
+    coarse = played(DEAD_ZONE, times, TWO_LEVELS, 1)
+    rivals = tuple(
+        replace(it, problem=replace_logs(it.problem, [coarse])) for it in verdict.rivals[:2]
+    )
+    separation, command = Stage(rivals, 0).best(0, 1)
+    assert separation >= 0.0
+    assert command.pace >= 5.0 * 0.025
+
+
+def test_nothing_to_separate() -> None:
+    assert next_experiments(()) == ()
+
+
+@given(
+    family=st.sampled_from(sorted(FAMILIES)),
+    middle=st.floats(-1.0, 1.0),
+    size=st.floats(1e-3, 2.0),
+    pace=st.floats(0.01, 0.5),
+    seed=st.integers(0, 9),
+)
+def test_a_command_keeps_its_limits(
+    family: str, middle: float, size: float, pace: float, seed: int
+) -> None:
+    times = 1e-3 * np.arange(1001.0)
+    values = Command(family, middle, size, pace, seed).values(times)
+    assert np.abs(values - middle).max() <= size * (1.0 + 1e-9)
+    np.testing.assert_array_equal(values, Command(family, middle, size, pace, seed).values(times))
+
+
+def test_a_chirp_ends_at_the_frequency_that_it_says() -> None:
+    times = 1e-5 * np.arange(100_001.0)
+    values = Command("chirp", 0.0, 1.0, 0.02, 0).values(times)
+    crossings = times[1:][np.diff(np.sign(values)) != 0.0]
+    assert 2.0 * (crossings[-1] - crossings[-2]) == pytest.approx(0.02, rel=0.05)

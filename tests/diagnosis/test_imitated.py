@@ -1,0 +1,273 @@
+"""What re-tuned parameters imitate: effects that one log cannot show, and the next one does."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import read_description
+from servo_models.diagnosis import summary
+from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.experiments.experiment import next_experiments
+from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.nominal import nominal_parameters
+from servo_models.diagnosis.search.imitated import imitated_effects
+from servo_models.diagnosis.search.screening import sights_of
+from servo_models.diagnosis.sections import tables
+from servo_models.diagnosis.verdict import Verdict
+from tests.conftest import Run
+from tests.support.delayed_motor import check_schema
+from tests.support.logs import changed
+from tests.support.two_levels import DEAD_ZONE, FLOOR, LOG, TWO_LEVELS
+
+MANY = np.repeat([0.0, 3.0, 10.0, -6.0, -1.0, 14.0, -14.0, 1.0, -4.0, 0.0], 120)
+HEAD = """
+actuator = "torque_motor"
+variant = "measured"
+parameters.end_stops.half_range = 0
+[uncertainty]
+torque_constant = "25 %"
+resistance = "1 %"
+stiffness = "1 %"
+rotor_inertia = "1 %"
+"""
+
+
+def rig(effects: dict[str, float]) -> Model:
+    values = {"end_stops.half_range": 0.0, "torque_constant": 5.5, **effects}
+    return model("torque_motor", "measured", values)
+
+
+def record(file: Path, effects: dict[str, float], volts: Array, seed: int, step: float) -> str:
+    """Play a command on a rig; returns the lines that describe its log."""
+    times = step * np.arange(float(len(volts)))
+    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
+    angle = simulate(rig(effects), times, {"voltage": volts})["angle"] + noise
+    rows = np.column_stack([times, volts, angle])
+    np.savetxt(file, rows, "%.12g", delimiter=",", header="t,u,angle", comments="")
+    return LOG.format(file.name)
+
+
+def described(folder: Path, effects: dict[str, float], volts: Array) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(HEAD + record(folder / "first.csv", effects, volts, 1, 5e-4))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("imitated")
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> Diagnosis:
+    """A dead zone, of which two levels show nothing that a torque constant does not."""
+    return diagnose(described(folder, DEAD_ZONE, TWO_LEVELS), jobs=1)
+
+
+def imitated(found: Diagnosis) -> dict[str, float]:
+    return {one.name: one.moved for one in found.imitated}
+
+
+def test_the_cause_is_among_what_parameters_imitate(found: Diagnosis) -> None:
+    assert found.verdict.kind == "parameters"
+    assert {"drive_dead_zone", "drive_saturation", "direction_asymmetry"} <= imitated(found).keys()
+    assert {"drive_dead_zone"} <= {name for it in found.undecided for name in it.effects}
+
+
+def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
+    """By plain simulations: parameters as they were, and as they were re-tuned beside it."""
+    (log,) = found.logs
+    noise = 3.0 * np.sqrt(found.causes.retuned.evidence.dispersion)
+
+    def response(values: dict[str, float]) -> Array:
+        whole = changed(found.model, values)
+        return simulate(whole, log.times, log.inputs)["angle"] / found.floors["angle"]
+
+    parameters = found.causes.retuned.values
+    without = response(parameters)
+    measured = log.outputs["angle"] / found.floors["angle"]
+    for one in found.imitated:
+        own = one.explanation.problem.model.values
+        effect = {k: v for k, v in own.items() if k.startswith(f"{one.name}.")}
+        moved = response({**parameters, **effect}) - without
+        assert np.sqrt(np.mean(moved**2)) == pytest.approx(one.moved, rel=1e-6)
+        errors = response({**one.explanation.values, **effect}) - measured
+        more = np.sum(errors**2) - np.sum((without - measured) ** 2)
+        assert more < noise**2
+        assert one.moved > found.tolerance
+
+
+def most_by_scipy(found: Diagnosis, name: str, sizes: Array) -> float:
+    """How far the largest of some sizes moves the outputs beside which parameters, fitted by a
+    library, leave no more than noise does and go no further than their priors allow."""
+    (log,) = found.logs
+    retuned = found.causes.retuned
+    free = [one for one in retuned.problem.free if one.prior is not None]
+    floor, measured = found.floors["angle"], log.outputs["angle"]
+
+    def errors(values: dict[str, float]) -> Array:
+        whole = changed(found.model, values)
+        return (simulate(whole, log.times, log.inputs)["angle"] - measured) / floor
+
+    def strain(values: dict[str, float]) -> Array:
+        return np.array([(values[one.name] - one.nominal) / float(one.prior or 1) for one in free])
+
+    start = {one.name: retuned.values[one.name] for one in free}
+    plain, before = errors(start), strain(start)
+    largest = 0.0
+    for size in sizes:
+        effect = {name: float(size)}
+
+        def at(vector: Array, effect: dict[str, float] = effect) -> dict[str, float]:
+            return {**{one.name: v * one.scale for one, v in zip(free, vector)}, **effect}
+
+        fit = least_squares(
+            lambda v: np.concatenate([errors(at(v)), strain(at(v))]),
+            [start[one.name] / one.scale for one in free],
+            x_scale="jac",
+        )
+        more = np.sum(errors(at(fit.x)) ** 2) - np.sum(plain**2)
+        strained = np.sum(strain(at(fit.x)) ** 2) - np.sum(before**2)
+        if more <= 9.0 * retuned.evidence.dispersion and strained <= 9.0:
+            moved = float(np.sqrt(np.mean((errors({**start, **effect}) - plain) ** 2)))
+            largest = max(largest, moved)
+    return largest
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("gain_error.error", np.linspace(-0.35, -0.05, 13)),
+        ("drive_saturation.limit", np.linspace(3.0, 10.0, 15)),
+        ("drive_dead_zone.half_width", np.linspace(0.5, 3.0, 6)),
+    ],
+)
+def test_no_much_larger_size_is_imitated(name: str, sizes: Array, found: Diagnosis) -> None:
+    """By a library, over a grid up to the largest size that is looked at."""
+    told = imitated(found)[name.partition(".")[0]]
+    most = most_by_scipy(found, name, sizes)
+    assert 0.7 * most < told < 1.1 * most
+
+
+@pytest.mark.thorough
+def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path) -> None:
+    """But for what is another parameter by another name."""
+    rich = diagnose(described(tmp_path, {}, MANY), jobs=1)
+    assert rich.verdict.kind == "parameters"
+    assert "drive_dead_zone" not in imitated(rich)
+    assert imitated(rich)["gain_error"] > 0.5 * imitated(found)["gain_error"]
+
+
+@pytest.mark.thorough
+def test_the_next_experiment_shows_what_was_imitated(
+    found: Diagnosis, folder: Path, run: Run
+) -> None:
+    """Played on the rig, its table and the first log name the cause."""
+    code, out, _ = run("diagnose", str(folder / "rig.toml"), "--json", str(folder / "rig.json"))
+    assert code == 1
+    assert "would not show in these logs, and do in the next experiments." in " ".join(out.split())
+    told = json.loads((folder / "rig.json").read_text())
+    check_schema(told)
+    assert {it["name"]: it["up_to"] for it in told["imitated"]} == imitated(found)
+    planned = next_experiments(found.undecided)
+    assert all(one.one == () and one.telling for one in planned)
+    assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
+    number = [one.other for one in planned].index(("drive_dead_zone",)) + 1
+    table = np.loadtxt(folder / f"rig_next_{number}.csv", delimiter=",", skiprows=1)
+    step = float(np.median(np.diff(table[:, 0])))
+    second = record(folder / "second.csv", DEAD_ZONE, table[:, 1], 2, step)
+    (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
+    both = diagnose(folder / "both.toml", jobs=1)
+    assert both.verdict.members == ("drive_dead_zone",)
+    assert both.imitated == ()
+
+
+def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
+    planned: Any = SimpleNamespace(
+        one=(),
+        other=("drive_dead_zone",),
+        instruction="Play.",
+        text="Play.",
+        file="a",
+        telling=True,
+    )
+    told = replace(found, written=(planned,))
+    assert summary.sentence(told).endswith(
+        "; drive_dead_zone would not show in these logs, and does in the next experiment."
+    )
+    rows = tables.imitated(told).rows
+    assert {row[0] for row in rows} == imitated(found).keys()
+    assert {name for name, _, _, by in rows if by} == {"drive_dead_zone"}
+
+
+def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
+    assert not summary.ruled_out(found).keys() & imitated(found).keys()
+
+
+def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
+    told = read_description(found.logs[0].path.parent / "rig.toml")
+    bench = Bench(told.model, told.logs, nominal_parameters(told), found.floors)
+    retuned = bench.finish(bench.fit((), ()))
+    sights = sights_of([retuned.view], candidates(bench.model, bench.logs))
+    one, other = (imitated_effects(bench, retuned, it, 2.0) for it in (sights, sights[::-1]))
+    assert {it.name: it.moved for it in one} == {it.name: it.moved for it in other}
+
+
+def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) -> None:
+    """Of a ripple as well, though looks share it out over two phases."""
+    (log,) = found.logs
+    parameters = {**found.model.values, **found.causes.retuned.values}
+
+    def response(effect: Mapping[str, float]) -> Array:
+        own = replace(found.model, values={**parameters, **effect})
+        return simulate(own, log.times, log.inputs)["angle"] / found.floors["angle"]
+
+    plain = response({})
+    every = {one.name: one for one in candidates(found.model, found.logs)}
+    load = [response(size) - plain for size in every["constant_load"].trial_values]
+    most = max(float(np.sqrt(np.mean(it**2))) for it in load)
+    assert found.causes.reach["constant_load"].moved == pytest.approx(most, rel=1e-6)
+    ripples = [
+        response({**size, "cogging.phase": phase}) - plain
+        for size in every["cogging"].trial_values
+        for phase in (0.0, 0.5 * np.pi)
+    ]
+    most = 10.0 * max(float(np.sqrt(np.mean(it**2))) for it in ripples)
+    assert found.causes.reach["cogging"].moved == pytest.approx(most, rel=1e-6)
+    for reach in found.causes.reach.values():
+        assert reach.shown <= reach.moved * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("kind", ["effect", "no-gap", "outside-catalogue"])
+def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
+    other = replace(found, verdict=Verdict(kind, {}, (), ()))
+    assert other.imitated == ()
+    assert other.undecided == ()
+
+
+def test_parameters_that_explain_little_imitate_nothing(found: Diagnosis) -> None:
+    """The gap cannot be told from noise then, and whatever they do is no reason to doubt that."""
+    little = replace(found, gap=replace(found.gap, closed=(0.2, 0.1, 0.3)))
+    assert "cannot be told from noise" in summary.headline(little)
+    assert little.imitated == ()
+    assert little.undecided == ()
+
+
+def test_parameters_that_cannot_move_imitate_nothing(folder: Path) -> None:
+    """Frozen ones imitate nothing, so every effect that moves the outputs shows."""
+    told = read_description(folder / "rig.toml")
+    frozen = diagnose(replace(told, uncertainty={}), jobs=1)
+    assert frozen.imitated == ()
+    assert all(it.shown == pytest.approx(it.moved) for it in frozen.causes.reach.values())

@@ -1,0 +1,242 @@
+"""A second effect beside a first one: which are tried, from where, and which pairs get a third."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from servo_models.core.types import Array
+from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.search.fits import TRIED, Teller, beside, likeliest, settled
+from servo_models.diagnosis.search.further import RIVAL, RIVALS, _rivals
+from servo_models.diagnosis.search.looks import SIZES, Looks, narrowed, seen_beside
+from servo_models.diagnosis.search.pairing import lookalikes, promising
+from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
+from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.verdict import OUTSIDE, decide
+from servo_models.identification.problem import Problem
+from tests.support.diagnoses import made
+
+SHARED = {
+    "drive_saturation": (0.0, 1.6),
+    "rate_limit": (0.5, 1.6),
+    "cogging": (-10.0, 10.0),
+    "coulomb_friction": (0.0, 1.6),
+}
+"""Between which shares of what was simulated an effect may change the response."""
+PAIR = {"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0}
+
+
+def test_effects_that_change_the_response_alike_take_one_place() -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    one = every["coulomb_friction"]
+    twins = [one, replace(one, name="first twin"), replace(one, name="second twin")]
+    seen = look((bench.fit((), ()).view,), [*twins, every["cogging"], every["sensor_offset"]])
+    chosen = [name for name, _ in promising(seen, np.inf, 2)]
+    assert len(chosen) == 2
+    assert len({"coulomb_friction", "first twin", "second twin"} & set(chosen)) == 1
+    alike = [name for name, _ in promising(seen, np.inf, 3, unlike=False)]
+    assert set(alike) == {"coulomb_friction", "first twin", "second twin"}
+
+
+def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
+    """Under a constant load, friction in proportion to it is Coulomb friction."""
+    load = {"coulomb_friction.level": 1.5e-3, "constant_load.torque": 4e-3}
+    bench, every = made({**load, "cogging.torque": 3e-4, "cogging.count": 200.0})
+    names = ("coulomb_friction", "constant_load")
+    found = bench.fit(names, [free for name in names for free in every[name].at(load)])
+    assert not settled(found)
+    alike = lookalikes(bench, found, list(every.values()), Teller())
+    twin = next(it for it in alike if set(it.effects) == {"constant_load", "load_friction"})
+    assert twin.cost == pytest.approx(found.cost, rel=1e-3)
+
+
+def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
+    """Alone it takes a count that imitates the friction as well."""
+    true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
+    bench, every = made({**true, "stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1})
+    sights = look((bench.fit((), ()).view,), list(every.values()))
+    near = narrowed(every.values(), sights)
+    (ripple,) = [one for one in near if one.name == "cogging"]
+    assert ripple.trial_values == every["cogging"].trial_values
+    friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
+    first = bench.fit(("stribeck_friction",), friction)
+    own = [it for it in seen_beside(first, near) if it.candidate.name == "cogging"]
+    found = beside(bench, first, own[:TRIED]).values
+    assert found["cogging.count"] == pytest.approx(200.0, rel=0.01)
+    assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ({"coulomb_friction.level": 1.5e-3}, {"sensor_offset.value": 2e-3}),
+        ({"drive_saturation.limit": 15.0}, {"transport_delay.time": 1.1e-3}),
+        (
+            {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1},
+            {"backlash.half_width": 1e-3},
+        ),
+    ],
+)
+def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
+    first: dict[str, float], second: dict[str, float]
+) -> None:
+    """None of these laws adds to another one, and the sizes are those that would do if they did."""
+    bench, every = made({**first, **second})
+    near = narrowed(every.values(), look((bench.fit((), ()).view,), list(every.values())))
+    (name,), (cause,) = ({it.partition(".")[0] for it in part} for part in (first, second))
+    fitted = bench.fit((name,), every[name].at(first))
+    few = seen_beside(fitted, near)
+    most = look((fitted.view,), [one for one in every.values() if one.name != name])
+    smooth = [one.name for one in near if len(one.alone) > SIZES and one.name != name]
+    assert len(smooth) > 10
+    best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
+    assert best[1][cause] == best[0][cause]
+    apart = [best[1][it] / best[0][it] for it in smooth if it in best[0]]
+    assert np.quantile(apart, 0.9) < 1.01
+    assert max(len([it for it in few if it.candidate.name == one]) for one in smooth) <= SIZES
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return made({"coulomb_friction.level": 2e-3})[0].problem()
+
+
+@given(st.integers(0, 10**6), st.floats(1e-9, 1.0))
+def test_a_near_start_weighs_parameters_as_a_library_does(
+    problem: Problem, seed: int, apart: float
+) -> None:
+    """Two slopes may be as good as the same: then neither parameter goes far."""
+    random = np.random.default_rng(seed)
+    m = problem.samples + len(problem.free)
+    one, other, errors, whole = random.standard_normal((4, m))
+    slopes = np.column_stack([one, one + apart * other])
+    seen = View(problem, problem.nominal, errors, slopes)
+    heavy = np.sqrt(np.mean(errors**2)) * np.eye(2)
+    wanted = -np.concatenate([errors + whole, np.zeros(2)])
+    step = np.linalg.lstsq(np.vstack([slopes, heavy]), wanted, rcond=None)[0]
+    low, high = problem.bounds
+    vector: Array = problem.nominal + step
+    assert np.all((low < vector) & (vector < high))  # so that the bounds have no say
+    found = seen.near_start(whole)
+    expected = problem.values(vector)
+    scales = dict(zip(expected, problem.scales))
+    assert all(abs(found[k] - expected[k]) < 1e-6 * scales[k] for k in expected)
+
+
+def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
+    """A pair is seen with the ripple at the count and phase that it has beside the friction."""
+    true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
+    friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
+    bench, every = made({**true, **friction})
+    wanted = [every[name] for name in ("cogging", "stribeck_friction")]
+    sights = look((bench.fit((), ()).view,), wanted)
+    alone = next(it for it in sights if it.candidate.name == "cogging")
+    ((one, other),) = pairs(sights)
+    ripple = one if one.candidate.name == "cogging" else other
+    counts = np.diff([size["cogging.count"] for size in every["cogging"].trial_values[:2]])[0]
+    assert abs(alone.settings["cogging.count"] - 200.0) > counts
+    assert abs(ripple.settings["cogging.count"] - 200.0) < counts
+    assert ripple.settings["cogging.torque"] == pytest.approx(1e-3, rel=0.5)
+
+
+def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    first = bench.fit(("coulomb_friction",), every["coulomb_friction"].free)
+    others = [every[name] for name in ("cogging", "stribeck_friction", "dead_band")]
+    looks, asked = Looks(), []
+
+    def counted(views: Any, wanted: Any, corrected: bool = True) -> Any:
+        asked.append([one.name for one in wanted])
+        return look(views, wanted, corrected)
+
+    monkeypatch.setattr("servo_models.diagnosis.search.looks.look", counted)
+    found = looks.beside(first, others[:2])
+    again = looks.beside(first, others)
+    assert asked == [["cogging", "stribeck_friction"], ["dead_band"]]
+    assert {id(it) for it in found} <= {id(it) for it in again}
+    assert [it.left for it in again] == sorted(it.left for it in again)
+    best = min(it.left for it in seen_beside(first, others))
+    assert again[0].left == pytest.approx(best, rel=1e-9)
+
+
+def test_a_fit_begins_with_several_shapes() -> None:
+    """Slopes from a wrong one may lead to its bound: friction at 5 mrad/s for that at 100."""
+    friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
+    bench, every = made(friction)
+    one = every["stribeck_friction"]
+    sights = look((bench.fit((), ()).view,), [one])
+    tried = likeliest(sights)
+    speeds = [it.settings["stribeck_friction.speed"] for it in tried]
+    assert len(set(speeds)) == len(speeds) == TRIED
+    assert tried[0] is sights[0]
+    wrong = sorted(tried, key=lambda it: it.settings["stribeck_friction.speed"])
+    found = beside(bench, bench.fit((), ()), wrong[:2])
+    assert found.values["stribeck_friction.speed"] == pytest.approx(0.1, rel=0.1)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 4))
+def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
+    seed: int, count: int, others: int
+) -> None:
+    bench, every = made({"coulomb_friction.level": 2e-3})
+    problem = bench.problem()
+    random = np.random.default_rng(seed)
+    m = problem.samples + len(problem.free)
+    seen = View(problem, problem.nominal, random.standard_normal(m), random.standard_normal((m, 2)))
+
+    def sight(name: str) -> Sight:
+        change = random.standard_normal(m) * random.uniform(0.1, 3.0)
+        return Sight(seen, every[name], {}, 1.0, change, seen.without(change), 0.0)
+
+    sights = [sight("sample_hold") for _ in range(count)]
+    beside_them = [sight(name) for name in list(SHARED)[:others]]
+    found = left_beside(sights, beside_them)
+    for one, left in zip(sights, found):
+        rest = seen.without(seen.errors + one.change)
+        expected = min(
+            2.0 * lsq_linear(it.difference[:, None], -rest, SHARED[it.candidate.name]).cost
+            for it in beside_them
+        )
+        assert left == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.thorough
+def test_smooth_pairs_spare_the_search_for_staircases() -> None:
+    """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
+    heard: list[str] = []
+    causes = find_causes(made(PAIR)[0], tell=heard.append)
+    assert set(causes.taken.effects) == {name.partition(".")[0] for name in PAIR}
+    assert not any("staircases" in it for it in heard)
+    heard.clear()
+    hold = {"coulomb_friction.level": 2e-3, "sample_hold.period": 2.43e-3}
+    causes = find_causes(made(hold, 2e-4, sweep=50.0)[0], tell=heard.append)
+    assert set(causes.taken.effects) == {"coulomb_friction", "sample_hold"}
+    assert any("staircases" in it for it in heard)
+
+
+@pytest.mark.parametrize("kept", [(), ("dead_band",), ("cogging",)])
+def test_where_hardly_any_effect_is_left_the_gap_is_outside(kept: tuple[str, ...]) -> None:
+    bench, every = made(PAIR)
+    causes = find_causes(bench, left_out=[name for name in every if name not in kept])
+    assert set(causes.taken.effects) <= set(kept)
+    assert decide(causes).kind == OUTSIDE
+
+
+@given(st.lists(st.tuples(st.sampled_from(["ab", "ac", "cd", "ce", "de"]), st.floats(0.5, 2.0))))
+def test_a_rival_is_a_pair_of_quite_other_effects_that_leaves_little_more(
+    pairs: list[tuple[str, float]],
+) -> None:
+    taken: Any = SimpleNamespace(effects=("a", "b"), loss=1.0)
+    couples: list[Any] = [SimpleNamespace(effects=tuple(it), loss=loss) for it, loss in pairs]
+    found = _rivals(taken, couples)
+    possible = [it for it in couples if it.loss < RIVAL and set("cde") >= set(it.effects)]
+    assert found == possible[:RIVALS]

@@ -1,0 +1,273 @@
+"""An FMU against the in-process simulation, against itself and under a second master."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from servo_models.build import build
+from servo_models.core.simulate import Model, model
+from tests.conftest import MODELS
+from tests.support.fmu_host import Array, Host
+
+Files = Callable[[str], Path]
+
+# Length of the run and commands: fast steps for the torque motor, frames for the servo.
+RUNS = {
+    "sg90": (0.6, 20.0),
+    "sg90_linear": (0.6, 20.0),
+    "oscillatory": (0.6, 20.0),
+    "torque_motor": (0.12, 1.0),
+    "measured": (0.12, 1.0),
+    "linear_drive": (0.12, 1.0),
+    "smart_servo": (0.12, 1.0),
+}
+
+
+def grid(name: str, kind: str) -> Array:
+    """Communication points: regular, irregular, or no multiple of the internal step."""
+    stop, unit = RUNS[name]
+    if kind == "irregular":
+        sizes = np.random.default_rng(3).uniform(0.2e-3, 1.2e-3, 4000)
+        points = np.concatenate([[0.0], np.cumsum(sizes)])
+        return np.append(points[points < stop - 1e-4], stop)
+    step = {"1 ms": 1e-3, "20 ms": 20e-3, "0.7 ms": 0.7e-3, "odd": 1.0 / 3.0 * 1e-3 * unit}[kind]
+    points = np.arange(0.0, stop, step)
+    return np.append(points[points < stop - 1e-6], stop)
+
+
+def commands(chosen: Model, times: Array) -> Array:
+    """Inputs that jump every now and then, within a tenth of their full scale around rest."""
+    rng = np.random.default_rng(11)
+    columns = []
+    for wire in chosen.plant.inputs:
+        levels = float(wire.rest) + 0.4 * wire.scale * rng.uniform(-1.0, 1.0, 12)
+        held = np.clip(levels, wire.low, wire.high)
+        columns.append(held[12 * np.arange(len(times)) // len(times)])
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize("kind", ["1 ms", "20 ms", "0.7 ms", "odd", "irregular"])
+@pytest.mark.parametrize("name", MODELS)
+def test_fmu_equals_the_simulation_bit_for_bit(name: str, kind: str, fmu_folder: Files) -> None:
+    chosen, times = model(*MODELS[name]), grid(name, kind)
+    inputs = commands(chosen, times)
+    with Host(fmu_folder(name)) as host:
+        found = host.simulate(times, inputs)
+        assert host.messages == []
+    assert times[-1] == RUNS[name][0]
+    assert len(found) == len(times)
+    assert np.ptp(found[:, 0]) > 0.0
+    assert np.array_equal(found, chosen.run(times, inputs))
+
+
+@pytest.mark.parametrize(
+    "name", ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo"]
+)
+def test_with_all_effects_active_too(name: str, fmu_folder: Files) -> None:
+    parameters = {
+        key: p.param.typical
+        for key, p in model(*MODELS[name]).plant.parameters.items()
+        if p.param.switch
+    }
+    chosen, times = model(*MODELS[name], parameters), grid(name, "irregular")
+    inputs = commands(chosen, times)
+    with Host(fmu_folder(name)) as host:
+        found = host.simulate(times, inputs, parameters)
+    assert len(found) == len(times)
+    assert np.array_equal(found, chosen.run(times, inputs))
+
+
+def test_a_start_time_other_than_zero(fmu_folder: Files) -> None:
+    chosen, times = model("torque_motor"), 100.0 + grid("torque_motor", "0.7 ms")
+    inputs = commands(chosen, times)
+    with Host(fmu_folder("torque_motor")) as host:
+        found = host.simulate(times, inputs)
+    assert np.array_equal(found, chosen.run(times, inputs))
+
+
+def halves(name: str) -> tuple[Model, Array, Array, int]:
+    chosen, times = model(*MODELS[name]), grid(name, "irregular")
+    return chosen, times, commands(chosen, times), len(times) // 2
+
+
+@pytest.mark.parametrize("serialised", [False, True])
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
+def test_restoring_a_state_repeats_the_rest_of_the_run(
+    name: str, serialised: bool, fmu_folder: Files
+) -> None:
+    """In the instance itself, or as bytes in a new one that never was initialised."""
+    chosen, times, inputs, half = halves(name)
+    with Host(fmu_folder(name)) as host, Host(fmu_folder(name)) as other:
+        host.simulate(times[: half + 1], inputs[: half + 1])
+        state = host.fmu.getFMUstate()
+        content = host.fmu.serializeFMUstate(state)
+        first = host.run(times[half:], inputs[half:])
+        second_host = other if serialised else host
+        restored = other.fmu.deSerializeFMUstate(content) if serialised else state
+        second_host.fmu.setFMUstate(restored)
+        second = second_host.run(times[half:], inputs[half:])
+        second_host.fmu.freeFMUstate(restored)
+    whole = chosen.run(times, inputs)
+    assert len(first) == len(times) - half
+    assert np.array_equal(first, whole[half:])
+    assert np.array_equal(second, whole[half:])
+
+
+def test_a_saved_state_does_not_move_with_the_instance(fmu_folder: Files) -> None:
+    _, times, inputs, half = halves("sg90")
+    with Host(fmu_folder("sg90")) as host:
+        host.simulate(times[: half + 1], inputs[: half + 1])
+        state = host.fmu.getFMUstate()
+        before = host.fmu.serializeFMUstate(state)
+        at_save = host.get()
+        host.fmu.setFMUstate(state)
+        assert host.get() == at_save
+        assert host.fmu.serializeFMUstate(state) == before
+        host.fmu.freeFMUstate(state)
+
+
+def test_two_instances_and_two_fmus_do_not_disturb_each_other(fmu_folder: Files) -> None:
+    """Four instances of two FMUs, stepped in turn in one process."""
+    names = ("sg90", "torque_motor", "sg90", "torque_motor")
+    times = grid("torque_motor", "0.7 ms")
+    chosen = [model(*MODELS[name]) for name in names]
+    inputs = [commands(m, times) * (1.0 if k < 2 else 1.01) for k, m in enumerate(chosen)]
+    hosts = [Host(fmu_folder(name)) for name in names]
+    found: list[list[list[float]]] = []
+    for host, values in zip(hosts, inputs):
+        host.start(dict(zip(host.inputs, values[0])))
+        found.append([host.get()])
+    for k in range(len(times) - 1):
+        for host, values, rows in zip(hosts, inputs, found):
+            host.set(dict(zip(host.inputs, values[k])))
+            host.fmu.doStep(times[k], times[k + 1] - times[k])
+            rows.append(host.get())
+    for host in hosts:
+        host.fmu.freeInstance()
+    for rows, m, values in zip(found, chosen, inputs):
+        assert np.array_equal(np.array(rows), m.run(times, values))
+
+
+def test_two_variants_of_one_actuator_in_one_process(tmp_path: Path) -> None:
+    """Same model identifier, same file name: the second must not run the first one's code."""
+    times = np.arange(0.0, 0.1, 1e-3)
+    for variant in ("identified", "measured"):
+        chosen = model("torque_motor", variant)
+        inputs = commands(chosen, times)
+        path = build(chosen, tmp_path / variant / "torque_motor.fmu")
+        folder = Path(fmpy.extract(str(path), str(tmp_path / variant / "extracted")))
+        with Host(folder) as host:
+            assert np.array_equal(host.simulate(times, inputs), chosen.run(times, inputs))
+
+
+def test_reset_gives_a_fresh_instance(fmu_folder: Files) -> None:
+    chosen, times, inputs, _ = halves("torque_motor")
+    with Host(fmu_folder("torque_motor")) as host:
+        host.simulate(times, inputs, {"gain_error.error": 0.3, "transport_delay.time": 0.004})
+        host.fmu.reset()
+        again = host.simulate(times, inputs)
+    assert np.array_equal(again, chosen.run(times, inputs))
+
+
+def test_a_tunable_parameter_changes_the_run_from_then_on(fmu_folder: Files) -> None:
+    """Against two in-process runs, the second from the state that the first one left."""
+    chosen, times, inputs, half = halves("torque_motor")
+    change = {"voltage_offset.value": 4.0, "viscous_friction.torque": 0.01}
+    changed = model("torque_motor", None, change)
+    with Host(fmu_folder("torque_motor")) as host:
+        first = host.simulate(times[: half + 1], inputs[: half + 1])
+        host.set(change)
+        second = host.run(times[half:], inputs[half:])
+    state = chosen.start()
+    expected = chosen.run(times[: half + 1], inputs[: half + 1], state)
+    rest = changed.run(times[half:], inputs[half:], state)
+    assert np.array_equal(first, expected)
+    assert np.array_equal(second[1:], rest[1:])
+    assert not np.array_equal(rest[1:], chosen.run(times, inputs)[half + 1 :])
+
+
+def test_an_effect_that_wakes_up_in_mid_run_begins_at_rest(fmu_folder: Files) -> None:
+    """A filter that wakes up at 0 V instead of the sensor's 3.75 V would kick the servo."""
+    times = np.arange(0.0, 0.3, 1e-3)
+    chosen = model("sg90", "linear")
+    held = np.tile([float(w.rest) for w in chosen.plant.inputs], (len(times), 1))
+    half = len(times) // 2
+    with Host(fmu_folder("sg90_linear")) as host:
+        host.simulate(times[: half + 1], held[: half + 1])
+        host.set({"sensor_lag.time_constant": 0.01})
+        found = host.run(times[half:], held[half:])
+    angle = found[:, host.outputs.index("angle")]
+    assert len(angle) == len(times) - half
+    assert np.max(np.abs(angle)) < 1e-12
+
+
+def test_initial_outputs_follow_inputs_and_parameters(fmu_folder: Files) -> None:
+    """Before the first step, against the definition: u = K_AP (U_in - K_f k_FS theta)."""
+    with Host(fmu_folder("sg90_linear")) as host:
+        host.fmu.setupExperiment()
+        host.fmu.enterInitializationMode()
+        host.set({"pulse_width": 1.6e-3})
+        column = host.outputs.index("motor_voltage")
+        one = host.get()[column]
+        host.set({"pulse_width": 1.7e-3, "amplifier_gain": 2.0 * 7.47})
+        two = host.get()[column]
+    volts_per_second = 5.0 / 20e-3
+    assert one == pytest.approx(7.47 * volts_per_second * 0.1e-3, rel=1e-9)
+    assert two == pytest.approx(2.0 * 7.47 * volts_per_second * 0.2e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
+def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
+    """The high-level call, from a path with spaces, with the default experiment's step."""
+    chosen = model(*MODELS[name])
+    actuator = chosen.actuator
+    found = fmpy.simulate_fmu(
+        str(fmu_file(name)), stop_time=actuator.stop_time / 4, output_interval=actuator.step_size
+    )
+    assert found["time"][-1] == pytest.approx(actuator.stop_time / 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
+def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
+    """A second master, written in C++ by other people; its clock counts nanoseconds."""
+    reason = "libcosimpy, the second master, is not installed: pip install libcosimpy==0.0.6"
+    pytest.importorskip("libcosimpy", reason=reason)
+    chosen, times = model(*MODELS[name]), np.arange(101) * 1_000_000 / 1e9
+    stepped = dict([chosen.actuator.step])
+    values = [stepped.get(wire.name, float(wire.rest)) for wire in chosen.plant.inputs]
+    known = fmpy.read_model_description(str(fmu_file(name))).modelVariables
+    reference = {v.name: v.valueReference for v in known}
+    inputs = {reference[wire.name]: value for wire, value in zip(chosen.plant.inputs, values)}
+    reals = [v.name for v in known if v.causality == "output" and v.type == "Real"]
+    asked = json.dumps({"inputs": inputs, "outputs": [reference[key] for key in reals]})
+    script = Path(__file__).parents[1] / "support" / "second_master.py"
+    command = [sys.executable, str(script), str(fmu_file(name)), str(len(times) - 1), asked]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout.splitlines()[-1])  # libcosim logs there too
+
+    out = chosen.run(times, np.tile(values, (len(times), 1)))
+    assert found == [out[-1, chosen.plant.outputs.index(key)] for key in reals]
+    assert found[0] != 0.0
+
+
+def test_a_process_that_ran_several_fmus_ends_in_peace(fmu_file: Files) -> None:
+    """pythonfmu's library counts down a freed reference at exit, for which glibc aborts."""
+    script = (
+        "import sys, fmpy\n"
+        "for path in 3 * sys.argv[1:]:\n"
+        "    assert fmpy.simulate_fmu(path, stop_time=0.1)['time'][-1] == 0.1\n"
+    )
+    paths = [str(fmu_file(name)) for name in ("sg90", "torque_motor", "measured")]
+    for _ in range(3):
+        done = subprocess.run(
+            [sys.executable, "-c", script, *paths], capture_output=True, check=False
+        )
+        assert (done.returncode, done.stderr) == (0, b"")

@@ -1,0 +1,302 @@
+"""The report of an identification: it says what was found, and stands alone."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from servo_models.analysis.figures import figures
+from servo_models.analysis.figures_sheet import figures_sheet
+from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import hold
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.recording import Channel, Log
+from servo_models.identification.fit import fit
+from servo_models.identification.identify import _figures_of_merit, identify
+from servo_models.identification.page import identification_page
+from servo_models.identification.page.empirical import Record, empirical
+from servo_models.identification.result import HELD_OUT, Identification
+from servo_models.report.parts import MINUS, TIMES
+from servo_models.report.sheet import sheet_page
+from servo_models.report.sheets import Sheet, Table
+from servo_models.units import factor
+from tests.support.html_page import Page
+from tests.support.logs import changed, measured
+
+STEP = 2e-4
+SPAN = 1.0
+TRUE = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
+NOMINAL = changed(TRUE, {"torque_constant": 6.0, "inductance": 27.0})
+FREE = ("torque_constant", "inductance", "transport_delay.time")
+DESCRIPTION = """
+actuator = "torque_motor"
+variant = "identified"
+free = ["torque_constant"]
+[parameters]
+torque_constant = 5.0
+end_stops.half_range = 0.0
+[[logs]]
+file = "bench.csv"
+time = { column = "t", unit = "s" }
+inputs.voltage = { column = "u", unit = "V" }
+outputs.angle = { column = "angle", unit = "deg" }
+held_out = { from = "0.6 s", to = "1 s" }
+"""
+HOSTILE = "<script>alert('x')</script> $x_"
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def _log(name: str, voltage: Callable[[Array], Array], held_out: Callable[[Array], Array]) -> Log:
+    times = np.arange(round(SPAN / STEP)) * STEP
+    return measured(
+        TRUE,
+        times,
+        {"voltage": voltage(times)},
+        {"angle": np.radians(0.02)},
+        len(name),
+        name=name,
+        path=Path("bench") / f"{name}.csv",
+        sha256=name.encode().hex().ljust(64, "0"),
+        channels={"angle": Channel("angle", "angle_deg", "deg", math.radians(1.0))},
+        held_out=held_out(times),
+    )
+
+
+def _chirp(times: Array) -> Array:
+    return 15.0 * np.sin(2.0 * np.pi * (2.0 + 150.0 * times / SPAN) * times)
+
+
+def _steps(times: Array) -> Array:
+    return 10.0 * np.sign(np.sin(2.0 * np.pi * 5.0 * times + 0.1))
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    logs = [
+        _log("sweep", _chirp, lambda t: np.zeros(len(t), dtype=bool)),
+        _log("steps", _steps, lambda t: t > 0.6),
+    ]
+    return fit(NOMINAL, logs, FREE, {"torque_constant": 1.5})
+
+
+@pytest.fixture(scope="module")
+def text(found: Identification) -> str:
+    return _page(found)
+
+
+def _page(found: Identification) -> str:
+    return identification_page(
+        "Bench",
+        found,
+        floors={"angle": math.radians(0.02)},
+        conditions={"Python": "3.11"},
+        date="2026-01-31",
+    )
+
+
+def _number(text: str) -> float:
+    """Read a number as the report prints it."""
+    plain = text.replace(MINUS, "-").replace(f"{TIMES}10", "e").translate(RAISED)
+    return float(plain)
+
+
+def _held_out_rms(found: Identification, responses: list[dict[str, Array]]) -> float:
+    """Pooled RMS [deg] from the arrays themselves."""
+    errors = [
+        np.degrees(response["angle"] - log.outputs["angle"])[log.held_out]
+        for response, log in zip(responses, found.logs)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def test_page_is_whole_and_stands_alone(text: str) -> None:
+    page = Page(text)
+    page.assert_stands_alone()
+    assert page.count("svg") == page.count("figcaption") == 1 + 2 + 2 + 1
+    assert page.count("table") == page.count("caption") == 2
+    assert "2026-01-31" in page.text
+
+
+def test_same_arguments_give_the_same_bytes(found: Identification, text: str) -> None:
+    assert _page(found) == text
+
+
+def test_every_estimate_is_in_the_table_in_its_display_unit(
+    found: Identification, text: str
+) -> None:
+    rows = {row[1]: row for row in Page(text).rows if len(row) == 8}
+    for free, value, error in zip(found.free, found.values, found.standard_errors):
+        _, _, shown, spread, unit, nominal, prior, _ = rows[free.name]
+        scale = factor(unit, found.fitted.plant.parameters[free.name].param.unit)
+        assert _number(shown) * scale == pytest.approx(value, abs=0.1 * error)
+        assert _number(spread) * scale == pytest.approx(error, rel=0.05)
+        assert _number(nominal) * scale == pytest.approx(free.nominal, rel=1e-3)
+        assert (prior == "\N{EN DASH}") == (free.prior is None)
+    assert rows["transport_delay.time"][4] == "ms"
+    assert _number(rows["torque_constant"][6]) == 1.5
+
+
+def test_verdict_is_the_held_out_error_before_and_after(found: Identification, text: str) -> None:
+    sentence = re.search(r"<h1>.*?</h1>", text, flags=re.S)
+    assert sentence
+    shown = re.search(r"angle (\S+) → (\S+) deg\.", sentence[0])
+    assert shown
+    before, after = map(_number, shown.groups())
+    assert before == pytest.approx(_held_out_rms(found, list(found.before)), rel=1e-3)
+    assert after == pytest.approx(_held_out_rms(found, list(found.after)), rel=1e-3)
+    assert after == pytest.approx(np.degrees(found.rms("angle", HELD_OUT)), rel=1e-3)
+    assert "noise floor 0.02 deg" in text
+
+
+def test_logs_and_their_hashes_are_named(found: Identification, text: str) -> None:
+    for log in found.logs:
+        assert log.path.name in text
+        assert log.sha256 in text
+    assert found.method in text
+
+
+def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> None:
+    doubtful = replace(
+        found,
+        values=np.array([found.free[0].low, *found.values[1:]]),
+        standard_errors=np.array([np.nan, np.inf, found.values[2]]),
+        warnings=["'inductance' is <b>doubtful</b>; fix it"],
+    )
+    page = Page(_page(doubtful))
+    verdicts = {row[1]: row[0] for row in page.rows if len(row) == 8}
+    assert "low bound" in verdicts["torque_constant"]
+    assert "not determined" in verdicts["inductance"]
+    assert "not determined" in verdicts["transport_delay.time"]
+    assert "'inductance' is <b>doubtful</b>; fix it." in page.text
+    assert page.count("b") == 0
+    assert "1 warning: read below before using the values." in page.text
+
+
+def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
+    logs = [replace(log, held_out=np.zeros(len(log.times), dtype=bool)) for log in found.logs]
+    rows = [replace(row, part="fit") for row in found.accuracy]
+    text = _page(replace(found, logs=logs, accuracy=rows))
+    assert "nothing held out" in text
+    assert "its error on new data is unknown" in text
+
+
+@pytest.mark.thorough
+def test_a_model_that_got_worse_fails(found: Identification) -> None:
+    worse = [replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy]
+    assert '<header class="pass">' in _page(replace(found, warnings=[]))
+    assert '<header class="fail">' in _page(replace(found, accuracy=worse, warnings=[]))
+
+
+def test_hostile_names_stay_text(found: Identification) -> None:
+    channel = Channel("angle", "1", HOSTILE, 1.0)
+    first = replace(found.logs[0], name=HOSTILE, channels={"angle": channel})
+    rows = [replace(row, log=HOSTILE) for row in found.accuracy[:1]]
+    page = Page(
+        _page(replace(found, logs=[first, found.logs[1]], accuracy=[*rows, *found.accuracy[1:]]))
+    )
+    page.assert_stands_alone()
+    assert any(HOSTILE in piece for piece in page.text)
+
+
+@pytest.mark.thorough
+def test_long_logs_make_no_large_page(found: Identification) -> None:
+    """Ten logs of 30 000 samples, noise throughout, which no drawing can simplify."""
+    random = np.random.default_rng(5)
+    n, count = 30_000, 10
+    first = found.logs[0]
+    logs = [
+        replace(
+            first,
+            name=f"log {i}",
+            times=np.arange(n) * 1e-3,
+            inputs={"voltage": random.standard_normal(n)},
+            outputs={"angle": random.standard_normal(n)},
+            held_out=np.arange(n) % 6_000 > 4_000,
+        )
+        for i in range(count)
+    ]
+    responses = [{"angle": random.standard_normal(n)} for _ in range(count)]
+    rows = [replace(found.accuracy[0], log=log.name) for log in logs]
+    long = replace(found, logs=logs, before=responses, after=responses, accuracy=rows)
+    text = _page(long)
+    assert len(text.encode()) < 2_000_000
+    assert "2 more are in the table" in text
+    assert "No measured response of angle over voltage" in text
+
+
+def test_a_sheet_with_figures_is_a_page() -> None:
+    figure = Figure()
+    figure.subplots().plot([0, 1], [0, 1])
+    table = Table(
+        "Elements", ("name", "value", "unit"), (("K_AP", "5.79", "1"), (HOSTILE, "-2e-3", ""))
+    )
+    page = Page(sheet_page("Servo", Sheet("Six elements", ("Said.",), (table,)), {"Loop": figure}))
+    page.assert_stands_alone()
+    assert "wide" in page.values("class")  # a figure of matplotlib's own size
+    assert page.rows == [["name", "value", "unit"], ["K_AP", "5.79", "1"], [HOSTILE, "-2e-3", ""]]
+    assert page.count("svg") == 1
+    assert {"Six elements", "Said.", "Elements", "Loop."} <= set(page.text)
+
+
+def test_figures_of_merit_join_the_page(found: Identification) -> None:
+    figures = Sheet("Figures of merit", ("At 5 deg.",), (Table("", ("figure",), (("41.7 Hz",),)),))
+    page = Page(identification_page("Bench", found, figures))
+    assert {"Figures of merit", "At 5 deg.", "41.7 Hz"} <= set(page.text)
+
+
+def test_identify_puts_floors_figures_and_versions_on_its_page(tmp_path: Path) -> None:
+    """A log of a motor in steps, rounded to 0.01 deg: the floor is 0.01 deg / sqrt(12)."""
+    log = _log("bench", _steps, lambda t: t > 0.6)
+    clean = simulate(TRUE, log.times, log.inputs)["angle"]
+    rounded = np.round(np.degrees(clean), 2)
+    rows = zip(log.times, log.inputs["voltage"], rounded)
+    lines = "\n".join(f"{t:.4f},{u:g},{y:.2f}" for t, u, y in rows)
+    (tmp_path / "bench.csv").write_text(f"t,u,angle\n{lines}\n", encoding="utf-8")
+    (tmp_path / "bench.toml").write_text(DESCRIPTION, encoding="utf-8")
+    outcome = identify(tmp_path / "bench.toml")
+    page = Page(outcome.page("2026-01-31"))
+    text = " ".join(page.text)
+    floor = re.search(r"noise floor (\S+) deg", text)
+    assert floor
+    assert _number(floor[1]) == pytest.approx(0.01 / math.sqrt(12.0), rel=0.1)
+    assert {"Python", "numba", "scipy"} <= set(page.text)
+    bandwidth = next(row for row in page.rows if row[0] == "bandwidth (-3 dB)")
+    gain = np.abs(linearise(TRUE).response(np.array([float(bandwidth[1])]), "voltage", "angle"))
+    static = np.abs(linearise(TRUE).response(np.array([1e-4]), "voltage", "angle"))
+    assert gain / static == pytest.approx(math.sqrt(0.5), rel=0.02)
+
+
+def test_a_warning_is_about_the_values_of_its_variant() -> None:
+    """Values found by identification are not those that the warning is about."""
+    printed = model("sg90", "linear")
+    fitted = replace(printed, provenance="this identification")
+    assert any("slower than a real SG90" in text for text in figures_sheet(figures(printed)).texts)
+    assert not any("slower" in text for text in _figures_of_merit(fitted).texts)
+
+
+def test_a_model_without_figures_of_merit_says_why(found: Identification) -> None:
+    """Beyond its bounds the standard step cannot be simulated."""
+    broken = changed(found.fitted, {"stiffness": math.nan})
+    (said,) = _figures_of_merit(broken).texts
+    assert said.startswith("None of the fitted model: ")
+
+
+def test_two_ways_to_the_response_of_the_fitted_model_agree(found: Identification) -> None:
+    """Cross spectra of its simulated sweep against its state space; both end in one picture."""
+    log = found.logs[0]
+    response = np.asarray(found.after[0]["angle"])
+    seen = empirical([Record(log.times, log.inputs["voltage"], response, response)], STEP)
+    assert seen is not None
+    inside = (seen.hertz > 20.0) & (seen.hertz < 140.0)
+    line = linearise(found.fitted).response(seen.hertz, "voltage", "angle")
+    line = line * hold(2.0 * np.pi * seen.hertz, STEP)
+    assert inside.sum() >= 5
+    assert np.abs(seen.measured / line - 1.0)[inside].max() < 0.1

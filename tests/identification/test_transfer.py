@@ -1,0 +1,408 @@
+"""Transfer functions from records and sweeps, against other solvers and known truths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import chirp, lsim
+
+from servo_models import UserError, model, simulate
+from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
+from servo_models.core.types import Array
+from servo_models.data.recording import Log
+from servo_models.identification.transfer import (
+    STRUCTURES,
+    Record,
+    Structure,
+    Sweep,
+    TransferFunction,
+    TransferResult,
+    identify_transfer,
+    sheet,
+)
+from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
+from servo_models.identification.transfer.evidence import Point
+from servo_models.identification.transfer.fit import Fit, fit, starts
+from servo_models.identification.transfer.pictures import bode, responses
+from servo_models.validation.solvers.inputs import changes
+from servo_models.validation.solvers.linear import LinearSystem
+from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
+
+MODEL_1 = TransferFunction.of([686.9], [1.0, 3.434e-11, 2.255])
+MODEL_2 = TransferFunction.of([633.3], [1.0, 1.307])
+
+
+def record(times: Array, u: Array, y: Array) -> Record:
+    return Record("record", times, u, y, np.zeros(len(times), dtype=bool))
+
+
+def motor_logs(seed: int, noise: float, rate: float = 1.0 / DT) -> list[Log]:
+    """Step, sweep, and a square wave to score on."""
+    rng = np.random.default_rng(seed)
+    step, sweep = np.arange(0.0, 0.2, 1.0 / rate), np.arange(0.0, 1.0, 1.0 / rate)
+    signals = {
+        "step": (step, np.where(step < 0.01, 0.0, 25.0)),
+        "sweep": (sweep, 20.0 * chirp(sweep, 2.0, 1.0, 400.0, method="logarithmic")),
+        "square": (step, np.where(np.floor(step / 0.03) % 2 == 0, 0.0, -20.0)),
+    }
+    return [
+        log(
+            name,
+            times,
+            u,
+            simulate(MOTOR, times, {"voltage": u})["angle"]
+            + noise * rng.standard_normal(len(times)),
+            held_out=name == "square",
+        )
+        for name, (times, u) in signals.items()
+    ]
+
+
+def fitted(structure: Structure, evidence: Record | Sweep) -> Fit:
+    noise = [evidence.noise_guess]
+    found = fit(structure, [evidence], noise, starts(structure, [evidence], noise, []), 10.0)
+    assert found
+    return found
+
+
+poles = st.lists(st.floats(1.0, 30.0), min_size=1, max_size=5)
+
+
+@settings(deadline=None, max_examples=40)
+@given(poles, st.floats(0.0, 0.3), st.integers(0, 2**32 - 1), st.booleans())
+def test_responses_are_exact_on_any_grid_with_any_delay(
+    sizes: list[float], delay: float, seed: int, regular: bool
+) -> None:
+    """Against the reference's matrix exponential, which shares no code with the fit."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(60) * 0.02
+    if not regular:
+        times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.005, 0.04, 59))])
+    u = rng.choice([0.0, 1.0, -2.0], len(times))
+    bottom = np.poly([-s for s in sizes])
+    top = rng.uniform(-1.0, 1.0, rng.integers(1, len(sizes) + 1)) * bottom[-1]
+    function = TransferFunction.of(top, bottom, delay)
+    edges = changes(times, u, delay)
+    expected = LinearSystem.transfer(top, bottom).response(times, [edges])[:, 0]
+    error, _ = record(times, u, expected).errors(Point.of(function), True)
+    scale = np.polyval(np.abs(top), max(sizes)) / bottom[-1]
+    assert np.max(np.abs(error)) < 1e-7 * scale
+
+
+@pytest.mark.parametrize("structure", [Structure(1), Structure(3, 1, True), Structure(5, 4, True)])
+def test_slopes_are_the_derivatives_of_the_errors(structure: Structure) -> None:
+    rng = np.random.default_rng(1)
+    times = np.arange(300) * 0.01
+    u = np.repeat(rng.standard_normal(30), 10)
+    bottom = np.poly(-np.array([2.0, 3.0, 5.0, 7.0, 9.0][: structure.poles]))
+    top = rng.uniform(0.5, 1.0, structure.zeros + 1) * bottom[-1]
+    base = Point.of(TransferFunction.of(top, bottom, 0.0234 if structure.delay else 0.0))
+    w = np.geomspace(0.1, 50.0, 30)
+    sweep = Sweep("s", "u", "y", w, np.exp(-1j * w / 9.0), np.ones(30), np.zeros(30, bool))
+    m, n = structure.zeros + 1, structure.poles
+
+    def at(x: Array) -> Point:
+        return Point(x[:m], x[m : m + n], base.scale, float(x[m + n]) if structure.delay else 0.0)
+
+    x = np.array([*base.b, *base.a, *([base.delay] if structure.delay else [])])
+    for evidence in (record(times, u, np.zeros(300)), sweep):
+        _, slopes = evidence.errors(at(x), structure.delay)
+        for k in range(len(x)):
+            step = np.zeros(len(x))
+            step[k] = 1e-6 * max(abs(x[k]), 1e-3)
+            up, _ = evidence.errors(at(x + step), structure.delay)
+            down, _ = evidence.errors(at(x - step), structure.delay)
+            numeric = (up - down) / (2.0 * step[k])
+            assert np.max(np.abs(numeric - slopes[:, k])) < 1e-4 * np.max(np.abs(slopes[:, k]))
+
+
+CASES = {
+    "first order": TransferFunction.of([3.0], [1.0, 2.0]),
+    "second order": TransferFunction.of([50.0], [1.0, 2.0, 25.0]),
+    "with a zero": TransferFunction.of([10.0, 50.0], [1.0, 2.0, 25.0]),
+    "non-minimum phase": TransferFunction.of([-5.0, 50.0], [1.0, 2.0, 25.0]),
+    "with a delay": TransferFunction.of([3.0], [1.0, 2.0], 0.137),
+    "mostly delay": TransferFunction.of([30.0], [1.0, 20.0], 0.713),
+    "third order": TransferFunction.of([75.0], np.polymul([1.0, 3.0], [1.0, 2.0, 25.0]), 0.043),
+    "fourth order": TransferFunction.of(
+        [40.0, 500.0], np.polymul([1.0, 1.0, 25.0], [1.0, 6.0, 100.0])
+    ),
+    "fifth order": TransferFunction.of(
+        [5e3, 2.5e4], np.polymul(np.polymul([1.0, 1.0, 25.0], [1.0, 6.0, 100.0]), [1.0, 4.0])
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_clean_record_gives_the_function_back(name: str) -> None:
+    true = CASES[name]
+    times = np.arange(0.0, 20.0, 0.01)
+    u = np.where(times < 1.0, 0.0, 1.0) + np.where(times > 6.0, chirp(times - 6.0, 0.1, 14, 5), 0.0)
+    bottom = LinearSystem.transfer(true.numerator, true.denominator)
+    y = bottom.response(times, [changes(times, u, true.delay)])[:, 0] + 0.7
+    found = fitted(true.structure, record(times, u, y)).function
+    assert found.denominator == pytest.approx(true.denominator, rel=1e-4)
+    assert found.numerator == pytest.approx(true.numerator, rel=1e-4)
+    assert found.delay == pytest.approx(true.delay, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_clean_sweep_gives_the_function_back(name: str) -> None:
+    true = CASES[name]
+    w = np.geomspace(0.3, 40.0, 60)
+    sweep = Sweep("s", "u", "y", w, true.response(w), np.ones(60), np.zeros(60, bool))
+    found = fitted(true.structure, sweep).function
+    assert found.denominator == pytest.approx(true.denominator, rel=1e-4)
+    assert found.numerator == pytest.approx(true.numerator, rel=1e-4)
+    assert found.delay == pytest.approx(true.delay, abs=1e-6)
+
+
+def test_offset_and_held_out_samples_do_not_move_the_estimate() -> None:
+    rng = np.random.default_rng(4)
+    times = np.arange(0.0, 5.0, 0.01)
+    u = np.sign(np.sin(times * (1.0 + times)))
+    _, y, _ = lsim(([3.0], [1.0, 2.0]), u, times, interp=False)
+    y += 0.01 * rng.standard_normal(len(times))
+    hidden = times > 3.0
+    spoilt = np.where(hidden, 100.0, y + 5.0)
+    found = [
+        fitted(Structure(1), Record("r", times, u, values, hidden)).function
+        for values in (y, spoilt)
+    ]
+    assert found[0].numerator == pytest.approx(found[1].numerator, rel=1e-6)
+    assert found[0].denominator == pytest.approx(found[1].denominator, rel=1e-6)
+
+
+def test_residuals_are_judged_at_their_own_times_where_samples_are_held_out() -> None:
+    """What is left comes 23 samples after the input, and stretches have 22 samples."""
+    rng, times = np.random.default_rng(0), 0.01 * np.arange(8800.0)
+    noise, u = rng.standard_normal((2, len(times)))
+    y = lsim(([3.0], [1.0, 2.0]), u, times, interp=False)[1] + 0.05 * noise
+    hidden = np.arange(len(times)) % 44 >= 22
+    function = TransferFunction.of([3.0], [1.0, 2.0])
+    clean, late = (
+        score(function, [Record("r", times, u, it, hidden)])
+        for it in (y, y + 0.01 * np.roll(u, 23) + 0.05 * np.roll(noise, 20))
+    )
+    assert clean.independent is not None
+    assert late.independent is not None
+    assert clean.independent > 1e-3
+    assert late.independent < 1e-6
+    assert clean.white is not None
+    assert late.white is not None
+    assert clean.white > 1e-3
+    assert late.white < 1e-6
+
+
+@pytest.fixture(scope="module")
+def chosen_for_the_motor() -> TransferResult:
+    structures = [s for s in STRUCTURES if s.poles <= 4 and s.zeros <= 1]
+    logs = motor_logs(seed=11, noise=5e-4)
+    return identify_transfer(logs, model=MOTOR, structures=structures)
+
+
+def test_third_order_with_delay_is_chosen_for_the_torque_motor(
+    chosen_for_the_motor: TransferResult,
+) -> None:
+    found = chosen_for_the_motor
+    assert found.chosen.name == "order 3 + delay"
+    assert found.chosen.fit
+    truth = np.array([EQ_12[0], *EQ_12[1:], EQ_12_DELAY])
+    deviation = (found.chosen.fit.coefficients - truth) / found.chosen.fit.standard_errors
+    assert np.all(np.abs(deviation) < 3.5)
+    assert found.chosen.fit.standard_errors[-1] < 1e-5
+    reasons = {c.name: c.reason for c in found.candidates}
+    assert "held-out" in reasons["order 3"]
+    assert "held-out" in reasons["order 2 + delay"]
+    assert reasons["order 4 + delay"]
+
+
+def test_sheet_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferResult) -> None:
+    text = str(sheet(chosen_for_the_motor))
+    assert "order 3 + delay: G(s) = " in text
+    assert text.count("chosen") == 1
+    assert "torque_constant" in text
+    figure = bode(chosen_for_the_motor)
+    gain, phase = figure.axes
+    assert {t.get_text() for t in gain.get_legend().get_texts()} == {"records", "chosen"}
+    data, line = gain.lines[0], gain.lines[-1]
+    at = np.interp(np.log(data.get_xdata()), np.log(line.get_xdata()), line.get_ydata())
+    assert np.median(np.abs(data.get_ydata() - at)) < 1.0  # dB
+    assert phase.lines
+
+
+def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
+    chosen_for_the_motor: TransferResult,
+) -> None:
+    """The error drawn is that of the exact response of the same function."""
+    found, figures = chosen_for_the_motor, responses(chosen_for_the_motor)
+    records = [one for one in found.evidence if isinstance(one, Record)]
+    assert len(figures) == len(records)
+    function = found.chosen.function
+    exact = LinearSystem.transfer(function.numerator, function.denominator)
+    for record, (caption, figure) in zip(records, figures.items()):
+        assert record.name in caption
+        assert ("held out" in caption) == bool(record.held_out.any())
+        line = figure.axes[1].lines[0]
+        times, error = line.get_xdata(), np.radians(line.get_ydata())
+        edges = [changes(record.times, record.given, function.delay)]
+        off = exact.response(record.times, edges)[:, 0] - record.measured
+        off -= np.mean(off[~record.held_out] if not record.held_out.all() else off)
+        assert np.allclose(np.interp(times, record.times, off), error, atol=1e-6)
+
+
+def test_records_and_sweep_together_know_more_than_either() -> None:
+    rng = np.random.default_rng(7)
+    w = 2.0 * np.pi * np.geomspace(1.0, 400.0, 30)
+    error = 0.02 * (rng.standard_normal(30) + 1j * rng.standard_normal(30))
+    response = EQUATION_12.response(w) * np.exp(error)
+    sweep = Sweep("sweep", "voltage", "angle", w, response, np.ones(30), np.zeros(30, bool))
+    step = motor_logs(seed=5, noise=2e-3)[:1]
+    only = [Structure(3, 0, True)]
+    ways = ((step, [sweep]), (step, []), ([], [sweep]))
+    both, *alone = (identify_transfer(a, b, model=MOTOR, structures=only).chosen for a, b in ways)
+    assert both.fit
+    truth = np.array([*EQ_12, EQ_12_DELAY])
+    assert np.all(np.abs(both.fit.coefficients - truth) < 4.0 * both.fit.standard_errors)
+    for one in alone:
+        assert one.fit
+        assert np.all(both.fit.standard_errors < 1.2 * one.fit.standard_errors)
+        assert both.fit.standard_errors[-1] < one.fit.standard_errors[-1]
+
+
+SERVO = model("sg90", "linear")
+SPEED = ("pulse_width", "angle")
+
+
+def servo_log(true: TransferFunction, noise: float) -> Log:
+    """A step of 0.1 at 1 s, from lsim; the servo's signals lend their names."""
+    times = np.arange(0.0, 30.0, 0.02)
+    rest = float(SERVO.plant.inputs[0].rest)
+    u = np.where(times < 1.0, 0.0, 1e-4)
+    _, y, _ = lsim((true.numerator, true.denominator), u, times, interp=False)
+    y += noise * np.random.default_rng(2).standard_normal(len(times))
+    return log("step", times, rest + u, y, signals=SPEED)
+
+
+SMALL = [Structure(1), Structure(2), Structure(2, 1), Structure(1, 0, True)]
+
+
+def test_the_servo_papers_model_1_is_rejected_as_undamped_and_model_2_accepted() -> None:
+    judged = identify_transfer(
+        [servo_log(MODEL_2, noise=2e-4)],
+        model=SERVO,
+        source=SPEED[0],
+        structures=[],
+        given={"model 1": MODEL_1, "model 2": MODEL_2},
+    )
+    assert judged.chosen.name == "model 2"
+    [reason] = [c.reason for c in judged.candidates if c.name == "model 1"]
+    assert reason.startswith("undamped: poles at +-1.5017j rad/s")
+
+
+def test_a_first_order_record_is_given_a_first_order_function() -> None:
+    found = identify_transfer(
+        [servo_log(MODEL_2, noise=2e-4)], model=SERVO, source=SPEED[0], structures=SMALL
+    )
+    assert found.chosen.name == "order 1"
+    assert found.chosen.fit
+    error = found.chosen.fit.coefficients - np.array([633.3, 1.307])
+    assert np.all(np.abs(error) < 4.0 * found.chosen.fit.standard_errors)
+    assert found.constants is None
+
+
+def test_an_undamped_function_is_not_chosen_however_well_it_fits() -> None:
+    found = identify_transfer(
+        [servo_log(MODEL_1, noise=1e-4)], model=SERVO, source=SPEED[0], structures=SMALL
+    )
+    perfect = next(c for c in found.candidates if c.name == "order 2")
+    assert perfect.bic < found.chosen.bic - 100.0
+    assert perfect.reason.startswith("undamped")
+    assert f"'order 2' fits better than '{found.chosen.name}', but" in found.warnings[0]
+
+
+def test_poles_are_judged_by_damping_and_by_the_length_of_the_record() -> None:
+    lightly = TransferFunction.of([1.0], [1.0, 0.04, 1.0])
+    assert pole_trouble(lightly, None) == ""
+    assert pole_trouble(lightly, 300.0) == ""
+    assert "settle in 200 s, the longest record lasts 30 s" in pole_trouble(lightly, 30.0)
+    assert pole_trouble(TransferFunction.of([1.0], [1.0, -1.0]), 30.0).startswith("unstable")
+    assert pole_trouble(TransferFunction.of([1.0], [1.0, 1.0, 0.0]), 30.0) == ""
+
+
+def test_a_zero_on_a_pole_cancels_within_its_uncertainty() -> None:
+    """(s + z) / ((s + 1)(s + 5)): cancelling is a matter of how well the roots are known."""
+    for zero, relative, said in (
+        (5.2, 5e-2, "within their uncertainty"),
+        (5.2, 1e-4, ""),
+        (5.01, 1e-6, "within 1 %"),
+        (20.0, 0.7, "is not determined: standard error"),
+        (1e-3, 1e-2, ""),
+    ):
+        function = TransferFunction.of([1.0, zero], np.polymul([1.0, 1.0], [1.0, 5.0]))
+        coefficients = np.array([1.0, zero, 6.0, 5.0])
+        covariance = np.diag((relative * coefficients) ** 2)
+        found = surplus_zero(Fit(function, Structure(2, 1), covariance, (1.0,)))
+        assert said in found
+        assert bool(found) == bool(said)
+
+
+def test_the_phase_has_no_jumps_and_is_that_of_the_response() -> None:
+    w = np.geomspace(1.0, 1e4, 2000)
+    right_half_plane = TransferFunction.of([-1.0, 50.0], [1.0, 20.0, 2500.0], 2e-3)
+    for function in (EQUATION_12, right_half_plane, TransferFunction.of([-3.0], [1.0, 2.0])):
+        assert function.phase(w) == pytest.approx(
+            np.unwrap(np.angle(function.response(w))), abs=1e-9
+        )
+
+
+def test_a_transfer_function_reads_like_the_paper() -> None:
+    shown = "241560 exp(-0.0011 s) / (s^3 + 492 s^2 + 1.58224e+06 s + 1.84512e+08)"
+    assert str(EQUATION_12) == shown
+    assert str(TransferFunction.of([-2.0, 1.0], [2.0, 4.0])) == "(-s + 0.5) / (s + 2)"
+
+
+def test_what_cannot_be_identified_is_one_clear_line() -> None:
+    times = np.arange(0.0, 1.0, 0.01)
+    still = log("still", times, np.zeros(100), np.sin(times))
+    moving = log("moving", times, np.sin(times), np.sin(times), held_out=True)
+    cases = {
+        "input 'voltage' never leaves its rest": ([still], {}),
+        "did you mean 'voltage'": ([moving], {"source": "voltages"}),
+        "the log has no output 'rate'": ([moving], {"output": "rate"}),
+        "that is not held out": ([moving], {}),
+    }
+    for said, (logs, names) in cases.items():
+        with pytest.raises(UserError) as error:
+            identify_transfer(logs, model=MOTOR, **names)
+        assert said in str(error.value)
+
+
+def test_samples_that_are_not_judged_are_refused() -> None:
+    times = DT * np.arange(2000)
+    u = np.sign(np.sin(60.0 * times))
+    skipping = replace(log("rests", times, u, u), skipped=times > 0.1)
+    with pytest.raises(UserError, match=r"rests.csv: .* 'judged' leaves some out: remove it"):
+        identify_transfer([skipping], model=MOTOR)
+
+
+def test_an_interrupt_keeps_the_structures_that_are_done() -> None:
+    times = DT * np.arange(3000)
+    u = np.repeat(np.random.default_rng(4).choice([-10.0, 10.0], 60), 50)
+    _, y, _ = lsim(([3.0], [1.0, 50.0]), u, times, interp=False)
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(y))
+    record = log("lag", times, u, y + noise)
+
+    def stop(structure: str) -> None:
+        if structure.startswith("order 3"):
+            raise KeyboardInterrupt
+
+    found = identify_transfer([record], model=MOTOR, progress=stop)
+    assert found.interrupted
+    assert found.warnings[0].startswith("interrupted")
+    assert max(c.fit.structure.poles for c in found.candidates if c.fit) < 3
+    assert found.chosen.function.response(np.array([0.0])) == pytest.approx(0.06, rel=1e-3)

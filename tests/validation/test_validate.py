@@ -1,0 +1,288 @@
+"""The validation: right FMUs pass, wrong ones fail, broken ones are refused in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servo_models.build import build
+from servo_models.core.catalogue import actuator
+from servo_models.core.flat import Chunk
+from servo_models.core.simulate import Model, model
+from servo_models.core.types import Array
+from servo_models.errors import UserError
+from servo_models.report.conditions import conditions
+from servo_models.validation.cases import Case, all_cases, grid, schedule
+from servo_models.validation.cost import cost_curve
+from servo_models.validation.implementation import LIMIT, excitation, implementation_rows, irregular
+from servo_models.validation.responses import response_rows
+from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, judged
+from servo_models.validation.runner import CostCurve, Validation, validate
+from servo_models.validation.sg90 import reference as sg90
+from servo_models.validation.subject import Subject
+from tests.conftest import Run
+from tests.support.own_actuators import WITH_A_FLAG, write
+
+FmuFile = Callable[[str], Path]
+
+
+def in_process(chosen: Model, times: Array, inputs: Array) -> Array:
+    return chosen.run(times, inputs)
+
+
+def named(case: Case) -> str:
+    return f"{case.variant}-{case.name}"
+
+
+@pytest.mark.parametrize("case", all_cases(), ids=named)
+def test_the_model_meets_the_bars(case: Case) -> None:
+    chosen = model(case.actuator, case.variant, case.parameters)
+    rows = response_rows(case, chosen, in_process)
+    assert {row.quantity: row.value for row in rows if not row.passed} == {}
+
+
+@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
+def test_every_published_set_has_a_case(name: str) -> None:
+    covered = {case.variant for case in all_cases() if case.actuator == name}
+    assert {variant.name for variant in actuator(name).variants} <= covered
+
+
+def case_of(variant: str, name: str) -> Case:
+    return next(c for c in all_cases() if c.variant == variant and c.name.startswith(name))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "failing"),
+    [
+        ({"feedback_coefficient": 0.1001}, "angle: error of the overshoot"),
+        ({"transport_delay.time": 0.001}, "angle: error of the delay (50 %)"),
+        ({"motor_gain": 484.6}, "angle: largest error"),
+    ],
+)
+def test_a_model_that_is_slightly_wrong_misses_the_bars(
+    parameters: dict[str, float], failing: str
+) -> None:
+    case = case_of("linear_kf018" if "feedback_coefficient" in parameters else "linear", "step")
+    rows = response_rows(case, model("sg90", case.variant, parameters), in_process)
+    assert failing in {row.quantity for row in rows if row.passed is False}
+
+
+def test_a_reference_that_is_slightly_wrong_misses_the_bars() -> None:
+    case = replace(case_of("printed", "step"), reference=sg90.Printed(k_f=0.1001))
+    rows = response_rows(case, model("sg90", "printed"), in_process)
+    assert "points outside the tube" in {row.quantity for row in rows if row.passed is False}
+
+
+def test_a_coarse_internal_step_misses_the_bars() -> None:
+    case = case_of("identified", "40 V")
+    coarse = model("torque_motor", "identified", {**case.parameters, "internal_step": 4e-4})
+    rows = response_rows(case, coarse, in_process)
+    assert "angle: largest error" in {row.quantity for row in rows if row.passed is False}
+
+
+def test_schedules_hold_and_grids_end() -> None:
+    times = grid(0.3, 0.1)
+    assert len(times) == 4
+    assert times[-1] == pytest.approx(0.3)
+    assert schedule(times, (0.0, 5.0), (0.2, 7.0)).tolist() == [5.0, 5.0, 7.0, 7.0]
+
+
+@pytest.mark.parametrize(
+    "name", ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo"]
+)
+def test_an_fmu_equals_its_simulation(name: str, fmu_file: FmuFile) -> None:
+    subject = Subject(fmu_file(name))
+    rows = implementation_rows(subject)
+    subject.close()
+    assert len(rows) == 9
+    assert all(row.passed and row.value is not None and row.value <= LIMIT for row in rows)
+
+
+def test_excitation_moves_every_input_within_its_bounds() -> None:
+    chosen = model("sg90")
+    columns = excitation(chosen, irregular(241))
+    for column, wire in zip(columns.T, chosen.plant.inputs):
+        assert len(np.unique(column)) > 5
+        assert wire.low is not None
+        assert wire.high is not None
+        assert wire.low <= column.min()
+        assert column.max() <= wire.high
+
+
+def with_wrong_slave(chosen: Model) -> Model:
+    """A model one of whose equations has a slightly wrong factor."""
+
+    def spoilt(chunk: Chunk) -> Chunk:
+        lines = [
+            line.replace("resistance * current", "1.0001 * resistance * current")
+            for line in chunk.lines
+        ]
+        return chunk._replace(lines=lines)
+
+    stage = [spoilt(chunk) for chunk in chosen.flat.stage]
+    assert stage != chosen.flat.stage
+    return replace(chosen, flat=replace(chosen.flat, stage=stage))
+
+
+def test_an_fmu_with_a_wrong_description_fails(tmp_path: Path, fmu_file: FmuFile) -> None:
+    """Initial unknowns are what a stock pythonfmu leaves out and simulation never misses."""
+    wrong = tmp_path / "wrong.fmu"
+    with zipfile.ZipFile(fmu_file("torque_motor")) as right, zipfile.ZipFile(wrong, "w") as out:
+        for name in right.namelist():
+            content = right.read(name)
+            if name == "modelDescription.xml":
+                content = re.sub(rb"(?s)<InitialUnknowns>.*</InitialUnknowns>", b"", content)
+            out.writestr(name, content)
+    subject = Subject(wrong)
+    rows = implementation_rows(subject)
+    subject.close()
+    assert [row.passed for row in rows] == [False, *(True for _ in rows[1:])]
+
+
+def test_an_fmu_with_a_wrong_slave_fails(tmp_path: Path) -> None:
+    right = model("torque_motor")
+    subject = Subject(build(with_wrong_slave(right), tmp_path / "wrong.fmu"))
+    implementation = implementation_rows(subject)
+    case = case_of("identified", "40 V")
+    chosen = model(case.actuator, case.variant, case.parameters)
+    responses = response_rows(case, chosen, subject.run, subject.name)
+    subject.close()
+    assert implementation[0].passed  # its description is that of the right one
+    assert {row.passed for row in implementation[1:]} == {False}
+    assert "current: largest error" in {row.quantity for row in responses if not row.passed}
+    assert {row.subject for row in (*implementation, *responses)} == {"wrong.fmu"}
+
+
+@pytest.mark.parametrize(
+    ("actuator", "variant", "parameters"),
+    [
+        ("sg90", "linear_kf018", {}),
+        ("sg90", "oscillatory_motor", {}),
+        ("sg90", "printed", {"feedback_coefficient": 0.123, "backlash.half_width": 0.01}),
+        ("torque_motor", "measured", {}),
+    ],
+)
+def test_an_fmu_says_which_model_it_is(
+    actuator: str, variant: str, parameters: dict[str, float], tmp_path: Path
+) -> None:
+    wanted = model(actuator, variant, parameters)
+    subject = Subject(build(wanted, tmp_path / "some name.fmu"))
+    subject.close()
+    assert subject.model.variant == variant
+    assert subject.model.values == wanted.values
+
+
+def test_a_missing_or_damaged_fmu_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"no FMU .*nowhere.fmu.*build it"):
+        validate([tmp_path / "nowhere.fmu"])
+    broken = tmp_path / "broken.fmu"
+    broken.write_bytes(b"no zip")
+    with pytest.raises(UserError, match=r"cannot read FMU .*broken.fmu") as refused:
+        validate([broken])
+    assert "\n" not in str(refused.value)
+    with zipfile.ZipFile(broken, "w") as archive:
+        archive.writestr("modelDescription.xml", "<fmiModelDescription")
+    with pytest.raises(UserError, match="cannot read FMU"):
+        validate([broken])
+
+
+def test_an_fmu_of_an_unknown_actuator_is_refused(fmu_file: FmuFile, tmp_path: Path) -> None:
+    foreign = tmp_path / "foreign.fmu"
+    with zipfile.ZipFile(fmu_file("sg90")) as read, zipfile.ZipFile(foreign, "w") as write:
+        for name in read.namelist():
+            content = read.read(name)
+            if name == "modelDescription.xml":
+                content = content.replace(b'modelName="sg90"', b'modelName="sg91"')
+            write.writestr(name, content)
+    with pytest.raises(UserError, match=r"foreign.fmu.*did you mean 'sg90'\?"):
+        validate([foreign])
+
+
+def test_an_fmu_that_stops_says_why(fmu_file: FmuFile) -> None:
+    subject = Subject(fmu_file("torque_motor"))
+    inputs = np.array([[0.0, 0.0], [math.nan, 0.0], [0.0, 0.0]])
+    with pytest.raises(UserError, match=r"torque_motor.fmu.*t = 0.001 s.*voltage"):
+        subject.run(subject.model, 1e-3 * np.arange(3), inputs)
+    subject.close()
+
+
+def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("servo_models.validation.sg90.cases._steps", list)
+    monkeypatch.setattr("servo_models.validation.cost.FACTORS", (1.0,))
+    told: list[tuple[int, int, str]] = []
+    result = validate([model("sg90")], lambda *now: told.append(now))
+    jobs = told[-1][1]
+    assert told[-1] == (jobs, jobs, "")
+    assert [done for done, _, _ in told] == list(range(jobs + 1))
+    assert all(label.startswith("sg90") for _, _, label in told[:-1])
+    assert {row.claim for row in result.rows} == {IMPLEMENTATION, MODEL, PAPER}
+    assert result.passed
+    assert all(row.seconds > 0.0 for row in result.rows)
+    assert "seconds" not in result.as_dict()["rows"][0]  # the same figures, the same document
+    again = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    assert again["passed"] is True
+    assert len(again["rows"]) == len(result.rows)
+    assert {"numpy", "fmpy", "Python"} <= set(again["conditions"])
+
+
+def test_rows_are_judged_and_failures_decide() -> None:
+    where = ("sg90", "linear", "case")
+    good, none = judged(MODEL, where, "q", 1.0, 1.0), judged(MODEL, where, "q", 1.0)
+    bad, never = judged(MODEL, where, "q", 1.1, 1.0), judged(MODEL, where, "q", None, 1.0)
+    broken = judged(MODEL, where, "q", math.nan, 1.0)
+    assert [row.passed for row in (good, none, bad, never, broken)] == [
+        True,
+        None,
+        False,
+        False,
+        False,
+    ]
+    assert [row.verdict for row in (good, none, bad)] == ["passed", "for information", "failed"]
+    assert Validation((good, none)).passed
+    assert Validation((good, bad, broken)).failures == (bad, broken)
+    shown = Validation((broken,)).as_dict()["rows"][0]
+    assert shown["value"] is None
+    assert conditions()["Python"]
+
+
+def slope(curve: CostCurve, output: str) -> float:
+    """Order of convergence over the whole curve."""
+    first, last = curve.points[0], curve.points[-1]
+    by = math.log(last.internal_step / first.internal_step)
+    return math.log(last.error[output] / first.error[output]) / by
+
+
+def test_cost_curve_shows_the_order_of_the_method() -> None:
+    curve = cost_curve(next(c for c in all_cases() if c.actuator == "torque_motor" and c.cost))
+    assert curve.default_step in {point.internal_step for point in curve.points}
+    assert slope(curve, "angle") == pytest.approx(4.0, abs=0.4)
+    assert all(point.seconds > 0.0 for point in curve.points)
+
+
+def test_an_actuator_of_ones_own_is_validated_with_its_file(tmp_path: Path, run: Run) -> None:
+    mine = write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
+    params, folder = tmp_path / "P.toml", tmp_path / "fmus"
+    params.write_text(
+        'actuator = "mine.py"\n[parameters.time_constant]\nvalue = 0.35\nunit = "s"\n'
+    )
+    code, out, err = run("validate", "--params", params)
+    assert (code, err) == (0, "")
+    assert "joint" in out
+    assert run("build", "--params", params, "--out", folder)[0] == 0
+    fmu = folder / "joint.fmu"
+    assert run("validate", fmu, "--actuator", mine)[0] == 0
+    code, _, err = run("validate", fmu)
+    assert code == 2
+    assert "unknown actuator 'joint'" in err
+    assert "--actuator" in err
+    code, _, err = run("validate", "--actuator", mine)
+    assert code == 2
+    assert "name them as well" in err
