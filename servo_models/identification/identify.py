@@ -10,13 +10,13 @@ from __future__ import annotations
 import datetime
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servo_models.core.simulate import Model
 from servo_models.data.description import (
     ELEMENTS,
     SIMULATION,
@@ -24,47 +24,116 @@ from servo_models.data.description import (
     Description,
     read_description,
 )
-from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.data.parameters import (
+    Estimate,
+    Figure,
+    ParameterSet,
+    known_error,
+    with_given,
+    write_parameters,
+)
 from servo_models.data.recording import hashes
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.sheet import identification_sheet
-from servo_models.report.sheets import Sheet
+from servo_models.report.result import Result
+from servo_models.report.sections import Report, Section
+
+if TYPE_CHECKING:
+    from servo_models.analysis.figures import Figures
 
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which a fit does not follow it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Result):
     """What an identification found, ready to be shown and written.
 
     Attributes:
         result: ``Identification``, ``TransferResult`` or ``Elements``, by the method.
-        sheet: for the terminal.
-        parameters: for a parameter file; None where nothing became a parameter.
-        page: makes the report of a date.
+        parameters: with standard errors, the date of today and hashes of the files; None where
+            nothing became a parameter.
         converged: False for a search that was stopped, or has not found a best value.
         believable: False where it says itself that values are not to be believed.
     """
 
     result: Any
-    sheet: Sheet
     parameters: ParameterSet | None
-    page: Callable[[str], str] = field(repr=False)
+    rendered: Callable[[], Report]
     converged: bool = True
     believable: bool = True
+    figures_drawn: Callable[[], Mapping[str, Any]] | None = None
 
-    def write_report(self, path: Path) -> None:
-        """Write the report as one HTML file.
+    @cached_property
+    def _report(self) -> Report:
+        return self.rendered()
+
+    def report(self, date: str = "") -> Report:
+        return replace(self._report, date=date)
+
+    def document(self) -> dict[str, Any]:
+        """Return the estimates and what they come from; figures in SI."""
+        document = {
+            "converged": self.converged,
+            "believable": self.believable,
+            "warnings": list(self.result.warnings),
+        }
+        return document | (self.parameters.document() if self.parameters else {})
+
+    def figures(self) -> Figures:
+        """Measure the fitted model.
 
         Raises:
-            UserError: the folder cannot be written.
+            UserError: nothing became a parameter, or see ``analysis.figures.figures``.
         """
-        write_whole(path, self.page(_today().isoformat()).encode())
+        from servo_models.analysis.figures import figures
+
+        return figures(replace(self._known().model(), provenance="this identification"))
+
+    def write_parameters(self, path: str | Path) -> None:
+        """Write the parameters as a TOML file, which every command reads with ``--params``.
+
+        Raises:
+            UserError: nothing became a parameter, another suffix than ``.toml``, or a folder that
+                cannot be written.
+        """
+        write_parameters(self._known(path), Path(path))
+
+    def write_report(self, path: str | Path, date: str = "") -> None:
+        """Write the report as one HTML file, with figures of merit of a model that was fitted by
+        simulation; see ``Result``."""
+        from servo_models.report.html import page
+        from servo_models.report.sheet import sheet_page
+
+        report = self.report(date)
+        if self.figures_drawn:
+            text = sheet_page(report.title, report, self.figures_drawn(), date)
+            write_whole(Path(path), text.encode())
+            return
+        if isinstance(self.result, Identification):
+            *first, provenance = report.sections
+            report = replace(report, sections=(*first, self._figures_of_merit(), provenance))
+        write_whole(Path(path), page(report).encode())
+
+    def _figures_of_merit(self) -> Section:
+        """Figures of the fitted model, or why it has none."""
+        title = "Figures of merit"
+        try:
+            report = self.figures().report()
+        except UserError as error:
+            return Section(title, items=(f"None of the fitted model: {error}.",), folded=True)
+        return Section(title, items=report.remarks, tables=report.tables, folded=True)
+
+    def _known(self, path: str | Path = "") -> ParameterSet:
+        if self.parameters is None:
+            target = f"'{path}' is not written: " if path else ""
+            raise UserError(
+                f"{target}no parameter of this actuator was found this way, see the report"
+            )
+        return self.parameters
 
 
 def identify(
@@ -122,9 +191,7 @@ def identify(
     )
     odd = tuple(_not_followed(found))
     said = (*found.warnings, *odd)
-    return _by_simulation(
-        told, replace(found, warnings=said, believable=found.believable and not odd)
-    )
+    return _by_simulation(replace(found, warnings=said, believable=found.believable and not odd))
 
 
 def method_of(told: Description) -> str:
@@ -148,41 +215,15 @@ def _not_followed(found: Identification) -> Iterator[str]:
             )
 
 
-def _by_simulation(told: Description, found: Identification) -> Outcome:
-    from servo_models.data.audit import audits, noise_floors
-    from servo_models.identification.page import identification_page
-    from servo_models.report.conditions import conditions
+def _by_simulation(found: Identification) -> Outcome:
+    def rendered() -> Report:
+        from servo_models.data.audit import audits, noise_floors
+        from servo_models.identification.sections import identification_report
 
-    def page(date: str) -> str:
-        return identification_page(
-            f"Identification of {told.actuator.name}",
-            found,
-            _figures_of_merit(replace(found.fitted, provenance="this identification")),
-            floors=noise_floors(audits(found.logs, found.fitted.plant)),
-            conditions=conditions(),
-            date=date,
-        )
+        floors = noise_floors(audits(found.logs, found.fitted.plant))
+        return identification_report(found, floors)
 
-    return Outcome(
-        result=found,
-        sheet=identification_sheet(found),
-        parameters=_of_simulation(found),
-        page=page,
-        converged=found.converged,
-        believable=found.believable,
-    )
-
-
-def _figures_of_merit(fitted: Model) -> Sheet:
-    """Figures of the fitted model, or why it has none."""
-    from servo_models.analysis.figures import figures
-    from servo_models.analysis.figures_sheet import figures_sheet
-
-    try:
-        found = figures_sheet(figures(fitted))
-        return Sheet("Figures of merit", found.texts, found.tables)
-    except UserError as error:
-        return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
+    return Outcome(found, _of_simulation(found), rendered, found.converged, found.believable)
 
 
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
@@ -190,7 +231,6 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     from servo_models.identification.transfer.pictures import bode, responses
     from servo_models.identification.transfer.sheet import sheet
     from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
-    from servo_models.report.sheet import sheet_page
 
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
@@ -201,12 +241,6 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         known_errors=told.uncertainty,
         progress=progress or (lambda _: None),
     )
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        drawn = {"Bode plot with the data": bode(found), **responses(found)}
-        return sheet_page(table.title, table, drawn, date)
-
     files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
@@ -214,30 +248,28 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     physical = found.constants.constants.values() if found.constants else ()
     return Outcome(
         found,
-        table,
         parameters or None,
-        page,
+        lambda: sheet(found),
         converged=not found.interrupted,
         believable=all(constant.determined for constant in physical),
+        figures_drawn=lambda: {"Bode plot with the data": bode(found), **responses(found)},
     )
 
 
 def _by_elements(told: Description) -> Outcome:
     from servo_models.identification.elements import identify_elements, sheet
     from servo_models.identification.elements.pictures import synthesis_picture
-    from servo_models.report.sheet import sheet_page
 
     found = identify_elements(told)
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        picture = synthesis_picture(found)
-        return sheet_page(table.title, table, {"Feedback coefficient K_f": picture}, date)
-
     parameters = _of_tables(
         told, found.parameters, "element by element", found.files, found.warnings
     )
-    return Outcome(found, table, parameters, page)
+    return Outcome(
+        found,
+        parameters,
+        lambda: sheet(found),
+        figures_drawn=lambda: {"Feedback coefficient K_f": synthesis_picture(found)},
+    )
 
 
 def _of_simulation(found: Identification) -> ParameterSet:

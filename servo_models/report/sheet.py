@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from servo_models.report import sections, sheets
+from servo_models.report import sections
 from servo_models.report.page import Page, render
 from servo_models.report.parts import Line, Section, Table
 from servo_models.report.style import picture
@@ -19,7 +19,7 @@ NUMBER = re.compile(r"[-+\N{MINUS SIGN}]?[\d.]+(e[-+]?\d+)?( .{0,9})?")
 
 
 def sheet_page(
-    title: str, sheet: sheets.Sheet, figures: Mapping[str, Figure], date: str = ""
+    title: str, sheet: sections.Report, figures: Mapping[str, Figure], date: str = ""
 ) -> str:
     """Return a data sheet with figures as one HTML page that needs nothing else.
 
@@ -38,13 +38,7 @@ def sheet_page(
         Section("figures", "Figures", pictures=pictures) if pictures else None,
         Section("tables", "Tables", tables=tables) if tables else None,
     )
-    return render(Page(title, title, sheet.title, None, shown, sheet.texts, date=date))
-
-
-def sheet_section(sheet: sheets.Sheet, anchor: str) -> Section:
-    """Return a data sheet as a section of a larger page."""
-    tables = tuple(_table(table) for table in sheet.tables)
-    return Section(anchor, sheet.title, "", tables, items=sheet.texts)
+    return render(Page(title, title, sheet.title, None, shown, sheet.remarks, date=date))
 
 
 def _table(table: sections.Table) -> Table:

@@ -17,7 +17,6 @@ from scipy.io import loadmat
 
 from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.analysis.figures import figures, frequency_figures
-from servo_models.analysis.figures_sheet import figures_sheet, write_figures
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import SineTest
 from servo_models.cli import main
@@ -123,14 +122,14 @@ def test_inside_the_dead_zone_nothing_is_reached() -> None:
     assert found.large is not None
     assert found.small.bandwidth is found.large.bandwidth is None
     assert found.step.delay is None
-    assert "not reached" in str(figures_sheet(found))
+    assert "not reached" in str(found)
 
 
 def test_a_loop_that_swings_says_why_there_are_no_figures() -> None:
     found = figures(model("sg90", "oscillatory_motor"))
     assert found.small is found.large is None
     assert "unstable" in found.missing[0]
-    assert "unstable" in str(figures_sheet(found))
+    assert "unstable" in str(found)
 
 
 def test_the_slew_rate_of_a_rate_limited_output_is_the_limit() -> None:
@@ -220,7 +219,7 @@ def test_a_file_holds_the_state_space(
 
 @pytest.mark.parametrize("suffix", [".json", ".mat", ".npz"])
 def test_what_is_missing_does_not_stop_the_file(suffix: str, tmp_path: Path) -> None:
-    write_figures(figures(model("sg90", "oscillatory_motor")), tmp_path / f"a{suffix}")
+    figures(model("sg90", "oscillatory_motor")).write(tmp_path / f"a{suffix}")
     assert (tmp_path / f"a{suffix}").stat().st_size > 0
 
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
-from servo_models.identification.page.bode import beside
-from servo_models.identification.page.empirical import Record, empirical
-from servo_models.identification.page.readings import envelope
+from servo_models.identification.measured_response import Record, empirical
+from servo_models.identification.sections import beside
 from servo_models.identification.transfer.sweeps import hold
+from servo_models.report.curves import envelope
 from tests.identification.test_identification_report import Array
 
 

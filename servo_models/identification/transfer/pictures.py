@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.identification.page.empirical import Record as Spectra
-from servo_models.identification.page.empirical import empirical
-from servo_models.identification.page.readings import BUCKETS, envelope, shade, words
+from servo_models.identification.measured_response import Record as Spectra
+from servo_models.identification.measured_response import empirical
+from servo_models.identification.readings import words
 from servo_models.identification.transfer.evidence import Record, Sweep
 from servo_models.identification.transfer.identify import TransferResult
 from servo_models.identification.transfer.sweeps import hold
+from servo_models.report.curves import BUCKETS, envelope, shade
 from servo_models.report.style import colour, drawing
 from servo_models.units import factor
 
