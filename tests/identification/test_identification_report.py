@@ -298,8 +298,8 @@ def test_an_identification_offers_what_every_result_does(outcome: Outcome, tmp_p
     assert repr(outcome).startswith("<Outcome of Identification of torque_motor")
     table = outcome.tables()["Estimated parameters"]
     found = outcome.result
-    assert table["estimate"].to_list() == pytest.approx(found.values.tolist())
-    errors = table["estimate standard error"].to_list()
+    assert table["estimate [N.m/A]"].to_list() == pytest.approx(found.values.tolist())
+    errors = table["estimate [N.m/A] standard error"].to_list()
     assert errors == pytest.approx(found.standard_errors.tolist())
     document = json.loads(outcome.to_json())
     assert document["parameters"]["torque_constant"]["value"] == found.values[0]
