@@ -14,7 +14,18 @@ from servo_models.analysis.explain import explain, overview
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
 from servo_models.build import build
-from servo_models.core.block import Mode, Param, block
+from servo_models.core.block import (
+    Ambiguity,
+    DeadTime,
+    FirstOrderLag,
+    Grid,
+    Memory,
+    Mode,
+    Param,
+    SearchHints,
+    block,
+    effect,
+)
 from servo_models.core.catalogue import actuator
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
 from servo_models.core.simulate import Model, Result, model, simulate
@@ -31,12 +42,18 @@ __version__ = _version("servo-models")
 
 __all__ = [
     "Actuator",
+    "Ambiguity",
+    "DeadTime",
+    "FirstOrderLag",
+    "Grid",
+    "Memory",
     "Mode",
     "Model",
     "Param",
     "ParameterSet",
     "Plant",
     "Result",
+    "SearchHints",
     "State",
     "UserError",
     "Validation",
@@ -47,6 +64,7 @@ __all__ = [
     "build",
     "check",
     "diagnose",
+    "effect",
     "explain",
     "figures",
     "identify",

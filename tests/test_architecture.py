@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ast
-import functools
 import re
 import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.support.sources import ROOT, imported
+
 FLOORS = (
     "errors files units",
     "report",
@@ -43,18 +43,6 @@ def part(path: Path) -> str:
     """The layer's member that a file belongs to: a module of the package, or a folder."""
     steps = path.relative_to(ROOT).with_suffix("").parts
     return steps[1] if steps[0] == "servo_models" else steps[0]
-
-
-@functools.cache
-def imported(path: Path) -> frozenset[str]:
-    """Full names of everything that a file imports, wherever in it."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(found)
 
 
 def own_parts(path: Path) -> set[str]:
@@ -138,6 +126,38 @@ def test_the_tests_know_each_other_by_one_name() -> None:
     own = {path.stem for path in paths if path.stem != "__init__"}
     for path in paths:
         assert not {name for name in imported(path) if name.split(".")[0] in own}, path.name
+
+
+EFFECTS = {
+    node.name
+    for path in ROOT.glob("servo_models/effects/*.py")
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    if isinstance(node, ast.FunctionDef)
+} | {path.stem for path in ROOT.glob("servo_models/effects/[!_]*.py")}
+THEIR_OWN = ("effects", "actuators", "validation", "withheld/generator")
+"""Folders that may name effects: who defines and places them, and who writes an actuator's truth
+down a second time, on purpose."""
+OTHER_THINGS = {"offset": "a key of a log", "lag": "a column of a table"}
+"""Words that are more than the name of an effect."""
+NAMED = {
+    "withheld/score.py": "the share of quantisers that are found is a figure of its own",
+    "identification/elements/identify.py": "the table of a hysteresis loop is one of the elements",
+}
+"""Modules that name an effect, and why."""
+
+
+@every_source
+def test_an_effect_is_known_by_name_where_it_is_defined_or_placed(path: Path) -> None:
+    """What is known of an effect stands in its file; other modules read it there."""
+    name = path.relative_to(ROOT).as_posix().removeprefix("servo_models/")
+    if name.startswith(THEIR_OWN) or name in NAMED:
+        return
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            word, dot, _ = node.value.partition(".")
+            known = word in EFFECTS and (dot or word not in OTHER_THINGS)
+            assert not known, f"{name}, line {node.lineno}: '{node.value}'"
+    assert not [it for it in imported(path) if it.startswith("servo_models.effects.")]
 
 
 TRAVELLERS = ("flat", "printer", "stepper")

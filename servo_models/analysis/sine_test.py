@@ -6,16 +6,16 @@ Source: Slotine, Li, Applied Nonlinear Control, 1991, sec. 5.1.
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from servo_models.analysis.linearise import inputs_at
 from servo_models.core.bounds import outside
 from servo_models.core.simulate import Model
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Complex
 from servo_models.errors import UserError
 
 POINTS = 499
@@ -91,10 +91,8 @@ class SineTest:
         command = self.centre + self.amplitude * np.sin(2.0 * math.pi * turns)
         angle = self._run(self._state.copy(), self._time + turns / frequency, command)
         last = slice(POINTS * wait, -1)
-        kernel = np.exp(-2j * math.pi * turns[last])
-        held = cmath.exp(-1j * math.pi / POINTS) * np.sinc(1.0 / POINTS)
-        fundamental = 2j * np.mean((angle[last] - np.mean(angle[last])) * kernel)
-        return complex(fundamental / (self.amplitude * held))
+        swing, _ = fundamental(turns[last], angle[last], 2.0 * math.pi)
+        return complex(1j * swing / (self.amplitude * hold(2.0 * math.pi, 1.0 / POINTS)))
 
     def _run(self, state: Array, times: Array, values: Array) -> Array:
         inputs = np.tile(self._inputs, (len(times), 1))
@@ -119,3 +117,25 @@ class SineTest:
         if not moved <= 1e-3 * scale:
             raise UserError("after a command the output does not come to rest")
         return mean, time
+
+
+def fundamental(times: Array, values: Array, frequency: float) -> tuple[complex, float]:
+    """Return the complex amplitude of a sine [``frequency`` in rad/s] and the rest's RMS.
+
+    ``values``, shape (n,), are fitted by offset + Re(amplitude exp(j frequency t)).
+    Source: IEEE Std 1057-2017, sec. 4.6 (fit of a sine by least squares).
+    """
+    angle = frequency * times
+    basis = np.column_stack([np.cos(angle), -np.sin(angle), np.ones(len(times))])
+    parts, *_ = np.linalg.lstsq(basis, values, rcond=None)
+    rest = values - basis @ parts
+    return complex(parts[0], parts[1]), float(np.sqrt(np.mean(rest**2)))
+
+
+def hold(frequencies: ArrayLike, step: float) -> Complex:
+    """Return the response of a hold over ``step`` [s] at ``frequencies`` [rad/s].
+
+    Source: Franklin, Powell, Workman, Digital Control of Dynamic Systems, 3rd ed., sec. 5.3.
+    """
+    half = 0.5 * np.asarray(frequencies, dtype=float) * step
+    return np.asarray(np.sinc(half / math.pi) * np.exp(-1j * half), dtype=complex)

@@ -14,15 +14,13 @@ from typing import Any
 import numpy as np
 
 from servo_models.analysis.linear_model import LinearModel
-from servo_models.core.block import Block, Memory
+from servo_models.core.block import DeadTime, FirstOrderLag, LinearMemory, Memory
 from servo_models.core.compiled import plain_make
 from servo_models.core.flat import neutral_effects, owned, trouble
 from servo_models.core.plant import Placement
 from servo_models.core.simulate import Model
 from servo_models.core.stepper import step_text
 from servo_models.core.types import Array
-from servo_models.effects.lag import lag
-from servo_models.effects.transport_delay import transport_delay
 from servo_models.errors import UserError
 
 Step = Callable[[list[float], list[float], float, float], Any]
@@ -47,9 +45,6 @@ class SmallSignals:
         state, time: where the model rests.
     """
 
-    exact: tuple[Block, ...] = (lag, transport_delay)
-    """Effects with a memory that are linear."""
-
     def __init__(self, model: Model, inputs: list[float]) -> None:
         """Find the point of rest.
 
@@ -63,7 +58,8 @@ class SmallSignals:
         names = [*(name for name, _, _ in flat.states), *(name for name, _ in flat.memory)]
         self._slot = {name: i for i, name in enumerate(names)}
         self._free = [i for i, (_, owner, _) in enumerate(flat.states) if owner not in neutral]
-        self._active = {n: links[0] for n, links in plant.placements.items() if n not in neutral}
+        active = (plant.main(name) for name in plant.placements if name not in neutral)
+        self._linear = {it.name: it.effect.small_signal for it in active if it.effect.small_signal}
         wide = replace(flat, outputs=[*(rate for _, _, rate in flat.states), *flat.outputs])
         make = plain_make(step_text(wide, neutral))
         start, step = make(list(model.values.values()))
@@ -72,7 +68,7 @@ class SmallSignals:
         self.time = 0.0
         self._settle()
         # from here on nothing leaves a delay by itself: what leaves it is an argument
-        endless = {f"{name}.time": math.inf for name in self._of(transport_delay)}
+        endless = {self._parameter(name): math.inf for name in self._of(DeadTime)}
         _, step = make(list({**model.values, **endless}.values()))
         self._step = self._checked(step)
         self.period = self._period()
@@ -96,18 +92,34 @@ class SmallSignals:
 
         return checked
 
-    def _of(self, effect: Block) -> list[str]:
-        """Names under which ``effect`` is active."""
-        return [name for name, link in self._active.items() if link.effect is effect]
+    def _of(self, kind: type[LinearMemory]) -> list[str]:
+        """Names under which effects of a kind are active."""
+        return [name for name, linear in self._linear.items() if isinstance(linear, kind)]
+
+    def _parameter(self, name: str) -> str:
+        """The time of a lag or a delay, a parameter."""
+        return f"{name}.{self._linear[name].time}"
+
+    def _time(self, name: str) -> float:
+        """Its value [s]."""
+        return self.model.values[self._parameter(name)]
+
+    def _into(self, name: str) -> int:
+        """Where the state vector holds what went into a lag or a delay last."""
+        return self._slot[owned(name, self._linear[name].input)]
+
+    def _out_of(self, name: str) -> int:
+        """Where it holds what came out of it last."""
+        return self._slot[owned(name, self._linear[name].output)]
 
     def _scale(self, name: str) -> float:
-        return self.model.plant.wire[self._active[name].on[0]].scale
+        return self.model.plant.wire[self.model.plant.main_wire(name)].scale
 
     def _period(self) -> float:
         return 0.0
 
     def _channels(self) -> list[tuple[str, float]]:
-        return [(name, self.model.values[f"{name}.time"]) for name in self._of(transport_delay)]
+        return [(name, self._time(name)) for name in self._of(DeadTime)]
 
     def _more(self) -> list[tuple[str, str, float]]:
         """Further states: name, entry in the text, scale."""
@@ -129,7 +141,7 @@ class SmallSignals:
             inputs=tuple(wire.name for wire in plant.inputs),
             outputs=plant.outputs,
             channels=tuple(time for _, time in self.channels),
-            delays={name: self.model.values[f"{name}.time"] for name, _ in self.channels},
+            delays={name: self._time(name) for name, _ in self.channels},
             left_out=left_out,
             point=self.point(),
             period=self.period,
@@ -216,20 +228,20 @@ class Continuous(SmallSignals):
     """Derivatives; a lag is a state more."""
 
     def _more(self) -> list[tuple[str, str, float]]:
-        return [(name, owned(name, "value"), self._scale(name)) for name in self._of(lag)]
+        lags = self._of(FirstOrderLag)
+        return [(name, owned(name, self._linear[name].output), self._scale(name)) for name in lags]
 
     def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
-        slot, lags = self._slot, self._of(lag)
+        lags = self._of(FirstOrderLag)
         if 0 <= channel < len(self.channels):
-            x[slot[owned(self.channels[channel][0], "current")]] += change
-        before = [x[slot[owned(name, "value")]] for name in lags]
+            x[self._out_of(self.channels[channel][0])] += change
+        before = [x[self._out_of(name)] for name in lags]
         _, wide = self._step(x, u, self.time, 0.0)
-        into = [x[slot[owned(name, "last")]] for name in lags]
-        times = [self.model.values[f"{name}.time_constant"] for name in lags]
+        into = [x[self._into(name)] for name in lags]
         return [
             *(wide[i] for i in self._free),
-            *((a - b) / t for a, b, t in zip(into, before, times)),
-            *(x[slot[owned(name, "newest")]] for name, _ in self.channels),
+            *((a - b) / t for a, b, t in zip(into, before, map(self._time, lags))),
+            *(x[self._into(name)] for name, _ in self.channels),
             *wide[len(self.model.plant.states) :],
         ]
 
@@ -277,15 +289,18 @@ class Sampled(SmallSignals):
             for name, memory in link.memory.items()
             if type(memory) is Memory
         ]
-        lags = [(f"{n}.{p}", owned(n, p)) for n in self._of(lag) for p in ("value", "last")]
+        memories = {
+            n: (self._linear[n].output, self._linear[n].input) for n in self._of(FirstOrderLag)
+        }
+        lags = [(f"{n}.{key}", owned(n, key)) for n, keys in memories.items() for key in keys]
         return [(name, text, 1.0) for name, text in (*own, *lags)]
 
     def _values(self, x: list[float], u: list[float], channel: int, change: float) -> list[float]:
         before, after, split, slot = 0.0, 0.0, 0.0, 0
         if 0 <= channel < len(self.channels):
             name = self.channels[channel][0]
-            slot = self._slot[owned(name, "current")]
-            split = max(self.model.values[f"{name}.time"] - self.channels[channel | 1][1], 0.0)
+            slot = self._out_of(name)
+            split = max(self._time(name) - self.channels[channel | 1][1], 0.0)
             before, after = (change, 0.0) if channel % 2 == 0 else (0.0, change)
         if split <= 1e-9 * self.period:
             split, before = 0.0, after
@@ -296,7 +311,7 @@ class Sampled(SmallSignals):
             self._step(x, u, self.time, split)
         x[slot] += after - before
         self._step(x, u, self.time + split, self.period - split)
-        fed = [first[self._slot[owned(name, "newest")]] for name, _ in self.channels]
+        fed = [first[self._into(name)] for name, _ in self.channels]
         return [*(x[i] for i in self._entries), *fed, *outputs]
 
 

@@ -33,7 +33,7 @@ import re
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 SIGNAL = "signal"
 """Unit of a parameter that takes the unit and the scale of the wire it acts on."""
@@ -41,6 +41,11 @@ SIGNAL = "signal"
 RESERVED = ("now", "due", "elapsed")
 START = "start_"
 """``start_<state>`` is a reserved argument too."""
+
+LIMITS_OVER_TYPICAL = (
+    0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 2.5, 3.0, 3.4, 4.0,
+)  # fmt: skip
+"""Trial values of a limit, which acts below the largest value that occurs, or not at all."""
 
 _OF_SIGNAL = re.compile(rf"{SIGNAL}([./]\w+)?|1/{SIGNAL}")
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
@@ -127,6 +132,107 @@ class Queue:
     size: int
 
 
+@dataclass(frozen=True)
+class Grid:
+    """Values at which an effect with a discontinuous parameter is searched for.
+
+    The response jumps as that parameter changes, so no slope leads to the best value.  The grid is
+    the finer the more often the value fits into what it divides.
+
+    Attributes:
+        low, high: ends of the grid, over the typical value.
+        least_spacing: relative distance of two values, at least.
+        divides: the ``"range"`` of the signal acted on, or the ``"duration"`` of a log, of which
+            the parameter is a period.
+    """
+
+    low: float
+    high: float
+    least_spacing: float
+    divides: Literal["range", "duration"] = "range"
+
+
+@dataclass(frozen=True)
+class SearchHints:
+    """How a diagnosis searches for an effect whose switches and bounds do not say it.
+
+    Attributes:
+        trial_values: of each switch, over its typical value; by default a few to many times it.
+        grid: for an effect whose switch is a discontinuous parameter.
+        inverse: the effect is the stronger the smaller its switch.
+        jump: parameter that says which part of a jump the effect has: 0 none, 1 all.
+        phase: parameter that turns a sine, of which the switch is the amplitude.
+        count: parameter that says how many periods this sine has in a turn.
+        inertia: parameter that is in resonance with the switch, a compliance.
+        assumed: parameters that are never searched for: they say how it is counted, not its form.
+    """
+
+    trial_values: tuple[float, ...] = ()
+    grid: Grid | None = None
+    inverse: bool = False
+    jump: str = ""
+    phase: str = ""
+    count: str = ""
+    inertia: str = ""
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that it speaks of."""
+        named = (self.jump, self.phase, self.count, self.inertia, *self.assumed)
+        return tuple(name for name in named if name)
+
+
+@dataclass(frozen=True)
+class LinearMemory:
+    """An effect with a memory that stays in the small-signal model, since it is linear.
+
+    Attributes:
+        time: its parameter [s].
+        input, output: memories that hold what went in and what came out last.
+    """
+
+    time: str
+    input: str
+    output: str
+
+
+class FirstOrderLag(LinearMemory):
+    """``time`` y' + y = u."""
+
+
+class DeadTime(LinearMemory):
+    """y(t) = u(t - ``time``)."""
+
+
+@dataclass(frozen=True)
+class Ambiguity:
+    """Effects that look alike in a log, and the experiment that separates them.
+
+    Attributes:
+        experiment: in words, what to do and to log.
+        group: names of effects, one of them that which declares it; each looks like every other.
+        against: where given, each of ``group`` looks like each of these instead.
+    """
+
+    experiment: str
+    group: tuple[str, ...]
+    against: tuple[str, ...] = ()
+
+    def separates(self, one: str, other: str) -> bool:
+        """Return whether the experiment tells two effects apart."""
+        others = self.against or self.group
+        return one != other and (
+            (one in self.group and other in others) or (other in self.group and one in others)
+        )
+
+
+Signature = Literal["", "codes", "clock"]
+"""Evidence of an effect apart from any error, read at its switch: a quantised reading bunches at
+``"codes"`` a step apart, a sampled command is answered on the ticks of a ``"clock"``."""
+OTHER_UNITS = ""
+"""In ``parameter_units``: every unit that no other effect names."""
+
 Meta = Param | Memory | Queue
 Function = Callable[..., Any]
 
@@ -145,6 +251,13 @@ class Block:
         acts_on: for an effect the arguments whose wires it rewrites, else empty.
         gives: for a plant block the wires that it defines.
         source: paper, equation or book behind it.
+        parts: of an effect that acts at several places of a chain, its other functions.
+        search: of an effect, how a diagnosis searches for it.
+        signature: of an effect, its evidence apart from any error.
+        small_signal: of an effect with a memory, as what it stays in the small-signal model; an
+            effect without one stays where it has a derivative.
+        ambiguities: of an effect, what it is confused with.
+        parameter_units: of an effect, units of plant parameters whose error looks like it.
     """
 
     function: Function
@@ -157,6 +270,12 @@ class Block:
     gives: tuple[str, ...] = ()
     source: str = ""
     about: str = field(default="", compare=False)
+    parts: tuple[Block, ...] = ()
+    search: SearchHints = SearchHints()
+    signature: Signature = ""
+    small_signal: LinearMemory | None = None
+    ambiguities: tuple[Ambiguity, ...] = ()
+    parameter_units: tuple[str, ...] = ()
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
@@ -184,28 +303,28 @@ def check_name(name: str, what: str) -> None:
         )
 
 
-def _parse(function: Function, **options: Any) -> Block:
+def _parse(function: Function, name: str = "", **options: Any) -> Block:
     hints = typing.get_type_hints(function, include_extras=True)
     wires: list[str] = []
     metas: dict[str, Meta] = {}
-    for name in inspect.signature(function).parameters:
-        meta = next(
-            (m for m in getattr(hints.get(name), "__metadata__", ()) if isinstance(m, Meta)), None
-        )
-        check_name(name, f"argument '{name}' of block '{function.__name__}'")
+    name = name or function.__name__
+    for argument in inspect.signature(function).parameters:
+        annotated = getattr(hints.get(argument), "__metadata__", ())
+        meta = next((m for m in annotated if isinstance(m, Meta)), None)
+        check_name(argument, f"argument '{argument}' of block '{name}'")
         if meta is None:
-            wires.append(name)
+            wires.append(argument)
         else:
-            metas[name] = meta
-    check_name(function.__name__, f"block '{function.__name__}'")
-    for name in options.get("gives", ()):
-        check_name(name, f"wire '{name}' of block '{function.__name__}'")
+            metas[argument] = meta
+    check_name(name, f"block '{name}'")
+    for wire in options.get("gives", ()):
+        check_name(wire, f"wire '{wire}' of block '{name}'")
     about = inspect.getdoc(function)
     if not about:
-        raise ValueError(f"block '{function.__name__}' has no docstring: say what it does")
+        raise ValueError(f"block '{name}' has no docstring: say what it does")
     return Block(
         function=function,
-        name=function.__name__,
+        name=name,
         wires=tuple(wires),
         params={n: m for n, m in metas.items() if isinstance(m, Param)},
         memory={n: m for n, m in metas.items() if isinstance(m, Memory)},
@@ -224,19 +343,67 @@ def block(*gives: str, source: str = "") -> Callable[[Function], Block]:
     return decorate
 
 
-def effect(*acts_on: str, source: str) -> Callable[[Function], Block]:
+def effect(
+    *acts_on: str,
+    source: str,
+    name: str = "",
+    parts: tuple[Block, ...] = (),
+    search: SearchHints | None = None,
+    signature: Signature = "",
+    small_signal: LinearMemory | None = None,
+    ambiguities: tuple[Ambiguity, ...] = (),
+    parameter_units: tuple[str, ...] = (),
+) -> Callable[[Function], Block]:
     """Make an effect that rewrites the wires given for the arguments ``acts_on``.
 
+    What is known of it is declared here, and nowhere else: see ``Block``.
+
+    Args:
+        acts_on: the first one is its main wire; default ``"signal"``.
+        source: paper, equation or book behind it.
+        name: by which others know it; default that of the function.
+        parts: see ``Block``, as are the others.
+
     Raises:
-        ValueError: an effect without a switch parameter has no neutral value.
+        ValueError: an effect without a switch parameter has no neutral value; a declaration of
+            what it has not.
     """
 
     def decorate(function: Function) -> Block:
-        made = _parse(function, acts_on=acts_on or (SIGNAL,), source=source)
+        made = _parse(
+            function,
+            name,
+            acts_on=acts_on or (SIGNAL,),
+            source=source,
+            parts=parts,
+            search=search or SearchHints(),
+            signature=signature,
+            small_signal=small_signal,
+            ambiguities=ambiguities,
+            parameter_units=parameter_units,
+        )
         if not made.switches:
             raise ValueError(
                 f"effect '{made.name}' has no switch parameter, so it is never neutral"
             )
+        _check_declarations(made)
         return made
 
     return decorate
+
+
+def _check_declarations(made: Block) -> None:
+    """Refuse what an effect declares of parameters or effects that are not its own."""
+    known = {name for block in (made, *made.parts) for name in block.params}
+    asked = [(name, "parameter", known) for name in made.search.parameters]
+    linear = made.small_signal
+    if linear:
+        asked.append((linear.time, "parameter", known))
+        asked += [(name, "memory", {*made.memory}) for name in (linear.input, linear.output)]
+    for name, kind, own in asked:
+        if name not in own:
+            raise ValueError(f"effect '{made.name}' declares what it has not: {kind} '{name}'")
+    if made.signature not in typing.get_args(Signature):
+        raise ValueError(f"effect '{made.name}': no signature '{made.signature}' is known")
+    if not all(made.name in ambiguity.group for ambiguity in made.ambiguities):
+        raise ValueError(f"effect '{made.name}' is in no group of an ambiguity that it declares")

@@ -68,8 +68,8 @@ class State:
 class Placement:
     """An effect at its place: ``name = effect`` on wire ``on``.
 
-    Two effects placed under one name share that name's parameters.  ``reads`` maps further
-    arguments of the effect to wires where the names differ; ``defaults`` overrides the
+    An effect and its parts are placed under one name and share that name's parameters.  ``reads``
+    maps further arguments of the effect to wires where the names differ; ``params`` overrides the
     bounds and default of single parameters.
 
     Raises:
@@ -94,6 +94,11 @@ class Placement:
 
     def _has_not(self, kind: str, name: str, known: Iterable[str]) -> str:
         return unknown(kind, name, dict.fromkeys(known), f"effect '{self.name}'")
+
+    @property
+    def switch(self) -> str:
+        """Name of its first switch among the parameters of the plant."""
+        return f"{self.name}.{self.effect.switches[0]}"
 
     def wire_of(self, argument: str) -> str:
         if argument in self.effect.acts_on:
@@ -146,8 +151,12 @@ class Parameter:
     @property
     def text(self) -> str:
         """Its name in the flat text."""
-        owner, dot, key = self.name.rpartition(".")
-        return owned(owner, key) if dot else key
+        return owned(self.owner, self.key) if self.owner else self.key
+
+    @property
+    def key(self) -> str:
+        """Its name in the signature of its block."""
+        return self.name.rpartition(".")[2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +214,20 @@ class Plant:
                 found[link.name] = (*found.get(link.name, ()), link)
         return found
 
-    def main_wire(self, effect: str) -> str:
-        """Return the declared wire on which an effect acts, the first where it acts on several.
+    def main(self, name: str) -> Placement:
+        """Return where an effect itself is placed, and none of its parts."""
+        links = self.placements[name]
+        parts = [part for link in links for part in link.effect.parts]
+        return next((link for link in links if link.effect not in parts), links[0])
 
-        A function of it for the internal step acts on no declared one.
-        """
-        wires = [wire for link in self.placements[effect] for wire in link.on]
-        return next((wire for wire in wires if wire in self.wire), wires[0])
+    def main_wire(self, name: str) -> str:
+        """Return the wire on which an effect acts, the first one where it acts on several."""
+        return self.main(name).on[0]
+
+    def owner(self, parameter: str) -> Block | None:
+        """Return the effect that a parameter belongs to, None where it is the plant's own."""
+        place = self.parameters[parameter].owner
+        return self.main(place).effect if place else None
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:

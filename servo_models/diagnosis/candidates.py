@@ -1,6 +1,6 @@
 """The effects that may cause a gap: every effect of the actuator that the model has switched off.
 
-A cause is a parameter vector: its switches at some size, its shape at the default.
+A candidate is a parameter vector: its switches at some trial value, its shape at the default.
 """
 
 from __future__ import annotations
@@ -11,36 +11,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.core.plant import Parameter, Plant
+from servo_models.core.block import Block, SearchHints
+from servo_models.core.plant import Parameter
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.recording import Log
-from servo_models.diagnosis.sizes import (
-    CHOICES,
-    COUNT,
-    JUMP_PARTS,
-    LEAST,
-    LIMITING,
-    NEAR,
-    RESONANT,
-    STAIRS,
+from servo_models.diagnosis.trial_values import (
+    LEAST_OVER_TYPICAL,
     Settings,
-    fine,
-    near_to,
+    about_codes,
+    few,
+    on_grid,
     quanta,
     resonances,
-    ripple_of,
     ripples,
-    shares,
     travel,
 )
 from servo_models.identification.problem import Free, free_parameter
 from servo_models.identification.simulation import prepared
 
-SHOWN = 10.0
-"""Samples in a period of the fastest resonance that logs can show."""
-PERIODS = 0.7
-"""Periods of a ripple that the logs have to show at least."""
+LEAST_SAMPLES_IN_A_PERIOD = 10.0
+"""Of the fastest resonance that logs can show."""
+LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7
+"""With less, a ripple looks like any load."""
+RESONANCE_REACH_FACTOR = 4.0
+"""By which a fit may move compliance and inertia: a high frequency is slow to simulate."""
 
 
 @dataclass(frozen=True)
@@ -49,39 +44,51 @@ class Candidate:
 
     Attributes:
         name: of the place, such as ``"drive_dead_zone"``.
-        wire: on which it acts.
+        search: how its file says that it is searched for.
         free: its parameters, and ``switches`` those of them that switch it on.
-        sizes: settings [SI] to look at first; none where logs show that it is not there.
-        stairs: whether the response is a staircase of the size, which no slope leads to.
-        fine: of a staircase that nothing but a search finds, many more sizes for a second look.
-        ripple: its switch and its phase, if it has one: each size is then to be looked at
-            with a phase of 0 and of a quarter turn.
-        jump: the part of a jump that it has, one of its parameters; None of most effects.
+        trial_values: settings [SI] to try first; none where logs show that it is not there.
+        grid: of a discontinuous parameter that nothing but a search finds, many more of them.
         fastest: least product of compliance and inertia [s2]: of a faster resonance the logs
             have too few samples in a period, and it is slow to simulate.
-        late: whether its size is a period, by a part of which it is late.
-        limiting: whether it does the more the smaller its size is, at sizes near each other.
-        alone: what each of the sizes changes from where nominal parameters go, empty before a look.
+        alone: what each of the trial values changes from where nominal parameters go, empty before
+            that is simulated.
     """
 
     name: str
-    wire: str
+    search: SearchHints
     free: tuple[Free, ...]
     switches: tuple[str, ...]
-    sizes: tuple[Settings, ...]
-    stairs: bool = False
-    fine: tuple[Settings, ...] = ()
-    ripple: tuple[str, str] | None = None
-    jump: Free | None = None
+    trial_values: tuple[Settings, ...]
+    grid: tuple[Settings, ...] = ()
     fastest: float = 0.0
-    late: bool = False
-    limiting: bool = False
     alone: tuple[Array, ...] = ()
 
     @property
+    def discontinuous(self) -> bool:
+        """Whether the response jumps as the switch changes, so that no slope leads to it."""
+        return self.search.grid is not None
+
+    @property
+    def late(self) -> bool:
+        """Whether its switch is a period, by a part of which it is late."""
+        return self.search.grid is not None and self.search.grid.divides == "duration"
+
+    @property
+    def ripple(self) -> tuple[str, str] | None:
+        """Switch and phase of a sine: it is tried with a phase of 0 and of a quarter turn."""
+        phase = self.search.phase
+        return (self.switches[0], f"{self.name}.{phase}") if phase else None
+
+    @property
+    def jump(self) -> Free | None:
+        """The part of a jump that it has, one of its parameters; None of most effects."""
+        jump = self.search.jump and f"{self.name}.{self.search.jump}"
+        return next((it for it in self.free if it.name == jump), None)
+
+    @property
     def trials(self) -> int:
-        """How many sizes and shapes there were to choose from, at least 1."""
-        return max(len(self.sizes) + len(self.fine), 1)
+        """How many values and shapes there were to choose from, at least 1."""
+        return max(len(self.trial_values) + len(self.grid), 1)
 
     def shape_at(self, settings: Settings) -> tuple[tuple[str, float], ...]:
         """Return the shape that ``settings`` give, to which slopes hardly lead.
@@ -97,18 +104,19 @@ class Candidate:
     def at(self, settings: Settings) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give.
 
-        A switch that they do not name is as good as off, as it was where they were looked at.
+        A switch that they do not name is as good as off, as it was where they were tried.
         """
         off = {name: 0.0 for name in self.switches} if settings.keys() & self.switches else {}
         starts = {**off, **settings}
-        started = [
+        started = tuple(
             replace(it, start=_inside(it, starts.get(it.name, it.start))) for it in self.free
-        ]
-        kinds = {it.name.rpartition(".")[2]: it for it in started}
-        if not kinds.keys() >= set(RESONANT):
-            return tuple(started)
-        softest = self.fastest / kinds[RESONANT[1]].start
-        return tuple(_near(it, softest if it is kinds[RESONANT[0]] else 0.0) for it in started)
+        )
+        if not self.search.inertia:
+            return started
+        compliance, inertia = self.switches[0], f"{self.name}.{self.search.inertia}"
+        softest = self.fastest / next(it.start for it in started if it.name == inertia)
+        least = {compliance: softest, inertia: 0.0}
+        return tuple(_near(it, least[it.name]) if it.name in least else it for it in started)
 
 
 def candidates(
@@ -116,7 +124,7 @@ def candidates(
 ) -> tuple[Candidate, ...]:
     """Return the effects that a model has switched off, without those ``left_out``.
 
-    The logs have a say in the sizes to look at.
+    The logs have a say in the trial values.
     """
     skipped = set(left_out)
     owned: dict[str, list[Parameter]] = {}
@@ -128,93 +136,94 @@ def candidates(
         switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
         if switches and not on and name not in skipped:
-            found.append(_candidate(model, logs, name, switches, parameters))
+            found.append(_Off(model, logs, name, switches, parameters).candidate())
     return tuple(found)
 
 
-def _candidate(
-    model: Model,
-    logs: Sequence[Log],
-    name: str,
-    switches: list[Parameter],
-    parameters: list[Parameter],
-) -> Candidate:
-    effect = model.plant.placements[name][0].effect.name
-    wire = model.plant.main_wire(name)
-    shape = [
-        p for p in parameters if not p.param.switch and p.name.rpartition(".")[2] not in CHOICES
-    ]
-    free = _freed(model, logs, switches, shape)
-    phase, part = ripple_of(name, shape), JUMP_PARTS.get(effect)
-    sizes = _sizes(model.plant, logs, name, switches, shape)
-    searched = effect in STAIRS and not _reads(effect, wire, logs)
-    whole = _whole(model, logs, effect, wire) if searched else 0.0
-    return Candidate(
-        name=name,
-        wire=wire,
-        free=free,
-        switches=tuple(it.name for it in switches),
-        sizes=tuple(sizes),
-        stairs=effect in STAIRS,
-        fine=tuple(fine(effect, switches[0], whole)) if searched else (),
-        ripple=(switches[0].name, phase) if phase else None,
-        jump=next((it for it in free if part and it.name == f"{name}.{part}"), None),
-        fastest=_fastest(logs) if _inertia(name, shape) else 0.0,
-        late=effect == "sample_hold",
-        limiting=effect in LIMITING,
-    )
+class _Off:
+    """An effect that is off in a model, at its place, and the logs that may have it."""
 
-
-def _freed(
-    model: Model, logs: Sequence[Log], switches: Iterable[Parameter], shape: Iterable[Parameter]
-) -> tuple[Free, ...]:
-    """The parameters of an effect within its reach: those that switch it on, then its shape."""
-    free = [_narrowed(model, p) for p in switches]
-    free += [free_parameter(p, model.values[p.name], None) for p in shape]
-    once = PERIODS * 2.0 * math.pi / travel(model.plant, logs)
-    return tuple(_periodic(it, once) for it in free)
-
-
-def _sizes(
-    plant: Plant,
-    logs: Sequence[Log],
-    name: str,
-    switches: Sequence[Parameter],
-    shape: Sequence[Parameter],
-) -> list[Settings]:
-    """Settings of an effect to look at first."""
-    effect, switch = plant.placements[name][0].effect.name, switches[0]
-    wire = plant.main_wire(name)
-    inertia = _inertia(name, shape)
-    if ripple_of(name, shape):
-        return ripples(switch, shape, plant, logs)
-    if inertia:
-        return resonances(switch, inertia)
-    if _reads(effect, wire, logs):
+    def __init__(
+        self,
+        model: Model,
+        logs: Sequence[Log],
+        name: str,
+        switches: list[Parameter],
+        parameters: list[Parameter],
+    ) -> None:
+        self.model, self.logs, self.name, self.switches = model, logs, name, switches
+        self.plant = model.plant
+        self.effect: Block = self.plant.main(name).effect
+        self.hints = self.effect.search
+        self.wire = self.plant.main_wire(name)
+        self.shape = [
+            it for it in parameters if not it.param.switch and it.key not in self.hints.assumed
+        ]
         # codes of the very signal tell whether and how it is quantised
-        return near_to(switch, (it for it in quanta(switch, [wire], logs) if it.sure))
-    found = shares(effect, switches, shape)
-    if effect == "quantisation":
-        alike = [it for it in plant.outputs if plant.wire[it].unit == plant.wire[wire].unit]
-        found += [{switch.name: it.size} for it in quanta(switch, alike, logs)]
-    return found
+        self.has_codes = self.effect.signature == "codes"
+        self.reads_codes = self.has_codes and any(self.wire in log.outputs for log in logs)
 
+    def candidate(self) -> Candidate:
+        return Candidate(
+            name=self.name,
+            search=self.hints,
+            free=self.free(),
+            switches=tuple(it.name for it in self.switches),
+            trial_values=tuple(self.trial_values()),
+            grid=tuple(self.grid()),
+            fastest=_fastest(self.logs) if self.hints.inertia else 0.0,
+        )
 
-def _inertia(name: str, shape: Iterable[Parameter]) -> Parameter | None:
-    """The inertia of an effect that is a resonance, None of any other."""
-    return next((p for p in shape if p.name == f"{name}.{RESONANT[1]}"), None)
+    def free(self) -> tuple[Free, ...]:
+        """Its parameters within its reach: those that switch it on, then its shape."""
+        values = self.model.values
+        free = [_narrowed(free_parameter(it, values[it.name], None)) for it in self.switches]
+        for parameter in self.shape:
+            one = free_parameter(parameter, values[parameter.name], None)
+            free.append(self.periodic(one) if parameter is self.shaped(self.hints.count) else one)
+        return tuple(free)
 
+    def shaped(self, key: str) -> Parameter | None:
+        """One of its parameters that are no switches."""
+        return next((it for it in self.shape if it.key == key), None)
 
-def _reads(effect: str, wire: str, logs: Iterable[Log]) -> bool:
-    """Whether an effect quantises a signal that is logged."""
-    return effect == "quantisation" and any(wire in log.outputs for log in logs)
+    def periodic(self, free: Free) -> Free:
+        """A count with so many periods in the travel at least."""
+        travelled = travel(self.plant, self.logs)
+        least = LEAST_RIPPLE_PERIODS_IN_TRAVEL * 2.0 * math.pi / travelled
+        low = min(max(free.low, least), 0.5 * free.high)
+        return replace(free, low=low, start=max(free.start, low))
 
+    def trial_values(self) -> list[Settings]:
+        """Settings to try first."""
+        switch, inertia = self.switches[0], self.shaped(self.hints.inertia)
+        if self.hints.phase:
+            return ripples(switch, self.shaped(self.hints.count), self.plant, self.logs)
+        if inertia:
+            return resonances(switch, inertia)
+        if self.reads_codes:
+            steps = quanta(switch, [self.wire], self.logs)
+            return about_codes(switch, (it for it in steps if it.sure))
+        found = few(self.hints, self.switches, self.shape)
+        if self.has_codes:
+            found += [{switch.name: it.size} for it in quanta(switch, self.like_it(), self.logs)]
+        return found
 
-def _whole(model: Model, logs: Sequence[Log], effect: str, wire: str) -> float:
-    """What the stairs of an effect divide [SI], infinity where unknown."""
-    if effect == "sample_hold":
-        return max((log.duration + log.settle for log in logs), default=math.inf)
-    return max((_range(model, log, wire) for log in logs), default=math.inf)
+    def like_it(self) -> list[str]:
+        """Outputs in the unit of the signal that it acts on."""
+        wires = self.plant.wire
+        return [it for it in self.plant.outputs if wires[it].unit == wires[self.wire].unit]
+
+    def grid(self) -> list[Settings]:
+        """Many values of a discontinuous parameter, unless codes tell it."""
+        grid = self.hints.grid
+        if grid is None or self.reads_codes:
+            return []
+        if grid.divides == "duration":
+            parts = [log.duration + log.settle for log in self.logs]
+        else:
+            parts = [_range(self.model, log, self.wire) for log in self.logs]
+        return on_grid(grid, self.switches[0], max(parts, default=math.inf))
 
 
 def _range(model: Model, log: Log, wire: str) -> float:
@@ -239,31 +248,20 @@ def _inside(free: Free, value: float) -> float:
 
 def _near(free: Free, least: float) -> Free:
     """The same, a parameter of a resonance within reach of its start and not below ``least``."""
-    if free.name.rpartition(".")[2] not in RESONANT:
-        return free
     # what is slow is kept out by being near, not by being small against the typical size
-    low = min(max(free.start / NEAR, least), free.start)
-    return replace(free, low=low, high=min(free.high, free.start * NEAR))
+    low = min(max(free.start / RESONANCE_REACH_FACTOR, least), free.start)
+    return replace(free, low=low, high=min(free.high, free.start * RESONANCE_REACH_FACTOR))
 
 
 def _fastest(logs: Iterable[Log]) -> float:
     """Square of the shortest 1 / angular frequency [s] of which logs have enough samples."""
     steps = [float(np.median(np.diff(log.times))) for log in logs if len(log.times) > 1]
-    return (SHOWN * min(steps, default=0.0) / (2.0 * math.pi)) ** 2
+    return (LEAST_SAMPLES_IN_A_PERIOD * min(steps, default=0.0) / (2.0 * math.pi)) ** 2
 
 
-def _periodic(free: Free, least: float) -> Free:
-    """A count of so many periods a turn at least: with less, a ripple looks like any load."""
-    if free.name.rpartition(".")[2] != COUNT:
-        return free
-    low = min(max(free.low, least), 0.5 * free.high)
-    return replace(free, low=low, start=max(free.start, low))
-
-
-def _narrowed(model: Model, parameter: Parameter) -> Free:
-    """A free size, a share of its start at least where that is positive."""
-    free = free_parameter(parameter, model.values[parameter.name], None)
+def _narrowed(free: Free) -> Free:
+    """A free switch, a share of its start at least where that is positive."""
     if free.start <= 0.0:
         return free
-    low = max(free.low, LEAST * free.start) if free.low >= 0.0 else free.low
+    low = max(free.low, LEAST_OVER_TYPICAL * free.start) if free.low >= 0.0 else free.low
     return replace(free, low=low)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.block import DeadTime
 from servo_models.core.types import Array
 from servo_models.data.recording import Log
 from servo_models.diagnosis.codes import bunched
@@ -74,11 +75,11 @@ def answers(found: Explanation, effect: str) -> Answers | None:
     """
     problem = found.problem
     plant = problem.model.plant
-    wire = plant.main_wire(effect)
-    period = found.values[f"{effect}.period"]
+    wire, switch = plant.main_wire(effect), plant.main(effect).switch
+    period = found.values[switch]
     if wire not in {it.name for it in plant.inputs}:
         return None
-    values = {**found.values, f"{effect}.period": 0.0}
+    values = {**found.values, switch: 0.0}
     before = _delay_before(found, effect, wire)
     parts = [_of_log(found, log, wire, values, (period, before)) for log in problem.logs]
     due, late, error = (np.concatenate(part) for part in zip(*parts))
@@ -91,11 +92,12 @@ def _delay_before(found: Explanation, effect: str, wire: str) -> float:
     """Transport delay [s] of a command before it comes to a hold."""
     plant, total = found.problem.model.plant, 0.0
     values = {**found.problem.model.values, **found.values}
-    for name, (placement, *_) in plant.placements.items():
+    for name in plant.placements:
         if name == effect:
             break
-        if placement.effect.name == "transport_delay" and plant.main_wire(name) == wire:
-            total += values[f"{name}.time"]
+        linear = plant.main(name).effect.small_signal
+        if isinstance(linear, DeadTime) and plant.main_wire(name) == wire:
+            total += values[f"{name}.{linear.time}"]
     return total
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.analysis.experiment import display
-from servo_models.core.plant import Wire
+from servo_models.core.plant import Placement, Wire
 from servo_models.core.types import Array
 from servo_models.diagnosis.clock import Answers, answers
 from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched
@@ -70,12 +70,11 @@ def detection(found: Explanation, name: str) -> Detection | None:
         found: a fit with the effect on.
         name: of the effect.
     """
-    plant = found.problem.model.plant
-    effect = plant.placements[name][0].effect.name
-    if effect == "sample_hold":
+    place = found.problem.model.plant.main(name)
+    if place.effect.signature == "clock":
         return answers(found, name)
-    if effect == "quantisation":
-        return _codes(found, name, plant.main_wire(name))
+    if place.effect.signature == "codes":
+        return _codes(found, place)
     return None
 
 
@@ -96,16 +95,17 @@ def sentence(seen: Detection) -> str:
     return f"{said}: {seen.bunched:.2f} of 1, by chance {chance}{doubtful}"
 
 
-def _codes(found: Explanation, name: str, wire: str) -> Codes | None:
+def _codes(found: Explanation, place: Placement) -> Codes | None:
+    wire = place.on[0]
     records = [log.outputs[wire] for log in found.problem.logs if wire in log.outputs]
     if not records:
         return None
-    step = found.values[f"{name}.step"]
+    step = found.values[place.switch]
     turns = np.concatenate(records) / step
     stays = _stays(turns)
     middle = float(np.angle(_mean_of_stays(np.exp(2j * np.pi * turns), stays))) / (2.0 * np.pi)
     phases = turns - middle - np.round(turns - middle)
-    return Codes(name, found.problem.model.plant.wire[wire], step, phases, stays)
+    return Codes(place.name, found.problem.model.plant.wire[wire], step, phases, stays)
 
 
 def _stays(turns: Array) -> NDArray[np.int64]:

@@ -3,10 +3,14 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Param, SearchHints, effect
 
 
-@effect("load", source="Hanselman, Brushless Permanent Magnet Motor Design, 2006, ch. 7")
+@effect(
+    "load",
+    source="Hanselman, Brushless Permanent Magnet Motor Design, 2006, ch. 7",
+    search=SearchHints(phase="phase", count="count"),
+)
 def cogging(
     load: float,
     shaft_angle: float,

@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import LIMITS_OVER_TYPICAL, Param, SearchHints, effect
 
 
-@effect("travel", source="SG90 paper sec. 4.4; valve paper sec. 2")
+@effect(
+    "travel",
+    source="SG90 paper sec. 4.4; valve paper sec. 2",
+    search=SearchHints(trial_values=LIMITS_OVER_TYPICAL),
+)
 def end_stops(
     travel: float,
     half_range: Annotated[

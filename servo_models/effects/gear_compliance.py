@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Ambiguity, Param, SearchHints, effect
 
 RIGID = 1e-6
 """Compliances [rad/(N m)] below this one are rigid: their resonance would only cost steps."""
@@ -15,22 +15,6 @@ Compliance = Annotated[
 Inertia = Annotated[
     float, Param("kg.m2", "inertia behind the compliance", default=1e-3, low=1e-9, fixed=True)
 ]
-
-
-@effect("angle", "rate", "load_rate", source=SOURCE)
-def compliant_output(
-    angle: float,
-    rate: float,
-    load_rate: float,
-    load_angle: float,
-    load_speed: float,
-    angle_unit: float,
-    compliance: Compliance,
-) -> tuple[float, float, float]:
-    """The output is the load's side of the spring."""
-    if compliance >= RIGID:
-        return load_angle, angle_unit * load_speed, angle_unit * load_speed
-    return angle, rate, load_rate
 
 
 @effect("load", "load_acceleration", source=SOURCE)
@@ -68,3 +52,34 @@ def resonance_step(
     both = 1.0 / (1.0 / inertia + 1.0 / shaft_inertia)
     limit = 0.13 * math.sqrt(compliance * both)
     return limit if limit < internal_step else internal_step
+
+
+@effect(
+    "angle",
+    "rate",
+    "load_rate",
+    source=SOURCE,
+    name="gear_compliance",
+    parts=(compliant_load, resonance_step),
+    search=SearchHints(inertia="inertia"),
+    ambiguities=(
+        Ambiguity(
+            "a chirp through the resonance, sampled 20 times faster than it",
+            ("gear_compliance",),
+            ("lag", "transport_delay"),
+        ),
+    ),
+)
+def compliant_output(
+    angle: float,
+    rate: float,
+    load_rate: float,
+    load_angle: float,
+    load_speed: float,
+    angle_unit: float,
+    compliance: Compliance,
+) -> tuple[float, float, float]:
+    """The output is the load's side of the spring."""
+    if compliance >= RIGID:
+        return load_angle, angle_unit * load_speed, angle_unit * load_speed
+    return angle, rate, load_rate

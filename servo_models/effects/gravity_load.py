@@ -3,10 +3,10 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Param, SearchHints, effect
 
 
-@effect("load", source="definition")
+@effect("load", source="definition", search=SearchHints(phase="phase"))
 def gravity_load(
     load: float,
     angle: float,

@@ -3,10 +3,15 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Memory, Param, effect
+from servo_models.core.block import FirstOrderLag, Memory, Param, effect
 
 
-@effect("signal", source="Franklin, Powell, Workman, Digital Control, 1998, ch. 6 (ramp invariant)")
+@effect(
+    "signal",
+    source="Franklin, Powell, Workman, Digital Control, 1998, ch. 6 (ramp invariant)",
+    small_signal=FirstOrderLag("time_constant", input="last", output="value"),
+    parameter_units=("s",),
+)
 def lag(
     signal: float,
     elapsed: float,

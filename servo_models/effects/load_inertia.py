@@ -2,10 +2,21 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Ambiguity, Param, effect
 
 
-@effect("shaft_inertia", source="definition")
+@effect(
+    "shaft_inertia",
+    source="definition",
+    ambiguities=(
+        Ambiguity(
+            "add a known inertia, or switch the torque off and let it run out",
+            ("load_inertia",),
+            ("gain_error",),
+        ),
+    ),
+    parameter_units=("kg", "kg.m2"),
+)
 def load_inertia(
     shaft_inertia: float,
     inertia: Annotated[

@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Param, SearchHints, effect
 
 
-@effect("signal", source="Fraden, Handbook of Modern Sensors, 2016, ch. 3")
+@effect(
+    "signal",
+    source="Fraden, Handbook of Modern Sensors, 2016, ch. 3",
+    search=SearchHints(assumed=("full_scale",)),
+)
 def nonlinearity(
     signal: float,
     bow: Annotated[

@@ -2,10 +2,20 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Ambiguity, Param, effect
 
 
-@effect("signal", source="definition")
+@effect(
+    "signal",
+    source="definition",
+    ambiguities=(
+        Ambiguity(
+            "the same moves with the pose turned upside down",
+            ("offset", "null_shift"),
+            ("constant_load", "gravity_load", "direction_asymmetry"),
+        ),
+    ),
+)
 def offset(
     signal: float,
     value: Annotated[

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Clock, Memory, Param, effect
+from servo_models.core.block import Clock, Grid, Memory, Param, SearchHints, effect
 
 MULTIPLIER = 16807.0
 MODULUS = 2147483647.0
@@ -11,7 +11,15 @@ SHORTEST = 1e-6
 """Frames [s] below this one are not told from a continuous signal."""
 
 
-@effect("signal", source="SG90 paper sec. 4.1 (20 ms frame); Park, Miller, CACM 31 (1988) 1192")
+@effect(
+    "signal",
+    source="SG90 paper sec. 4.1 (20 ms frame); Park, Miller, CACM 31 (1988) 1192",
+    search=SearchHints(
+        grid=Grid(low=0.15, high=10.0, least_spacing=0.0015, divides="duration"),
+        assumed=("jitter",),
+    ),
+    signature="clock",
+)
 def sample_hold(
     signal: float,
     due: float,

@@ -3,10 +3,20 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Ambiguity, Param, effect
 
 
-@effect("friction", source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083, eq. 3")
+@effect(
+    "friction",
+    source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083, eq. 3",
+    ambiguities=(
+        Ambiguity(
+            "very slow ramps, as slow as it still moves, both ways, without and with a load",
+            ("stribeck_friction",),
+            ("coulomb_friction", "load_friction"),
+        ),
+    ),
+)
 def stribeck_friction(
     friction: float,
     shaft_speed: float,

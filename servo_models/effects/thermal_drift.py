@@ -2,10 +2,17 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Memory, Param, effect
+from servo_models.core.block import Ambiguity, Memory, Param, SearchHints, effect
 
 
-@effect("signal", source="first-order thermal model, heating with the square of the drive")
+@effect(
+    "signal",
+    source="first-order thermal model, heating with the square of the drive",
+    search=SearchHints(assumed=("full_scale",)),
+    ambiguities=(
+        Ambiguity("ten minutes of the same step", ("thermal_drift",), ("supply_sag", "gain_error")),
+    ),
+)
 def thermal_drift(
     signal: float,
     elapsed: float,

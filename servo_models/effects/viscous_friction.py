@@ -5,7 +5,7 @@ from typing import Annotated
 from servo_models.core.block import Param, effect
 
 
-@effect("load", source="definition")
+@effect("load", source="definition", parameter_units=("N.m.s/rad", "N.s/m"))
 def viscous_friction(
     load: float,
     shaft_speed: float,

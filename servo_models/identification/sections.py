@@ -15,16 +15,17 @@ from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import hold
 from servo_models.analysis.statistics import autocorrelation, memory
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Complex
 from servo_models.data.audit import Audit, Command, Floor, Sampling
 from servo_models.data.audit import Reading as Measured
 from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
 from servo_models.identification.identifiability import SHOWN, Group, Reach
-from servo_models.identification.measured_response import Complex, Empirical, Record, empirical
+from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
 from servo_models.identification.readings import (
     Reading,
@@ -37,7 +38,6 @@ from servo_models.identification.readings import (
     words,
 )
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.identification.uncertainty import doubt
 from servo_models.report.conditions import conditions
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade

@@ -21,7 +21,7 @@ from servo_models.core.plant import Actuator
 from servo_models.core.simulate import model
 from servo_models.errors import UserError
 from tests.conftest import Run
-from tests.support import one_input
+from tests.support.own_actuators import WITH_EFFECTS, write
 
 
 def words(sheet: object) -> str:
@@ -125,7 +125,7 @@ def test_an_effect_is_drawn_on_an_actuator_without_a_load(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A plant of the catalogue may have its command as its only input."""
-    alone = replace(actuator(str(one_input.write(tmp_path))), file=None)
+    alone = replace(actuator(str(write(tmp_path, changes=WITH_EFFECTS))), file=None)
     monkeypatch.setattr(
         sys.modules["servo_models.analysis.explain"], "actuators", lambda: {"joint": alone}
     )

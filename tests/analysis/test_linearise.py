@@ -15,7 +15,7 @@ from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import SineTest
 from servo_models.core.catalogue import actuator
 from servo_models.core.simulate import model
-from tests.analysis.test_figures import MEASURED, SG90, equation_12, equations_1_to_9
+from tests.support.papers import MEASURED, SG90, equation_12, equations_1_to_9
 
 
 def test_the_state_space_is_that_of_the_papers_equations() -> None:

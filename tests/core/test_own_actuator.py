@@ -18,57 +18,7 @@ from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError
 from tests.conftest import Run
-from tests.support import one_input
-
-SOURCE = '''
-import pathlib
-from typing import Annotated
-from servo_models import Actuator, Param, Plant, State, Variant, Wire, block
-
-with open(pathlib.Path(__file__).with_suffix(".ran"), "a") as ran:
-    ran.write("x")
-
-@block("speed")
-def follow(
-    goal: float,
-    angle: float,
-    time_constant: Annotated[float, Param("s", "lag", default=TIME, low=0.01, high=10.0)],
-) -> float:
-    """The speed is the error over the time constant."""
-    return (goal - angle) / time_constant
-
-ACTUATOR = Actuator(
-    name="joint",
-    title="A joint",
-    about="",
-    source="",
-    plant=Plant(
-        inputs=(Wire("goal", "rad", "goal"),),
-        wires=(Wire("speed", "rad/s", "speed"),),
-        constants={"internal_step": Param("s", "step", default=1e-3, low=1e-6, high=1e-2)},
-        chain=(follow,),
-        states=(State(Wire("angle", "rad", "angle"), "speed"),),
-        outputs=("angle",),
-    ),
-    variants=(Variant("plain", "", {}, ""),),
-    stop_time=1.0,
-    step_size=0.01,
-    step=("goal", 1.0),
-)
-'''
-
-
-def write(folder: Path, time_constant: float = 0.2, name: str = "joint.py") -> Path:
-    """Write the actuator's file; it notes beside itself how often it ran."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / name
-    path.write_text(SOURCE.replace("TIME", repr(time_constant)))
-    return path
-
-
-def runs(path: Path) -> int:
-    marks = path.with_suffix(".ran")
-    return len(marks.read_text()) if marks.exists() else 0
+from tests.support.own_actuators import SOURCE, WITH_EFFECTS, runs, write
 
 
 def reached(path: Path) -> float:
@@ -119,7 +69,7 @@ def test_a_file_is_explained_in_place_of_a_name(tmp_path: Path, run: Run) -> Non
 
 
 def test_one_input_is_enough(tmp_path: Path, run: Run) -> None:
-    path = one_input.write(tmp_path)
+    path = write(tmp_path, changes=WITH_EFFECTS)
     for words in (
         ["explain", path, "--variant", "plain", "--picture", tmp_path / "step.svg"],
         ["simulate", path, "--plot", tmp_path / "run.svg"],
@@ -171,7 +121,7 @@ def test_a_standard_step_of_no_input_is_refused(tmp_path: Path, run: Run) -> Non
 
 def test_a_standard_step_out_of_bounds_is_no_start_value(tmp_path: Path, run: Run) -> None:
     """No FMU may have such a start value; ``simulate`` says what is wrong with it."""
-    path = one_input.write(tmp_path)
+    path = write(tmp_path, changes=WITH_EFFECTS)
     path.write_text(path.read_text().replace('step=("goal", 1.0)', 'step=("goal", 11.0)'))
     assert run("build", path, "--out", tmp_path)[0] == 0
     (goal, *_) = fmpy.read_model_description(str(tmp_path / "joint.fmu")).modelVariables
@@ -315,6 +265,6 @@ def test_a_file_for_the_modules_of_version_0_2_runs(tmp_path: Path) -> None:
     )
     assert old != SOURCE
     path = tmp_path / "old_joint.py"
-    path.write_text(old.replace("TIME", "0.2"))
+    path.write_text(old)
     response = simulate(model(str(path)), [0.0, 0.2], {"goal": 1.0})
     assert response["angle"][-1] == pytest.approx(1.0 - math.exp(-1.0), rel=1e-6)

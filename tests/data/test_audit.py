@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -24,7 +23,8 @@ from servo_models.data.audit.sensor import (
 )
 from servo_models.data.audit.steps import NO_STEP, reading_step
 from servo_models.data.readers import read_columns
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
+from tests.support import logs
 
 PLANT = Plant((Wire("u", "V", "", low=-10.0, high=10.0),), (Wire("y", "rad", ""),), (), (), ("y",))
 ENCODER = 2.0 * math.pi / 4096.0
@@ -32,13 +32,8 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def log_of(times: Array, u: Array, y: Array, rows: Array | None = None) -> Log:
-    n = len(times)
-    numbers = np.arange(2, n + 2) if rows is None else rows.astype(np.int64)
-    channels: Mapping[str, Channel] = {"y": Channel("y", "y", "rad")}
-    t = times - times[0]
-    return Log(
-        "log", Path("log"), "", t, {"u": u}, {"y": y}, channels, numbers, np.zeros(n, dtype=bool)
-    )
+    numbers = np.arange(2, len(times) + 2) if rows is None else rows.astype(np.int64)
+    return logs.log_of(times - times[0], {"u": u}, {"y": y}, rows=numbers)
 
 
 def audited(times: Array, u: Array, y: Array) -> Audit:

@@ -22,7 +22,7 @@ from servo_models.files import read_regular
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
 from servo_models.units import parse
 from tests.conftest import Run
-from tests.core.test_own_actuator import write
+from tests.support.own_actuators import write
 
 FUZZ = Path(__file__).parents[1] / "fuzz" / "inputs.py"
 NO_END_SECONDS = 550

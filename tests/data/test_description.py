@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,43 +12,12 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import simulate
 from servo_models.data import description
-from servo_models.data.description import Description, log, read_description
+from servo_models.data.description import log
 from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
-from servo_models.errors import UserError
+from tests.support.descriptions import DEGREE, HEAD, LOG, TABLE, complaint, describe, text_of
+from tests.support.own_actuators import WITH_A_FLAG, write
 
 PAGE = (Path(__file__).parents[2] / "docs" / "description.md").read_text(encoding="utf-8")
-DEGREE = math.pi / 180.0
-HEAD = 'actuator = "torque_motor"\nvariant = "measured"\n'
-LOG = """
-[[logs]]
-file = "log.csv"
-time = { column = "time_ms", unit = "ms" }
-inputs.voltage = { column = "u", unit = "V" }
-outputs.angle = { column = "angle_deg", unit = "deg" }
-"""
-TABLE = [(100.0 + 5.0 * i, float(i % 3), 0.1 * i) for i in range(20)]
-
-
-def text_of(rows: Sequence[Sequence[object]], header: str = "time_ms,u,angle_deg") -> str:
-    return "\n".join([header, *(",".join(str(cell) for cell in row) for row in rows)])
-
-
-def describe(
-    folder: Path, log: str = LOG, head: str = HEAD, data: str | None = None
-) -> Description:
-    """Write a description beside its log, and read it."""
-    (folder / "log.csv").write_text(text_of(TABLE) if data is None else data)
-    path = folder / "description.toml"
-    path.write_text(head + log)
-    return read_description(path)
-
-
-def complaint(folder: Path, **options: Any) -> str:
-    """The sentence about a fault, which is one line."""
-    with pytest.raises(UserError) as caught:
-        describe(folder, **options)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
@@ -167,45 +133,6 @@ def test_values_identified_before(tmp_path: Path) -> None:
     assert "is of actuator 'torque_motor', variant 'estimated'" in message
 
 
-OWN = '''
-"""A joint that follows its goal with a lag."""
-from __future__ import annotations
-from typing import Annotated
-from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
-from servo_models.core.block import Param, block
-
-@block("speed", source="first-order lag")
-def follow(
-    goal: float,
-    enabled: float,
-    angle: float,
-    time_constant: Annotated[float, Param("s", "lag", default=0.2, low=0.01, high=10.0)],
-) -> float:
-    """The speed is the error over the time constant, while the joint is enabled."""
-    return enabled * (goal - angle) / time_constant
-
-ACTUATOR = Actuator(
-    name="joint",
-    title="A joint",
-    about="",
-    source="",
-    plant=Plant(
-        inputs=(
-            Wire("goal", "rad", "goal", low=-4.0, high=4.0),
-            Wire("enabled", "1", "on", rest=1.0, low=0.0, high=1.0, flag=True),
-        ),
-        wires=(Wire("speed", "rad/s", "speed"), ),
-        constants={"internal_step": Param("s", "step", default=1e-3, low=1e-6, high=1e-2)},
-        chain=(follow,),
-        states=(State(Wire("angle", "rad", "angle"), "speed"),),
-        outputs=("angle", "speed"),
-    ),
-    variants=(Variant("plain", "", {}, ""),),
-    stop_time=2.0,
-    step_size=0.01,
-    step=("goal", 1.0),
-)
-'''
 JOINT = """
 [[logs]]
 file = "log.csv"
@@ -216,7 +143,7 @@ outputs.angle = { column = "angle_deg", unit = "deg" }
 
 
 def test_an_actuator_of_ones_own(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(OWN)
+    write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     log_ = JOINT + "constants = { enabled = false }\n"
     found = describe(tmp_path, log_, 'actuator = "mine.py"\nfree = ["time_constant"]\n')
     assert found.logs[0].constants == {"enabled": 0.0}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from servo_models.data.description import Description, read_description
-from tests.data.test_description import OWN
+from tests.support.own_actuators import WITH_A_FLAG, write
 
 
 def log_of(
@@ -71,7 +71,7 @@ def test_sg90_video(logs_folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["rotation-multisine", "wrist_roll-trapezoidal_profile"])
 def test_so101(logs_folder: Path, tmp_path: Path, name: str) -> None:
-    (tmp_path / "mine.py").write_text(OWN)
+    write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     body = """
     time = "time_s"
     inputs.goal = "command_rad"
@@ -83,7 +83,7 @@ def test_so101(logs_folder: Path, tmp_path: Path, name: str) -> None:
 
 
 def test_xl330(logs_folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(OWN)
+    write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     body = """
     time = "timestamp"
     inputs = { goal = "goal_position", enabled = "torque_enable" }

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.data.test_description import HEAD, LOG, TABLE, complaint, describe, text_of
+from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, text_of
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.data.test_description import DEGREE, LOG, TABLE, complaint, describe, text_of
+from tests.support.descriptions import DEGREE, LOG, TABLE, complaint, describe, text_of
 
 
 def test_a_window_and_a_span_count_from_the_first_row_of_the_file(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from servo_models.data.description import read_description
 from servo_models.data.scaffold import draft
 from servo_models.data.scaffold.columns import heading
 from tests.conftest import Run
-from tests.identification.test_check import TIMES, VOLTAGE, described, frame, motor_log
+from tests.support.noisy_motor import TIMES, VOLTAGE, described, frame, motor_log
 
 
 @pytest.fixture

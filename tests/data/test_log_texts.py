@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.data.readers import read_columns
-from tests.data.test_logs import ROWS, complaint, file
+from tests.support.files import ROWS, complaint, file
 
 
 @pytest.mark.parametrize("mark", [".", ","])

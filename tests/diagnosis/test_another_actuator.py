@@ -59,6 +59,7 @@ def linear_drive(times: Array, command: Array) -> Array:
     return simulate(chosen, times, {"reference": 0.05 * command})["position"] / 0.05
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("rig", "step", "described", "doubt"),
     [

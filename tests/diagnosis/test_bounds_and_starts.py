@@ -21,8 +21,8 @@ from servo_models.diagnosis.search.screening import look, sights_of
 from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
-from tests.diagnosis.test_diagnose_cli import DESCRIPTION, describe
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.delayed_motor import DESCRIPTION, describe
+from tests.support.diagnoses import made
 
 
 @pytest.mark.parametrize("effects", [{}, {"coulomb_friction.level": 2e-3}])
@@ -84,7 +84,7 @@ def test_what_cannot_be_simulated_is_not_seen() -> None:
     bench, every = made({})
     (log,) = bench.logs
     bench = replace(bench, logs=[replace(log, times=0.02 * log.times)])
-    one = replace(every["transport_delay"], sizes=({"transport_delay.time": 0.05},))
+    one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
     nominal = bench.unfit((), (), {free.name: free.nominal for free in bench.nominal})
     assert look([nominal.view], [one]) == []
     assert reaches(sights_of([nominal.view], [one]), [one]) == {"transport_delay": Reach()}
@@ -103,6 +103,7 @@ def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
     assert "stribeck_friction" in {one.name for one in candidates(told.model, told.logs)}
 
 
+@pytest.mark.thorough
 def test_an_uncertain_effect_is_no_candidate() -> None:
     bench, every = made({})
     (size,) = (

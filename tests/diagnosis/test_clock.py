@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model, simulate
-from servo_models.data.recording import Channel, Log
+from servo_models.core.simulate import model
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.identification.problem import free_parameter
-from tests.diagnosis.test_search_of_causes import made
-
-HOLD = "sample_hold"
-
-
-def with_hold(truth: dict[str, float], period: float) -> Explanation:
-    """A rig, and what a hold of this period would explain of it."""
-    bench, every = made(truth, 2e-5)
-    return bench.unfit((HOLD,), every[HOLD].free, _values(period))
-
-
-def _values(period: float) -> dict[str, float]:
-    nominal = {"torque_constant": 5.5, "friction_coefficient": made({})[0].nominal[1].nominal}
-    return {**nominal, f"{HOLD}.period": period, f"{HOLD}.jitter": 0.0}
+from tests.support.diagnoses import HOLD, _values, made, with_hold
+from tests.support.logs import measured
 
 
 @pytest.mark.parametrize("period", [1.7e-3, 2.43e-3, 4.1e-3])
@@ -62,6 +48,7 @@ def test_what_makes_all_steps_late_alike_knows_no_clock(truth: dict[str, float])
     assert np.median([it.chance for it in found if it]) > 0.1
 
 
+@pytest.mark.thorough
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(4, 40))
 def test_answers_at_any_time_are_hardly_ever_bunched(seed: int, count: int) -> None:
@@ -98,11 +85,7 @@ def test_a_hold_of_an_inner_signal_is_not_judged_by_commands() -> None:
     chosen = model("smart_servo")
     times = 5e-3 * np.arange(400.0)
     goal = {"goal": np.repeat([0.0, 0.2, -0.1, 0.3], 100)}
-    response = simulate(chosen, times, goal)["angle"]
-    rows = np.arange(len(times))
-    channel = {"angle": Channel("angle", "angle", "")}
-    log = Log("log", Path("log"), "", times, goal, {"angle": response}, channel, rows, rows < 0)
-    bench = Bench(chosen, [log], (), {"angle": 1e-3})
+    bench = Bench(chosen, [measured(chosen, times, goal, {"angle": 0.0})], (), {"angle": 1e-3})
     hold = free_parameter(chosen.plant.parameters[f"{HOLD}.period"], 0.0, None)
     found = bench.unfit((HOLD,), [hold], {hold.name: 0.02})
     assert answers(found, HOLD) is None

@@ -12,7 +12,8 @@ from servo_models.data.recording import Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.conditions import carried_over, conditions
 from servo_models.diagnosis.fitting.explanation import Bench
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import changed
 
 RESISTANCES = (1500.0, 3600.0, 9000.0)
 
@@ -32,7 +33,7 @@ def under(effects: dict[str, float]) -> Bench:
 
 
 def _angle(bench: Bench, log: Log, values: dict[str, float]) -> Array:
-    rig = replace(bench.model, values={**bench.model.values, **values})
+    rig = changed(bench.model, values)
     return simulate(rig, log.times, log.inputs)["angle"]
 
 
@@ -52,7 +53,9 @@ def test_the_cause_carries_over_and_what_imitates_it_does_not() -> None:
     lost = {}
     for one in candidates(bench.model, bench.logs):
         if one.name in ("coulomb_friction", "viscous_friction", "hysteresis"):
-            lost[one.name] = carried_over(bench, bench.fit((one.name,), one.at(one.sizes[0])))
+            lost[one.name] = carried_over(
+                bench, bench.fit((one.name,), one.at(one.trial_values[0]))
+            )
     truth = lost.pop("coulomb_friction")
     samples = sum(len(log.times) for log in bench.logs)
     assert truth == pytest.approx(samples, rel=0.1)  # the noise, which is one floor

@@ -15,8 +15,7 @@ from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import DOUBTFUL, Codes, detection, sentence
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.page import detectors as page
-from tests.diagnosis.test_clock import with_hold
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made, with_hold
 
 STEP, NOISE = 4e-3, 5e-4
 QUANTISER = "sensor_quantisation"

@@ -20,7 +20,6 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.workers import Workers
 from servo_models.data.audit import Floor
 from servo_models.data.description import read_description
-from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
@@ -34,7 +33,8 @@ from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import EQ_12
-from tests.diagnosis.test_diagnose_cli import DESCRIPTION, describe
+from tests.support.delayed_motor import DESCRIPTION, describe
+from tests.support.logs import changed, log_of
 
 
 class Told(list[str]):
@@ -58,6 +58,7 @@ def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagno
     assert all("best so far" in text and "noise floors" in text for text in told[first:])
 
 
+@pytest.mark.thorough
 def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
     told = read_description(case[0].logs[0].path.parent / "rig.toml")
     found = diagnose(told, left_out=["transport_delay"])
@@ -108,7 +109,7 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     """Of the same rig with a friction that no sample that is judged has shown."""
     found, _ = case
     (log,) = found.logs
-    rubbing = replace(found.fitted, values={**found.fitted.values, "coulomb_friction.level": 0.01})
+    rubbing = changed(found.fitted, {"coulomb_friction.level": 0.01})
     angle = simulate(rubbing, log.times, log.inputs)["angle"]
     everything = np.ones(len(log.times), dtype=bool)
     other = replace(log, name="rubbing", outputs={"angle": angle}, held_out=everything)
@@ -294,11 +295,7 @@ def two_outputs(count: int) -> Problem:
     times = 1e-3 * np.arange(count)
     random = np.random.default_rng(2)
     outputs = {"angle": random.normal(size=count), "current": random.normal(size=count)}
-    channels = {name: Channel(name, name, "1") for name in ("voltage", *outputs)}
-    log = Log(
-        "log", Path("log.csv"), "", times, {"voltage": np.zeros(count)}, outputs, channels,
-        np.arange(count), np.zeros(count, dtype=bool),
-    )  # fmt: skip
+    log = log_of(times, {"voltage": np.zeros(count)}, outputs)
     return Problem(model("torque_motor"), [log], [], {"angle": 0.2, "current": 3.0})
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,58 +11,21 @@ from typing import Any, NamedTuple
 import fmpy
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator, ValidationError
+from jsonschema import ValidationError
 
 from servo_models.cli import main
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
-from servo_models.diagnosis import telling
 from servo_models.diagnosis.fitting import explanation
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear
 from tests.conftest import Run
+from tests.support.delayed_motor import DESCRIPTION, NOISE, RATE, check_schema, describe
 from tests.support.fmu_host import Host
 from tests.support.html_page import Page
-
-RATE = 4000.0
-NOISE = 5e-5
-DESCRIPTION = """
-actuator = "torque_motor"
-variant = "identified"
-parameters.transport_delay.time = 0
-[uncertainty]
-torque_constant = "5 %"
-inductance = "5 %"
-[[logs]]
-file = "log.csv"
-time = {{ column = "t", unit = "s" }}
-inputs.voltage = {{ column = "u", unit = "V" }}
-outputs.angle = {{ column = "angle", unit = "deg" }}
-{}
-"""
-
-
-def write_log(path: Path, seconds: float = 0.5) -> None:
-    """Steps and a chirp of the motor of eq. 12, its delay included, with white noise."""
-    times = np.arange(0.0, seconds, 1.0 / RATE)
-    steps = 8.0 * np.sign(np.sin(2.0 * np.pi * 12.0 * times))
-    chirp = 10.0 * np.sin(2.0 * np.pi * (5.0 + 150.0 * times) * times)
-    voltage = np.where(times < 0.5 * seconds, steps, chirp)
-    inputs = {"voltage": voltage, "load_torque": np.zeros_like(times)}
-    angle = Linear(IDENTIFIED)(times, inputs)["angle"]
-    angle = np.rad2deg(angle + NOISE * np.random.default_rng(5).standard_normal(len(times)))
-    rows = np.column_stack([times, voltage, angle])
-    np.savetxt(path, rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
-
-
-def describe(folder: Path, text: str = DESCRIPTION.format(""), seconds: float = 0.5) -> Path:
-    write_log(folder / "log.csv", seconds)
-    path = folder / "rig.toml"
-    path.write_text(text)
-    return path
 
 
 class Session(NamedTuple):
@@ -68,6 +33,7 @@ class Session(NamedTuple):
 
     folder: Path
     code: int
+    text: str
     document: dict[str, Any]
 
 
@@ -76,8 +42,12 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     folder = tmp_path_factory.mktemp("diagnosed")
     path = describe(folder, DESCRIPTION.format('held_out = { from = "0.4 s", to = "0.5 s" }'))
     words = ["diagnose", path, "--json", folder / "d.json", "--out", folder / "found.toml"]
-    code = main([str(word) for word in [*words, "--report", folder / "d.html"]])
-    return Session(folder, code, json.loads((folder / "d.json").read_text()))
+    printed, complaints = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(complaints):
+        code = main([str(word) for word in [*words, "--report", folder / "d.html"]])
+    assert complaints.getvalue() == ""
+    document = json.loads((folder / "d.json").read_text())
+    return Session(folder, code, printed.getvalue(), document)
 
 
 def test_the_delay_of_the_paper_is_named_and_measured(session: Session) -> None:
@@ -123,13 +93,6 @@ def test_the_audit_of_the_log_and_what_moved_without_effects_are_told(session: S
     assert (
         retuned["torque_constant"] != model("torque_motor", "identified").values["torque_constant"]
     )
-
-
-def check_schema(document: object) -> None:
-    path = Path(telling.__file__).parent / "schema.json"
-    schema = json.loads(path.read_text(encoding="utf-8"))
-    Draft202012Validator.check_schema(schema)
-    Draft202012Validator(schema).validate(document)
 
 
 def test_the_json_keeps_to_its_schema(session: Session) -> None:
@@ -204,9 +167,8 @@ def test_the_report_is_one_file_that_needs_no_other(session: Session) -> None:
     assert session.document["logs"][0]["sha256"] in page.source
 
 
-def test_text_tells_it_in_one_screen(session: Session, run: Run) -> None:
-    code, out, err = run("diagnose", session.folder / "rig.toml")
-    assert (code, err) == (1, "")
+def test_text_tells_it_in_one_screen(session: Session) -> None:
+    out = session.text
     assert "transport_delay on 'voltage' explains the gap" in out
     for heading in ("Gap, RMS", "Effects", "Parameters", "held out", "Where"):
         assert heading in out

@@ -18,7 +18,7 @@ from servo_models.diagnosis.preconditions import check_logs
 from servo_models.errors import UserError
 from servo_models.validation.linear_drive.reference import G_TAU, K_V
 from tests.conftest import Run
-from tests.diagnosis.test_diagnose_cli import DESCRIPTION, RATE, describe
+from tests.support.delayed_motor import DESCRIPTION, RATE, describe
 
 BAD = {
     "no file": ("", "no file", "absent.csv"),
@@ -69,6 +69,7 @@ def with_flag(folder: Path, outputs: str) -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_a_flag_is_not_judged(run: Run, tmp_path: Path) -> None:
     """Whatever it is, all figures are those without it, and a warning says so."""
     (tmp_path / "flag").mkdir()
@@ -95,6 +96,7 @@ def test_a_log_of_a_flag_alone_is_refused(run: Run, tmp_path: Path) -> None:
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_a_log_on_which_the_diagnosed_model_runs_away_stops_nothing(
     run: Run, tmp_path: Path
 ) -> None:
@@ -255,6 +257,7 @@ def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path
         assert not (tmp_path / name).exists()
 
 
+@pytest.mark.thorough
 def test_a_log_of_something_else_is_doubted(run: Run, tmp_path: Path) -> None:
     """Readings that have nothing to do with the command: noise."""
     path = describe(tmp_path, seconds=0.1)

@@ -18,7 +18,7 @@ import pytest
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Channel
 from servo_models.data.toml_file import Section
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.diagnose import diagnose
@@ -35,6 +35,7 @@ from servo_models.identification.result import Accuracy
 from servo_models.report.parts import MINUS
 from servo_models.report.style import drawing
 from tests.support.html_page import Page
+from tests.support.logs import measured
 
 STEP = 2.5e-4
 DELAY = 1.1e-3
@@ -58,17 +59,16 @@ def found() -> Diagnosis:
     voltage = _voltage()
     n = len(voltage)
     times = np.arange(n, dtype=np.float64) * STEP
-    angle = simulate(rig, times, {"voltage": voltage})["angle"]
-    log = Log(
+    log = measured(
+        rig,
+        times,
+        {"voltage": voltage},
+        {"angle": NOISE},
+        seed=4,
         name="bench",
         path=Path("bench.csv"),
         sha256="0123456789abcdef" * 4,
-        times=times,
-        inputs={"voltage": voltage},
-        outputs={"angle": angle + NOISE * np.random.default_rng(4).standard_normal(n)},
         channels={"angle": Channel("angle", "angle_deg", "deg", DEGREE)},
-        rows=np.arange(n),
-        held_out=np.zeros(n, dtype=bool),
     )
     relative = nominal.actuator.variant("measured").uncertainty
     known = {name: abs(part * nominal.values[name]) for name, part in relative.items()}

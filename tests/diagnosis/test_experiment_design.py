@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from servo_models.analysis.experiment import in_time
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
 from servo_models.data.tables import read_inputs
 from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.experiments.commands import FAMILIES, Command
@@ -27,13 +27,11 @@ from servo_models.diagnosis.search.staircases import shortened
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter
 from tests.conftest import Run
+from tests.support.logs import changed, measured
+from tests.support.two_levels import DEAD_ZONE, FLOOR, HEAD, LOG, STEP, TWO_LEVELS
 
-STEP = 5e-4
-FLOOR = 2e-5
 KNOWN = {"resistance": 36.3, "stiffness": 0.011, "rotor_inertia": 7e-9}
 """Standard deviations: the constants of Table 1 to 1 %."""
-TWO_LEVELS = np.repeat([0.0, 10.0, 0.0], 200)
-"""A log that shows nothing but two levels: what a static law does in between is not seen."""
 
 
 def nominal() -> Model:
@@ -42,20 +40,8 @@ def nominal() -> Model:
 
 def played(effects: Mapping[str, float], times: Array, voltage: Array, seed: int) -> Log:
     """The rig with effects, measured with white noise."""
-    rig = replace(nominal(), values={**nominal().values, **effects})
-    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
-    n = len(times)
-    return Log(
-        f"log {seed}",
-        Path("log.csv"),
-        "",
-        times,
-        {"voltage": voltage},
-        {"angle": simulate(rig, times, {"voltage": voltage})["angle"] + noise},
-        {"angle": Channel("angle", "angle", "rad")},
-        np.arange(n),
-        np.zeros(n, dtype=bool),
-    )
+    rig, inputs = changed(nominal(), effects), {"voltage": voltage}
+    return measured(rig, times, inputs, {"angle": FLOOR}, seed, name=f"log {seed}")
 
 
 def verdict_on(*logs: Log) -> Verdict:
@@ -68,7 +54,6 @@ def verdict_on(*logs: Log) -> Verdict:
     return decide(find_causes(Bench(chosen, logs, free, {"angle": FLOOR})))
 
 
-DEAD_ZONE = {"drive_dead_zone.half_width": 1.5}
 STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}
 """All make 10 V into 8.5 V."""
 
@@ -100,24 +85,6 @@ def test_the_set_shrinks_to_the_truth(
     assert both.members == ("drive_dead_zone",)
 
 
-HEAD = """
-actuator = "torque_motor"
-variant = "estimated"
-parameters.end_stops.half_range = 0
-[uncertainty]
-resistance = "1 %"
-stiffness = "1 %"
-rotor_inertia = "1 %"
-"""
-LOG = """
-[[logs]]
-file = "{}"
-time = {{ column = "t", unit = "s" }}
-inputs.voltage = {{ column = "u", unit = "V" }}
-outputs.angle = {{ column = "angle", unit = "rad" }}
-"""
-
-
 def record(file: Path, times: Array, voltage: Array, seed: int) -> str:
     """Play a command on the rig with its dead zone; returns the lines that describe the log."""
     rig = model("torque_motor", "estimated", {"end_stops.half_range": 0.0, **DEAD_ZONE})
@@ -128,6 +95,7 @@ def record(file: Path, times: Array, voltage: Array, seed: int) -> str:
     return LOG.format(file.name)
 
 
+@pytest.mark.thorough
 def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Path) -> None:
     """From a description to a table, from the rig that plays it to a second log of the same."""
     rig, found = tmp_path / "rig.toml", tmp_path / "d.json"
@@ -192,7 +160,7 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     free = (free_parameter(parameters["torque_constant"], 6.432, 1.6),)
     bench = Bench(chosen, [first], free, {"angle": FLOOR})
     # the back EMF tells them apart; without it they are one model
-    still = replace(chosen, values={**chosen.values, "back_emf_constant": 0.0})
+    still = changed(chosen, {"back_emf_constant": 0.0})
     bench = replace(bench, model=still)
     retuned = bench.fit((), ())
     gain = free_parameter(parameters["gain_error.error"], 0.0, None)
@@ -211,6 +179,7 @@ def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
     assert pairs == [{one, two}, {one, three}, {two, three}]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("recorded", [False, True])
 def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first: Log) -> None:
     """A load that was recorded is a condition like one that the description gives."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.structure import LeftOver
@@ -21,7 +19,8 @@ from servo_models.diagnosis.search.starts import best_start
 from servo_models.diagnosis.unseen import unseen
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import changed, measured
 
 THREE = {
     "coulomb_friction.level": 1.5e-3,
@@ -30,6 +29,7 @@ THREE = {
 }
 
 
+@pytest.mark.thorough
 def test_three_causes_are_named_and_no_fourth() -> None:
     bench, _ = made(THREE)
     causes = find_causes(bench)
@@ -88,23 +88,10 @@ def test_a_motion_that_the_effects_make_worse_is_named() -> None:
 def hunting(effect: str, step: float) -> Explanation:
     """The servo with a quantiser, its gain half a per cent off as after a fit."""
     nominal = model("sg90", "measured")
-    rig = replace(nominal, values={**nominal.values, f"{effect}.step": step})
+    rig = changed(nominal, {f"{effect}.step": step})
     times: Array = 1e-3 * np.arange(1500.0)
     pulse = 1.5e-3 + 1e-4 * np.repeat([0.0, 2.0, -1.0, 3.0, 0.5], 300)
-    angle = simulate(rig, times, {"pulse_width": pulse})["angle"]
-    angle = angle + 1e-4 * np.random.default_rng(5).standard_normal(len(times))
-    rows = np.arange(len(times))
-    log = Log(
-        "log",
-        Path("log"),
-        "",
-        times,
-        {"pulse_width": pulse},
-        {"angle": angle},
-        {"angle": Channel("angle", "angle", "")},
-        rows,
-        rows < 0,
-    )
+    log = measured(rig, times, {"pulse_width": pulse}, {"angle": 1e-4}, 5)
     name = "amplifier_gain"
     free = free_parameter(
         nominal.plant.parameters[name], nominal.values[name], 0.05 * nominal.values[name]

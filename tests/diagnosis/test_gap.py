@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,12 +13,13 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.audit import audit, noise_floors
 from servo_models.data.audit.signals import REPEATS, RESIDUAL
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.identification.problem import free_parameter
+from tests.support.logs import changed, log_of
 
 STEP = 1e-3
 COUNT = 1000
@@ -39,10 +39,8 @@ def simulated(count: int = COUNT) -> dict[str, Array]:
 def log(outputs: dict[str, Array], name: str = "one", kept: int = COUNT) -> Log:
     """A log of these readings; samples from ``kept`` on are held out."""
     rows = np.arange(COUNT)
-    times = np.asarray(STEP * rows, dtype=np.float64)
-    channels = {name: Channel(name, name, "1") for name in outputs}
     inputs = {"voltage": voltage(COUNT)}
-    return Log(name, Path("log.csv"), "", times, inputs, outputs, channels, rows, rows >= kept)
+    return log_of(STEP * rows, inputs, outputs, name=name, held_out=rows >= kept)
 
 
 def found(*logs: Log) -> dict[str, Gap]:
@@ -158,7 +156,7 @@ def test_an_output_of_logs_that_are_held_out_whole_has_no_gap() -> None:
 def test_what_a_log_states_is_not_free_in_it() -> None:
     """A winding of twice the resistance, known in the second log and uncertain in the first."""
     value = 2.0 * MODEL.values["resistance"]
-    hot = replace(MODEL, values={**MODEL.values, "resistance": value})
+    hot = changed(MODEL, {"resistance": value})
     times, volts = STEP * np.arange(COUNT), {"voltage": voltage(COUNT)}
     second = log({"angle": simulate(hot, times, volts)["angle"]}, "hot")
     second = replace(second, constants={"resistance": value})

@@ -28,8 +28,9 @@ from servo_models.diagnosis.telling import words
 from servo_models.diagnosis.telling.sheet import diagnosis_sheet
 from servo_models.diagnosis.verdict import Verdict
 from tests.conftest import Run
-from tests.diagnosis.test_diagnose_cli import check_schema
-from tests.diagnosis.test_experiment_design import DEAD_ZONE, FLOOR, LOG, TWO_LEVELS
+from tests.support.delayed_motor import check_schema
+from tests.support.logs import changed
+from tests.support.two_levels import DEAD_ZONE, FLOOR, LOG, TWO_LEVELS
 
 MANY = np.repeat([0.0, 3.0, 10.0, -6.0, -1.0, 14.0, -14.0, 1.0, -4.0, 0.0], 120)
 HEAD = """
@@ -92,7 +93,7 @@ def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> Non
     noise = 3.0 * np.sqrt(found.causes.retuned.evidence.dispersion)
 
     def response(values: dict[str, float]) -> Array:
-        whole = replace(found.model, values={**found.model.values, **values})
+        whole = changed(found.model, values)
         return simulate(whole, log.times, log.inputs)["angle"] / found.floors["angle"]
 
     parameters = found.causes.retuned.values
@@ -118,7 +119,7 @@ def most_by_scipy(found: Diagnosis, name: str, sizes: Array) -> float:
     floor, measured = found.floors["angle"], log.outputs["angle"]
 
     def errors(values: dict[str, float]) -> Array:
-        whole = replace(found.model, values={**found.model.values, **values})
+        whole = changed(found.model, values)
         return (simulate(whole, log.times, log.inputs)["angle"] - measured) / floor
 
     def strain(values: dict[str, float]) -> Array:
@@ -161,6 +162,7 @@ def test_no_much_larger_size_is_imitated(name: str, sizes: Array, found: Diagnos
     assert 0.7 * most < told < 1.1 * most
 
 
+@pytest.mark.thorough
 def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path) -> None:
     """But for what is another parameter by another name."""
     rich = diagnose(described(tmp_path, {}, MANY), jobs=1)
@@ -169,6 +171,7 @@ def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path
     assert imitated(rich)["gain_error"] > 0.5 * imitated(found)["gain_error"]
 
 
+@pytest.mark.thorough
 def test_the_next_experiment_shows_what_was_imitated(
     found: Diagnosis, folder: Path, run: Run
 ) -> None:
@@ -232,12 +235,12 @@ def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) ->
 
     plain = response({})
     every = {one.name: one for one in candidates(found.model, found.logs)}
-    load = [response(size) - plain for size in every["constant_load"].sizes]
+    load = [response(size) - plain for size in every["constant_load"].trial_values]
     most = max(float(np.sqrt(np.mean(it**2))) for it in load)
     assert found.causes.reach["constant_load"].moved == pytest.approx(most, rel=1e-6)
     ripples = [
         response({**size, "cogging.phase": phase}) - plain
-        for size in every["cogging"].sizes
+        for size in every["cogging"].trial_values
         for phase in (0.0, 0.5 * np.pi)
     ]
     most = 10.0 * max(float(np.sqrt(np.mean(it**2))) for it in ripples)

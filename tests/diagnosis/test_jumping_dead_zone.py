@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model, simulate
+from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.search.fits import beside, starts_of
 from servo_models.diagnosis.search.screening import look
 from servo_models.identification.problem import free_parameter
+from tests.support.logs import changed, measured
 
 NOISE = float(np.radians(0.05))
 PRIORS = {"motor_time_constant": 0.1, "motor_gain": 0.15, "amplifier_gain": 0.05}
@@ -30,14 +27,8 @@ def rig(half_width: float, kept: float) -> tuple[Bench, Candidate]:
     triangle = 15.0 * (4.0 * np.abs(np.mod(times[:1200] / 12.0 + 0.25, 1.0) - 0.5) - 1.0)
     pulse = 1.5e-3 + 1e-5 * np.concatenate([steps, triangle])
     zone = {"drive_dead_zone.half_width": half_width, "drive_dead_zone.kept": kept}
-    true = replace(nominal, values={**nominal.values, "motor_gain": 425.0, **zone})
-    angle = simulate(true, times, {"pulse_width": pulse})["angle"]
-    angle = angle + NOISE * np.random.default_rng(1).standard_normal(len(times))
-    rows = np.arange(len(times))
-    log = Log(
-        "log", Path("log"), "", times, {"pulse_width": pulse}, {"angle": angle},
-        {"angle": Channel("angle", "angle", "rad")}, rows, rows < 0,
-    )  # fmt: skip
+    true = changed(nominal, {"motor_gain": 425.0, **zone})
+    log = measured(true, times, {"pulse_width": pulse}, {"angle": NOISE}, seed=1)
     known = nominal.plant.parameters
     free = tuple(
         free_parameter(known[name], nominal.values[name], share * nominal.values[name])

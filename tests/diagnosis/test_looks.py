@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from scipy.optimize import lsq_linear
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.diagnosis.fitting.evidence import advantage
@@ -25,7 +23,8 @@ from servo_models.diagnosis.search.pairs_seen import pairs
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
 from servo_models.identification.problem import free_parameter
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import changed, log_of
 
 
 @given(seed=st.integers(0, 10_000), twins=st.booleans(), shut=st.booleans())
@@ -67,11 +66,6 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     assert {both.candidate.name, other.candidate.name} == {"sensor_offset", "sensor_nonlinearity"}
 
 
-def logged(times: Array, inputs: dict[str, Array], outputs: dict[str, Array]) -> Log:
-    channels, rows = {it: Channel(it, it, "") for it in outputs}, np.arange(len(times))
-    return Log("log", Path("log"), "", times, inputs, outputs, channels, rows, rows < 0)
-
-
 def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     """Each edge of the logged voltage is a sample early or late: the cost is a stair of samples."""
     nominal = model("sg90", "linear")
@@ -79,12 +73,12 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     times: Array = step * np.arange(900.0)
     pulse = 1e-3 * np.repeat([1.5, 1.8, 1.3, 1.6, 1.9, 1.5], 150)
     delay = nominal.values["transport_delay.time"] + late * step
-    rig = replace(nominal, values={**nominal.values, "transport_delay.time": delay})
+    rig = changed(nominal, {"transport_delay.time": delay})
     names = {"angle_reading": 1e-4, "motor_voltage": 1e-2}
     random = np.random.default_rng(5)
     told = simulate(rig, times, {"pulse_width": pulse})
     read = {it: told[it] + noise * random.standard_normal(900) for it, noise in names.items()}
-    log = logged(times, {"pulse_width": pulse}, read)
+    log = log_of(times, {"pulse_width": pulse}, read)
     free = free_parameter(
         nominal.plant.parameters["transport_delay.time"],
         nominal.values["transport_delay.time"],
@@ -123,7 +117,7 @@ def test_no_search_ends_on_the_edge_of_a_stair() -> None:
         inputs = {"pulse_width": pulse}
         told = simulate(replace(nominal, values={**known, **rig}), times, inputs)
         read = {it: told[it] + noise * random.standard_normal(count) for it, noise in names.items()}
-        bench = Bench(nominal, [logged(times, inputs, read)], free, names)
+        bench = Bench(nominal, [log_of(times, inputs, read)], free, names)
         left.append(bench.fit((), ()).evidence.rms)
     assert max(left) < 1.2
 
@@ -165,12 +159,12 @@ def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
     pulse = 1e-3 * np.repeat(random.uniform(1.3, 1.7, 40), random.integers(20, 60, 40))[:1200]
     period, noise = 0.0155, 1e-4
     told = simulate(
-        replace(nominal, values={**nominal.values, "sample_hold.period": period}),
+        changed(nominal, {"sample_hold.period": period}),
         times,
         {"pulse_width": pulse},
     )
     read = {"angle_reading": told["angle_reading"] + noise * random.standard_normal(len(times))}
-    log = logged(times, {"pulse_width": pulse}, read)
+    log = log_of(times, {"pulse_width": pulse}, read)
     delay = nominal.plant.parameters["transport_delay.time"]
     free = (free_parameter(delay, nominal.values[delay.name], 0.01),)
     bench = Bench(nominal, [log], free, {"angle_reading": noise})

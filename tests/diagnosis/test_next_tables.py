@@ -16,7 +16,7 @@ from servo_models.data.description import read_description
 from servo_models.data.tables import read_signals
 from servo_models.diagnosis.experiments import experiment
 from tests.conftest import Run
-from tests.diagnosis.test_diagnose_cli import check_schema, describe
+from tests.support.delayed_motor import check_schema, describe
 
 VOLTAGE = model("torque_motor").plant.wire["voltage"]
 Diagnosed = Callable[..., tuple[str, list[dict[str, Any]]]]

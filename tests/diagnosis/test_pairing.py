@@ -22,7 +22,8 @@ from servo_models.diagnosis.search.pairing import lookalikes, promising
 from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
 from servo_models.diagnosis.search.screening import Sight, look
 from servo_models.diagnosis.verdict import OUTSIDE, decide
-from tests.diagnosis.test_search_of_causes import made
+from servo_models.identification.problem import Problem
+from tests.support.diagnoses import made
 
 SHARED = {
     "drive_saturation": (0.0, 1.6),
@@ -65,7 +66,7 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     sights = look((bench.fit((), ()).view,), list(every.values()))
     near = narrowed(every.values(), sights)
     (ripple,) = [one for one in near if one.name == "cogging"]
-    assert ripple.sizes == every["cogging"].sizes
+    assert ripple.trial_values == every["cogging"].trial_values
     friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
     first = bench.fit(("stribeck_friction",), friction)
     own = [it for it in seen_beside(first, near) if it.candidate.name == "cogging"]
@@ -104,11 +105,16 @@ def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
     assert max(len([it for it in few if it.candidate.name == one]) for one in smooth) <= SIZES
 
 
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return made({"coulomb_friction.level": 2e-3})[0].problem()
+
+
 @given(st.integers(0, 10**6), st.floats(1e-9, 1.0))
-def test_a_near_start_weighs_parameters_as_a_library_does(seed: int, apart: float) -> None:
+def test_a_near_start_weighs_parameters_as_a_library_does(
+    problem: Problem, seed: int, apart: float
+) -> None:
     """Two slopes may be as good as the same: then neither parameter goes far."""
-    bench, _ = made({"coulomb_friction.level": 2e-3})
-    problem = bench.problem()
     random = np.random.default_rng(seed)
     m = problem.samples + len(problem.free)
     one, other, errors, whole = random.standard_normal((4, m))
@@ -136,7 +142,7 @@ def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
     alone = next(it for it in sights if it.candidate.name == "cogging")
     ((one, other),) = pairs(sights)
     ripple = one if one.candidate.name == "cogging" else other
-    counts = np.diff([size["cogging.count"] for size in every["cogging"].sizes[:2]])[0]
+    counts = np.diff([size["cogging.count"] for size in every["cogging"].trial_values[:2]])[0]
     assert abs(alone.settings["cogging.count"] - 200.0) > counts
     assert abs(ripple.settings["cogging.count"] - 200.0) < counts
     assert ripple.settings["cogging.torque"] == pytest.approx(1e-3, rel=0.5)
@@ -203,6 +209,7 @@ def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
         assert left == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_smooth_pairs_spare_the_search_for_staircases() -> None:
     """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
     heard: list[str] = []

@@ -11,53 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, lsq_linear
 
-from servo_models.core.simulate import model, simulate
-from servo_models.core.types import Array
+from servo_models.core.simulate import model
 from servo_models.data.description import read_description
-from servo_models.data.recording import Channel, Log
-from servo_models.diagnosis.candidates import Candidate, candidates
+from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.descent import _Point, _step, descend
 from servo_models.diagnosis.fitting.evidence import blocks, judge
-from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.fitting.nominal import BELIEVED, nominal_parameters
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.reach import reaches
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortlist
-from servo_models.diagnosis.sizes import travel
-from servo_models.identification.problem import Free, free_parameter
-
-FLOOR = 1e-5
-PRIORS = {"torque_constant": 1.0, "friction_coefficient": 1e-4}
-
-
-def made(
-    effects: dict[str, float], noise: float = FLOOR, sweep: float = 500.0
-) -> tuple[Bench, dict[str, Candidate]]:
-    """A torque motor with some effects, without stops, under steps and a chirp.
-
-    ``sweep`` is half the rate [Hz/s] of the chirp.
-    """
-    nominal = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
-    times: Array = 2.5e-4 * np.arange(1200.0)
-    steps = np.repeat([0.0, 12.0, 0.0, -20.0, 26.0, -26.0], 100)
-    t = times[:600]
-    volts = np.concatenate([steps, 15.0 * np.sin(2.0 * np.pi * (5.0 * t + sweep * t**2))])
-    rig = replace(nominal, values={**nominal.values, "torque_constant": 5.5, **effects})
-    angle = simulate(rig, times, {"voltage": volts})["angle"]
-    angle = angle + noise * np.random.default_rng(3).standard_normal(len(times))
-    rows = np.arange(len(times))
-    channel = {"angle": Channel("angle", "angle", "")}
-    log = Log(
-        "log", Path("log"), "", times, {"voltage": volts}, {"angle": angle}, channel, rows, rows < 0
-    )
-    parameters = nominal.plant.parameters
-    free = tuple(
-        free_parameter(parameters[name], nominal.values[name], prior)
-        for name, prior in PRIORS.items()
-    )
-    bench = Bench(nominal, [log], free, {"angle": noise})
-    return bench, {one.name: one for one in candidates(nominal, [log])}
+from servo_models.diagnosis.trial_values import travel
+from servo_models.identification.problem import Free
+from tests.support.diagnoses import made
 
 
 def test_a_short_search_ends_where_a_library_does() -> None:
@@ -195,9 +161,9 @@ def test_a_reading_is_quantised_where_its_codes_show_it() -> None:
     step = 4e-3
     _, every = made({"sensor_quantisation.step": step}, noise=3e-4)
     one = every["sensor_quantisation"]
-    assert one.stairs
-    assert not one.fine
-    sizes = np.array([size["sensor_quantisation.step"] for size in one.sizes])
+    assert one.discontinuous
+    assert not one.grid
+    sizes = np.array([size["sensor_quantisation.step"] for size in one.trial_values])
     assert np.min(np.abs(sizes / step - 1.0)) < 1e-3
 
 
@@ -211,7 +177,7 @@ def test_a_reading_without_codes_is_not_quantised_at_any_size() -> None:
         outputs={"angle": log.outputs["angle"][late]},
     )  # fmt: skip
     one = {it.name: it for it in candidates(bench.model, [chirp])}["sensor_quantisation"]
-    assert one.sizes == ()
+    assert one.trial_values == ()
     assert one.trials == 1
     assert look((bench.fit((), ()).view,), [one]) == []
 
@@ -220,7 +186,7 @@ def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
     _, every = made({})
     one = every["gear_compliance"]
     names = {free.name.rpartition(".")[2]: free.name for free in one.free}
-    for settings in one.sizes:
+    for settings in one.trial_values:
         free = {it.name: it for it in one.at(dict(settings))}
         fastest = free[names["compliance"]].low * free[names["inertia"]].low
         seen = settings[names["compliance"]] * settings[names["inertia"]]
@@ -234,9 +200,9 @@ def test_every_effect_is_looked_at_whatever_the_travel(share: float) -> None:
     (log,) = bench.logs
     small = replace(log, outputs={"angle": share * log.outputs["angle"]})
     for one in candidates(bench.model, [small]):
-        assert one.sizes or one.name == "sensor_quantisation"
-        assert one.trials >= len(one.sizes)
-        for settings in one.sizes:
+        assert one.trial_values or one.name == "sensor_quantisation"
+        assert one.trials >= len(one.trial_values)
+        for settings in one.trial_values:
             for free in one.at(dict(settings)):
                 assert free.low <= free.start <= free.high
 

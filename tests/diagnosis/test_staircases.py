@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model, simulate
+from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.stepwise import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.looks import seen_beside
 from servo_models.diagnosis.search.pairing import stairs_seen
 from servo_models.diagnosis.search.screening import look
 from servo_models.diagnosis.search.staircases import shortened, shortlist
-from servo_models.diagnosis.sizes import NEAREST, NEEDLE, STAIRS, WIDEST, fine
+from servo_models.diagnosis.trial_values import (
+    GRID_SPACING_IN_PERIODS,
+    LARGEST_RELATIVE_GRID_SPACING,
+    on_grid,
+)
 from servo_models.identification.problem import Problem, free_parameter
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import changed, measured
 
 
 @given(st.lists(st.integers(2, 1200), min_size=1, max_size=4), st.integers(50, 1500))
@@ -75,16 +78,19 @@ def test_an_effect_that_is_on_is_not_on_the_list() -> None:
 def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
     """Or they are as near each other as is worth it: with n stairs, n times the change."""
     plant = model("torque_motor").plant
-    effect = plant.placements[name][0].effect.name
+    grid = plant.main(name).effect.search.grid
+    assert grid
     (switch,) = [it for it in plant.parameters.values() if it.owner == name and it.param.switch]
     whole = stairs * switch.param.typical
-    sizes = np.array([max(it.values()) for it in fine(effect, switch, whole)])
-    low, high = (share * switch.param.typical for share in STAIRS[effect])
+    sizes = np.array([max(it.values()) for it in on_grid(grid, switch, whole)])
+    low, high = (share * switch.param.typical for share in (grid.low, grid.high))
     assert sizes[0] == min(high, switch.param.high)
-    assert low <= sizes[-1] < low * (1.0 + 2.0 * WIDEST)
+    assert low <= sizes[-1] < low * (1.0 + 2.0 * LARGEST_RELATIVE_GRID_SPACING)
     change = 1.0 - sizes[1:] / sizes[:-1]
-    assert np.all((change * whole / sizes[:-1] < 1.01 * NEEDLE) | (change < 1.01 * NEAREST[effect]))
-    assert np.all(change < 1.01 * WIDEST)
+    stair = change * whole / sizes[:-1]
+    fine = change < 1.01 * grid.least_spacing
+    assert np.all((stair < 1.01 * GRID_SPACING_IN_PERIODS) | fine)
+    assert np.all(change < 1.01 * LARGEST_RELATIVE_GRID_SPACING)
 
 
 SECONDS = {
@@ -115,7 +121,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     retuned = bench.finish(bench.fit((), ()))
     friction = look((retuned.view,), [every["coulomb_friction"]])
     first = beside(bench, retuned, friction[:2])
-    others = [one for one in every.values() if not one.fine]
+    others = [one for one in every.values() if not one.grid]
     both = [*others, every["sample_hold"]]
     seen = stairs_seen(bench, first, both, seen_beside(first, both))
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
@@ -124,7 +130,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
 
 def test_a_staircase_is_fitted_without_any_other_parameter() -> None:
     bench, every = made({"command_quantisation.step": 3.137})
-    known = replace(bench.model, values={**bench.model.values, "torque_constant": 5.5})
+    known = changed(bench.model, {"torque_constant": 5.5})
     name = "command_quantisation"
     extra = every[name].at({f"{name}.step": 3.13})
     found = replace(bench, nominal=(), model=known).fit((name,), extra)
@@ -153,15 +159,13 @@ def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
 def test_a_delay_is_moved_by_samples_of_every_log_that_jumps(order: int) -> None:
     """Those of the slow log are too coarse for what the fast one shows."""
     name, nominal = "transport_delay.time", model("sg90", "linear")
-    rig = replace(nominal, values={**nominal.values, name: 0.01})
-
-    def measured(step: float) -> Log:
-        rows = np.arange(240)
-        inputs = {"pulse_width": np.repeat([1.5e-3, 1.6e-3, 1.4e-3, 1.7e-3], 60)}
-        outputs = {"motor_voltage": simulate(rig, step * rows, inputs)["motor_voltage"]}
-        return Log("", Path(), "", step * rows, inputs, outputs, {}, rows, rows < 0)
-
-    logs = [measured(step) for step in (0.02, 0.0025)][::order]
+    inputs = {"pulse_width": np.repeat([1.5e-3, 1.6e-3, 1.4e-3, 1.7e-3], 60)}
+    logs = [
+        measured(
+            changed(nominal, {name: 0.01}), step * np.arange(240), inputs, {"motor_voltage": 0}
+        )
+        for step in (0.02, 0.0025)
+    ][::order]
     free = free_parameter(nominal.plant.parameters[name], 0.0175, None)
     problem = Problem(nominal, logs, [free])
     vector: Array | None = problem.start
@@ -172,9 +176,12 @@ def test_a_delay_is_moved_by_samples_of_every_log_that_jumps(order: int) -> None
 
 def test_only_a_staircase_has_many_sizes_to_be_searched() -> None:
     _, every = made({})
-    searched = {one.name for one in every.values() if one.fine}
+    searched = {one.name for one in every.values() if one.grid}
     assert searched == {"sample_hold", "dead_band", "command_quantisation"}
-    assert {one.name for one in every.values() if one.stairs} == {*searched, "sensor_quantisation"}
+    assert {one.name for one in every.values() if one.discontinuous} == {
+        *searched,
+        "sensor_quantisation",
+    }
 
 
 def test_a_correction_that_leads_astray_is_not_followed() -> None:
@@ -185,7 +192,7 @@ def test_a_correction_that_leads_astray_is_not_followed() -> None:
     begin = {it.name: it.start for it in (*bench.nominal, *ripple)}
     seen = bench.unfit(("cogging",), ripple, begin).view
     sizes = tuple({"sample_hold.period": 4e-3 * (1.0 + k / 500.0)} for k in range(-40, 41))
-    hold = replace(every["sample_hold"], sizes=sizes)
+    hold = replace(every["sample_hold"], trial_values=sizes)
 
     def left(corrected: bool) -> Array:
         sights = look((seen,), [hold], corrected)

@@ -7,7 +7,6 @@ import math
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +17,11 @@ from scipy.signal import lfilter
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.data.audit.sensor import difference_noise
-from servo_models.data.recording import Channel, Log
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing, sure
 from servo_models.identification.problem import Problem
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
+from tests.support.logs import log_of
 
 DRAWS = 60
 
@@ -37,10 +36,7 @@ def split(
     if step:
         reading = step * np.round(reading / step)
     times = np.linspace(0.0, 1e-3 * n, n)
-    log = Log(
-        "log", Path("log.csv"), "", times, {"voltage": np.zeros(n)}, {"angle": reading},
-        {"angle": Channel("angle", "1", "rad")}, np.arange(n), np.zeros(n, dtype=bool),
-    )  # fmt: skip
+    log = log_of(times, {"voltage": np.zeros(n)}, {"angle": reading})
     problem = Problem(model("torque_motor"), [log], [], {"angle": floor})
     return left_over(problem, Evidence(np.empty(0), errors, errors, np.zeros(n, dtype=np.int64)))
 

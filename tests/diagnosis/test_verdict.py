@@ -13,7 +13,7 @@ from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.belief import probabilities
 from servo_models.diagnosis.search.causes import Causes, find_causes
 from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
-from tests.diagnosis.test_search_of_causes import made
+from tests.support.diagnoses import made
 
 
 def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None:
@@ -27,9 +27,13 @@ def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None
     assert list(verdict.chances)[:2] == ["drive_saturation", "transport_delay"]
 
 
-def test_what_is_surely_missing_makes_near_equals_equal_and_no_more() -> None:
-    bench, _ = made({"coulomb_friction.level": 1.5e-3})
-    rivals = find_causes(bench).singles[:3]
+@pytest.fixture(scope="module")
+def friction() -> Causes:
+    return find_causes(made({"coulomb_friction.level": 1.5e-3})[0])
+
+
+def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Causes) -> None:
+    rivals = friction.singles[:3]
     plain = probabilities(rivals)
     doubtful = [probabilities(rivals, 50.0 * rival.loss) for rival in rivals]
     for chances in doubtful:
@@ -38,22 +42,19 @@ def test_what_is_surely_missing_makes_near_equals_equal_and_no_more() -> None:
         assert chances.max() <= plain.max()
 
 
-def test_what_is_named_is_in_the_set_whatever_is_likelier() -> None:
+def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Causes) -> None:
     """A likelier one may not have earned its place: both are told then."""
-    bench, _ = made({"coulomb_friction.level": 1.5e-3})
-    causes = find_causes(bench)
-    last = causes.singles[-1]
-    verdict = decide(replace(causes, taken=last))
+    last = friction.singles[-1]
+    verdict = decide(replace(friction, taken=last))
     assert verdict.chances[last.effects[0]] < 0.01
-    assert set(verdict.members) == {*decide(causes).members, *last.effects}
+    assert set(verdict.members) == {*decide(friction).members, *last.effects}
     assert last in verdict.rivals
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7))
-def test_no_effect_is_surer_than_sure(parts: list[float]) -> None:
+def test_no_effect_is_surer_than_sure(friction: Causes, parts: list[float]) -> None:
     """One that is in every explanation has all shares, whose sum is 1 but for its rounding."""
-    bench, _ = made({})
-    one = bench.unfitted()
+    one = friction.retuned
     every = [replace(one, effects=("backlash", f"other {k}")) for k in range(len(parts))]
     shares = np.array(parts) + 1e-9
     causes = Causes(one.evidence, one, [], every, [], every[0], {})

@@ -7,7 +7,6 @@ import itertools
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.simulate import PLANTS, Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.search.causes import Causes
@@ -27,6 +26,8 @@ from servo_models.diagnosis.where.breakdown import plain
 from servo_models.diagnosis.where.regimes import _between, _digits
 from servo_models.diagnosis.where.samples import moving_input
 from servo_models.identification.problem import Problem, free_parameter
+from tests.support import logs
+from tests.support.logs import changed, log_of
 
 STEP = 1e-3
 TIMES = STEP * np.arange(2000.0)
@@ -42,9 +43,7 @@ def clean() -> Mapping[str, Array]:
 
 def measured(outputs: Mapping[str, Array], held_out: NDArray[np.bool_] = TIMES < 0.0) -> Log:
     """A log of these readings of the motor."""
-    channels = {name: Channel(name, name, "rad") for name in outputs}
-    rows, inputs = np.arange(len(TIMES)), {"voltage": VOLTAGE}
-    return Log("rig", Path("rig.csv"), "", TIMES, inputs, outputs, channels, rows, held_out)
+    return log_of(TIMES, {"voltage": VOLTAGE}, outputs, held_out=held_out)
 
 
 def found(
@@ -173,21 +172,9 @@ LOGGED = {
 
 def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Array) -> Breakdown:
     """Blocks of a model that differs from the rig by ``changes``, without noise."""
-    rig = replace(chosen, values={**chosen.values, **changes})
     outputs = LOGGED[command]
-    simulated = simulate(rig, TIMES, {command: values})
-    n = len(TIMES)
-    log = Log(
-        "rig",
-        Path("rig.csv"),
-        "",
-        TIMES,
-        {command: values},
-        {name: simulated[name] for name in outputs},
-        {name: Channel(name, name, "rad") for name in outputs},
-        np.arange(n),
-        np.zeros(n, dtype=bool),
-    )
+    rig = changed(chosen, changes)
+    log = logs.measured(rig, TIMES, {command: values}, dict.fromkeys(outputs, 0.0))
     fitted = Bench(chosen, [log], (), dict.fromkeys(outputs, 1e-5)).fit((), ())
     found = by_block(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert found is not None
@@ -266,6 +253,7 @@ def test_plants_whose_wires_were_replaced_are_not_kept_for_ever() -> None:
     assert gone() is None
 
 
+@pytest.mark.thorough
 def test_the_blocks_of_a_loop_are_told_apart() -> None:
     """A mass too light shows in the mechanics, a gain too low in the controller, and only there."""
     drive = model("linear_drive", "identified")
@@ -280,6 +268,7 @@ def test_the_blocks_of_a_loop_are_told_apart() -> None:
     assert heavy[mechanics].relative_before > 5.0 * weak[mechanics].relative_before
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "wrong"),
     [

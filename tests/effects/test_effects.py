@@ -290,6 +290,24 @@ def test_every_effect_of_the_catalogue_is_placed_in_an_actuator() -> None:
     assert placed == {block.name for blocks in effects().values() for block in blocks}
 
 
+@pytest.mark.parametrize("file", effects())
+def test_an_effect_is_one_file_with_one_main_function_of_its_name(file: str) -> None:
+    """What is known of an effect stands at its main function; the others are its parts."""
+    (main,) = [block for block in effects()[file] if block.name == file]
+    assert {block.name for block in main.parts} == {b.name for b in effects()[file]} - {file}
+
+
+@every_placement
+def test_an_effect_acts_on_one_declared_main_wire(plant: str, name: str) -> None:
+    """The internal step, which a resonance shortens, is none: nobody can say it in a unit."""
+    chosen_plant = chosen(plant).plant
+    links, main = chosen_plant.placements[name], chosen_plant.main(name)
+    assert chosen_plant.main_wire(name) == main.on[0] in chosen_plant.wire
+    assert {link.effect.name for link in links if link is not main} <= {
+        part.name for part in main.effect.parts
+    }
+
+
 # Law 4: an active effect does something.
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import one_input
+from tests.support.own_actuators import WITH_EFFECTS, write
 
 SCRIPT = Path(__file__).parents[2] / "build_fmu.py"
 
@@ -19,7 +19,7 @@ def build_fmu(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_one_actuator_is_summed_up_first_and_reported_apart(tmp_path: Path) -> None:
-    one_input.write(tmp_path)
+    write(tmp_path, changes=WITH_EFFECTS)
     (tmp_path / "fmus").mkdir()
     others = tmp_path / "fmus" / "report.html"
     others.write_text("of all FMUs")
@@ -41,7 +41,7 @@ def test_one_actuator_is_summed_up_first_and_reported_apart(tmp_path: Path) -> N
 
 
 def test_out_may_name_the_file(tmp_path: Path) -> None:
-    one_input.write(tmp_path)
+    write(tmp_path, changes=WITH_EFFECTS)
     done = build_fmu(tmp_path, "--actuator", "joint.py", "--out", "mine/arm.fmu")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0] == "mine/arm.fmu"

@@ -24,6 +24,7 @@ from servo_models.validation.subject import Subject
 from tests.support.fmu_host import Host
 
 Files = Callable[[str], Path]
+Call = Callable[[Host], object]
 FATAL = 4
 ERROR = 3
 
@@ -52,51 +53,56 @@ def refused(host: Host, call: Callable[[], object], *parts: str) -> None:
     assert "fmi2DoStep after a failure" in host.messages[-1][1]
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("name", ["voltage", "gain_error.error"])
-def test_a_value_that_is_not_finite(host: Host, name: str, value: float) -> None:
-    refused(host, lambda: host.set({name: value}), f"'{name}'", "not finite", "give a number in")
+def setting(name: str, value: float) -> Call:
+    return lambda host: host.set({name: value})
 
 
-@pytest.mark.parametrize(("name", "value"), [("voltage", 1e5), ("transport_delay.time", -1e-3)])
-def test_a_value_outside_its_bounds(host: Host, name: str, value: float) -> None:
-    refused(host, lambda: host.set({name: value}), f"'{name}' = ", "is outside [", "choose a value")
+def stepping(time: float, size: float) -> Call:
+    return lambda host: host.fmu.doStep(time, size)
 
 
-def test_a_fixed_parameter_after_initialisation(host: Host) -> None:
-    refused(
-        host,
-        lambda: host.set({"internal_step": 5e-5}),
-        "'internal_step' is a fixed parameter",
-        "set it before initialisation ends",
-    )
+NO_STEP, NO_SIZE = "last one ended at t = 0.001 s", "must be positive and finite"
+BAD_CALLS: dict[str, tuple[Call, tuple[str, ...]]] = {
+    **{
+        f"{name} = {value}": (setting(name, value), (f"'{name}'", "not finite", "give a number in"))
+        for name in ("voltage", "gain_error.error")
+        for value in (math.nan, math.inf, -math.inf)
+    },
+    **{
+        f"{name} outside": (
+            setting(name, value),
+            (f"'{name}' = ", "is outside [", "choose a value"),
+        )
+        for name, value in (("voltage", 1e5), ("transport_delay.time", -1e-3))
+    },
+    "a fixed parameter after initialisation": (
+        setting("internal_step", 5e-5),
+        ("'internal_step' is a fixed parameter", "set it before initialisation ends"),
+    ),
+    "an output": (setting("angle", 0.0), ("'angle' is an output",)),
+    "an unknown reference": (
+        lambda host: host.fmu.getReal([10_000]),
+        ("10000", "this FMU has 0 to"),
+    ),
+    "an unknown reference to set": (
+        lambda host: host.fmu.setReal([10_000], [0.0]),
+        ("10000", "this FMU has 0 to"),
+    ),
+    "an Integer": (lambda host: host.fmu.getInteger([0]), ("no Integer",)),
+    "a String": (lambda host: host.fmu.getString([0]), ("no String",)),
+    **{f"a step of {h}": (stepping(1e-3, h), (NO_SIZE,)) for h in (0.0, -1e-3, math.nan, math.inf)},
+    **{f"a step from {t}": (stepping(t, 1e-3), (NO_STEP,)) for t in (0.0, 2e-3, math.nan)},
+    "a step that would not end": (
+        stepping(1e-3, 1e9),
+        ("1000000 internal steps", "that is 100 s"),
+    ),
+}
 
 
-def test_an_output_cannot_be_set(host: Host) -> None:
-    refused(host, lambda: host.set({"angle": 0.0}), "'angle' is an output")
-
-
-def test_an_unknown_value_reference(host: Host) -> None:
-    refused(host, lambda: host.fmu.getReal([10_000]), "10000", "this FMU has 0 to")
-
-
-def test_an_unknown_value_reference_to_set(host: Host) -> None:
-    refused(host, lambda: host.fmu.setReal([10_000], [0.0]), "10000", "this FMU has 0 to")
-
-
-@pytest.mark.parametrize("kind", ["Integer", "String"])
-def test_a_type_that_no_variable_has(host: Host, kind: str) -> None:
-    refused(host, lambda: getattr(host.fmu, f"get{kind}")([0]), f"no {kind}")
-
-
-@pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, math.inf])
-def test_a_step_that_is_not_positive_and_finite(host: Host, size: float) -> None:
-    refused(host, lambda: host.fmu.doStep(1e-3, size), "must be positive and finite")
-
-
-@pytest.mark.parametrize("time", [0.0, 2e-3, math.nan])
-def test_a_step_that_does_not_follow(host: Host, time: float) -> None:
-    refused(host, lambda: host.fmu.doStep(time, 1e-3), "last one ended at t = 0.001 s")
+@pytest.mark.parametrize("name", BAD_CALLS)
+def test_a_bad_call_is_refused(host: Host, name: str) -> None:
+    call, parts = BAD_CALLS[name]
+    refused(host, lambda: call(host), *parts)
 
 
 def test_a_step_beyond_the_stop_time(fmu_folder: Files) -> None:
@@ -306,10 +312,6 @@ def test_a_call_out_of_order_is_named(
         with pytest.raises(FMICallException):
             getattr(host.fmu, call)(*arguments)
         assert where in host.messages[-1][1]
-
-
-def test_a_step_that_would_not_end_is_refused(host: Host) -> None:
-    refused(host, lambda: host.fmu.doStep(1e-3, 1e9), "1000000 internal steps", "that is 100 s")
 
 
 def test_internal_steps_are_counted_as_an_effect_shortens_them(fmu_folder: Files) -> None:

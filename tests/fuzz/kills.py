@@ -36,6 +36,10 @@ import numpy as np
 
 from servo_models.cli import main as servo_models
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from tests.support.own_actuators import SOURCE
+
 EARLIEST_SECONDS, LATEST_SECONDS = 1e-5, 3e-3
 """Delay of a kill after its moment."""
 PATIENCE_SECONDS = 300
@@ -46,39 +50,6 @@ MOMENTS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.chmod", "shutil
 """Events of Python's audit table that change folders; ``open`` counts where it writes."""
 PR_SET_CHILD_SUBREAPER = 36
 OLD = b"what stood here before"
-PLANT = '''
-from typing import Annotated
-from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
-from servo_models.core.block import Param, block
-
-@block("speed")
-def follow(
-    goal: float,
-    angle: float,
-    time_constant: Annotated[float, Param("s", "lag", default=0.2, low=0.01, high=10.0)],
-) -> float:
-    """The speed is the error over the time constant."""
-    return (goal - angle) / time_constant
-
-ACTUATOR = Actuator(
-    name="joint",
-    title="A joint",
-    about="",
-    source="",
-    plant=Plant(
-        inputs=(Wire("goal", "rad", "goal"),),
-        wires=(Wire("speed", "rad/s", "speed"),),
-        constants={"internal_step": Param("s", "step", default=1e-3, low=1e-6, high=1e-2)},
-        chain=(follow,),
-        states=(State(Wire("angle", "rad", "angle"), "speed"),),
-        outputs=("angle",),
-    ),
-    variants=(Variant("plain", "", {}, ""),),
-    stop_time=1.0,
-    step_size=0.01,
-    step=("goal", 1.0),
-)
-'''
 PARAMETERS = """
 actuator = "joint.py"
 variant = "plain"
@@ -258,7 +229,7 @@ def prepare(folder: Path) -> None:
 
     write_log(folder / "log.csv")
     (folder / "rig.toml").write_text(DESCRIPTION)
-    (folder / "joint.py").write_text(PLANT)
+    (folder / "joint.py").write_text(SOURCE)
     (folder / "joint.toml").write_text(PARAMETERS)
     build(model("torque_motor"), folder / "valid.fmu")
 

@@ -15,8 +15,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tests.identification.test_plausibility import doubts, is_refused, names
-from tests.support.plausible_logs import misread, mistakes, sane, with_outputs
+from tests.support.plausible_logs import (
+    doubts,
+    is_refused,
+    misread,
+    mistakes,
+    names,
+    sane,
+    with_outputs,
+)
 
 SUBJECTS = (
     ("sg90", "measured"),

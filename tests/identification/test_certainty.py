@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from hypothesis import strategies as st
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.telling.sheet import diagnosis_sheet
 from servo_models.identification.check import check
@@ -26,6 +25,7 @@ from servo_models.identification.fit import fit
 from servo_models.identification.identify import identify
 from servo_models.identification.information import information
 from servo_models.identification.problem import Problem, free_parameter
+from tests.support.logs import changed, log_of, measured
 
 FREE = ("inertia", "torque_constant", "resistance", "loop_factor")
 PAIR = {"inertia", "resistance"}
@@ -43,23 +43,15 @@ def servo(**values: float) -> Model:
     return model("smart_servo", "sts3215", {k.replace("__", "."): v for k, v in values.items()})
 
 
-def log_of(chosen: Model, noise: float = 0.0, seed: int = 0, output: str = "angle") -> Log:
-    goal = goals(seed)
-    found = simulate(chosen, TIMES, {"goal": goal})[output]
-    found = found + noise * np.random.default_rng(seed).standard_normal(len(TIMES))
-    n = len(TIMES)
-    channels = {output: Channel(output, output, "rad")}
-    return Log(
-        "log", Path("log"), "", TIMES, {"goal": goal}, {output: found}, channels, np.arange(n),
-        np.zeros(n, dtype=bool),
-    )  # fmt: skip
+def logged(chosen: Model, noise: float = 0.0, seed: int = 0, output: str = "angle") -> Log:
+    return measured(chosen, TIMES, {"goal": goals(seed)}, {output: noise}, seed)
 
 
 @pytest.fixture(scope="module")
 def issued(tmp_path_factory: pytest.TempPathFactory) -> Description:
     """The log of a servo that differs by its inertia and resistance, whose product counts."""
     folder = tmp_path_factory.mktemp("rig")
-    log = log_of(servo(inertia=0.036, resistance=4.471))
+    log = logged(servo(inertia=0.036, resistance=4.471))
     rows = zip(log.times, log.inputs["goal"], log.outputs["angle"])
     lines = ["t,goal,angle", *(f"{t:.6g},{u!r},{y!r}" for t, u, y in rows)]
     (folder / "log.csv").write_text("\n".join(lines).replace("np.float64(", "").replace(")", ""))
@@ -79,8 +71,8 @@ def alone(told: Description) -> Description:
 
 def test_inertia_and_resistance_count_as_a_product_only() -> None:
     """What the tests below rely on: exactly nothing changes."""
-    before = log_of(servo(inertia=0.036, resistance=4.471)).outputs["angle"]
-    after = log_of(servo(inertia=0.018, resistance=8.942)).outputs["angle"]
+    before = logged(servo(inertia=0.036, resistance=4.471)).outputs["angle"]
+    after = logged(servo(inertia=0.018, resistance=8.942)).outputs["angle"]
     assert np.array_equal(before, after)
 
 
@@ -123,11 +115,12 @@ def test_diagnose_says_that_a_product_is_known_together_only(issued: Description
 def test_what_a_log_determines_is_in_no_group(rough: bool) -> None:
     values = {} if rough else {"sensor_quantisation__step": 0.0, "sample_hold__period": 0.0}
     chosen = servo(**values)
-    found = fit(chosen, [log_of(chosen, noise=2e-3)], ["torque_constant", "loop_factor", "inertia"])
+    found = fit(chosen, [logged(chosen, noise=2e-3)], ["torque_constant", "loop_factor", "inertia"])
     assert found.groups == ()
     assert np.isfinite(found.standard_errors).all()
 
 
+@pytest.mark.thorough
 def test_intervals_hold_the_truth_on_rough_responses() -> None:
     """20 logs through a coarse encoder and dry friction, with white noise on the reading.
 
@@ -138,11 +131,11 @@ def test_intervals_hold_the_truth_on_rough_responses() -> None:
     true = servo(sensor_quantisation__step=step, coulomb_friction__level=friction)
     smooth = servo(sensor_quantisation__step=0.0, coulomb_friction__level=friction)
     names = ("torque_constant", "loop_factor")
-    start = replace(true, values={**true.values, **{n: 1.2 * true.values[n] for n in names}})
+    start = changed(true, {n: 1.2 * true.values[n] for n in names})
     truth = np.array([true.values[name] for name in names])
     wrong, widths = [], []
     for seed in range(20):
-        log = log_of(true, noise, seed, "angle_reading")
+        log = logged(true, noise, seed, "angle_reading")
         found = fit(start, [log], names, jobs=1)
         free = [free_parameter(smooth.plant.parameters[n], true.values[n], None) for n in names]
         twin = Problem(smooth, [log], free, sigma={"angle_reading": noise})
@@ -170,13 +163,10 @@ def test_a_fit_on_a_rough_surface_leaves_no_more_than_the_truth(seed: int) -> No
     random = np.random.default_rng(seed)
     times, n = 1e-3 * np.arange(500), 500
     voltage = np.interp(times, np.linspace(0.0, 0.5, 9), [0.0, *random.uniform(-15.0, 15.0, 8)])
-    truth = replace(nominal, values={**nominal.values, **values})
+    truth = changed(nominal, values)
     exact = simulate(truth, times, {"voltage": voltage})["angle"]
     angle = exact + 1e-3 * np.std(exact) * random.standard_normal(n)
-    log = Log(
-        "log", Path("log"), "", times, {"voltage": voltage}, {"angle": angle},
-        {"angle": Channel("angle", "angle", "rad")}, np.arange(n), np.zeros(n, dtype=bool),
-    )  # fmt: skip
+    log = log_of(times, {"voltage": voltage}, {"angle": angle})
     fitted = fit(nominal, [log], list(factors), jobs=1).fitted
     left = angle - simulate(fitted, times, {"voltage": voltage})["angle"]
     assert np.sum(left**2) <= np.sum((angle - exact) ** 2)
@@ -189,7 +179,7 @@ def test_slopes_of_a_product_cancel(seed: int, step: float, friction: float) -> 
     chosen = servo(sensor_quantisation__step=step, coulomb_friction__level=friction)
     names = ("gain", "loop_factor", "torque_constant")
     free = [free_parameter(chosen.plant.parameters[n], chosen.values[n], None) for n in names]
-    problem = Problem(chosen, [log_of(chosen, 2e-3, seed)], free, sigma={"angle": 2e-3})
+    problem = Problem(chosen, [logged(chosen, 2e-3, seed)], free, sigma={"angle": 2e-3})
     told = information(problem, problem.start)
     assert told.groups == ((0, 1),)
     assert np.linalg.norm(told.slopes @ [1.0, -1.0, 0.0]) < 0.02 * np.linalg.norm(told.slopes)
@@ -203,13 +193,7 @@ def test_a_delay_beside_a_hold_is_known_to_the_tick() -> None:
     times = 4e-3 * np.arange(500)
     pulse = 1.5e-3 + 3e-4 * np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 10), 50)
     pulse[:50] = 1.5e-3
-    angle = simulate(chosen, times, {"pulse_width": pulse})["angle"]
-    angle = angle + 1e-3 * np.random.default_rng(2).standard_normal(len(times))
-    log = replace(
-        log_of(servo()), times=times, inputs={"pulse_width": pulse}, outputs={"angle": angle},
-        channels={"angle": Channel("angle", "angle", "rad")}, rows=np.arange(500),
-        held_out=np.zeros(500, dtype=bool),
-    )  # fmt: skip
+    log = measured(chosen, times, {"pulse_width": pulse}, {"angle": 1e-3}, seed=2)
     found = fit(chosen, [log], ["transport_delay.time", "motor_gain"])
     assert found.standard_errors[0] >= 0.02 / np.sqrt(12.0) / 2.0
 
@@ -227,12 +211,10 @@ def slow_drive(seed: int) -> tuple[Model, Log]:
         name: found[name] + 1e-3 * np.std(found[name]) * random.standard_normal(len(times))
         for name in ("position", "drive")
     }
-    channels = {name: Channel(name, name, "1") for name in outputs}
-    rows, none = np.arange(len(times)), np.zeros(len(times), dtype=bool)
-    inputs = {"reference": reference}
-    return true, Log("log", Path("log"), "", times, inputs, outputs, channels, rows, none)
+    return true, log_of(times, {"reference": reference}, outputs)
 
 
+@pytest.mark.thorough
 def test_a_dent_of_a_rough_surface_is_no_knowledge() -> None:
     """Viscous friction hardly shows beside dry friction: a fit ends in a dent, next to which all
     is worse, and its value there is not known for that."""
@@ -241,7 +223,7 @@ def test_a_dent_of_a_rough_surface_is_no_knowledge() -> None:
         true, log = slow_drive(seed)
         away = np.clip(np.random.default_rng(1000 + seed).standard_normal(len(names)), -2.0, 2.0)
         values = {name: true.values[name] * (1.0 + 0.2 * z) for name, z in zip(names, away)}
-        start = replace(true, values={**true.values, **values})
+        start = changed(true, values)
         found = fit(start, [log], names, jobs=1)
         error = np.abs(found.values - np.array([true.values[name] for name in names]))
         assert np.all(error < 5.0 * found.standard_errors), (seed, error / found.standard_errors)

@@ -9,34 +9,26 @@ import numpy as np
 import polars as pl
 import pytest
 
-from servo_models.analysis.lookalikes import EXPERIMENTS, FRICTION, GAIN, INERTIA, LAG, experiment
+from servo_models.analysis.isolability import ambiguities, cause, experiment
 from servo_models.core.catalogue import effects
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.identifiability import SHOWN, Excitation, excitation
 from tests.conftest import Run
-
-STEP, NOISE = 1e-3, 2e-4
-MOTOR = model("torque_motor", "measured", {"end_stops.half_range": 0.0})
-VOLTAGE = 20.0 * np.repeat([0.0, 1.0, -1.0, 0.5, 0.0], 100)
-TIMES = STEP * np.arange(len(VOLTAGE))
-
-
-def motor_log(seed: int | None = 0, chosen: Model = MOTOR, size: float = 1.0) -> Log:
-    """A log of the torque motor's angle [rad], with white noise unless ``seed`` is None."""
-    angle = simulate(chosen, TIMES, {"voltage": size * VOLTAGE})["angle"]
-    if seed is not None:
-        angle = angle + NOISE * np.random.default_rng(seed).standard_normal(len(angle))
-    n = len(TIMES)
-    channels = {"angle": Channel("angle", "angle", "rad")}
-    return Log(
-        "log", Path("log"), "", TIMES, {"voltage": size * VOLTAGE}, {"angle": angle}, channels,
-        np.arange(n), np.zeros(n, dtype=bool),
-    )  # fmt: skip
+from tests.support.logs import changed
+from tests.support.noisy_motor import (
+    DESCRIPTION,
+    MOTOR,
+    NOISE,
+    TIMES,
+    VOLTAGE,
+    described,
+    frame,
+    motor_log,
+)
 
 
 def named(found: Excitation, name: str) -> float:
@@ -50,6 +42,7 @@ def fitted(free: tuple[str, ...], count: int = 60) -> Array:
     return np.array([fit(MOTOR, [motor_log(seed)], free, jobs=1).values for seed in range(count)])
 
 
+@pytest.mark.thorough
 def test_errors_to_expect_are_those_of_many_fits() -> None:
     found = excitation(MOTOR, [motor_log()], {"angle": NOISE}, FREE)
     reaches = {reach.name: reach for reach in found.parameters}
@@ -77,8 +70,8 @@ def test_the_movement_is_in_noise_floors() -> None:
     logs = [motor_log(None)]
     near, far = (excitation(MOTOR, logs, {"angle": f}) for f in (NOISE, 10.0 * NOISE))
     one, other = (
-        model("torque_motor", "measured", {"end_stops.half_range": 0.0}),
-        replace(MOTOR, values={**MOTOR.values, "drive_dead_zone.half_width": 1.5}),
+        MOTOR,
+        changed(MOTOR, {"drive_dead_zone.half_width": 1.5}),
     )
     moved = [simulate(m, TIMES, {"voltage": VOLTAGE})["angle"] for m in (one, other)]
     rms = float(np.sqrt(np.mean((moved[1] - moved[0]) ** 2)))
@@ -124,46 +117,45 @@ def test_all_held_out_is_refused() -> None:
         excitation(MOTOR, [replace(log, held_out=~log.held_out)], {"angle": NOISE})
 
 
-def test_every_lookalike_is_an_effect_or_a_kind_of_parameter() -> None:
-    known = {*effects(), INERTIA, GAIN, LAG, FRICTION}
-    for these, those, text in EXPERIMENTS:
-        assert these | those <= known
-        assert text
-    assert experiment("backlash", "dead_zone") == experiment("dead_zone", "backlash") != ""
-    assert experiment("lag", "lag") == ""
+def test_effects_are_confused_with_known_ones_and_in_no_two_ways() -> None:
+    plant = MOTOR.plant
+    declared = list(ambiguities(plant))
+    for ambiguity in declared:
+        assert {*ambiguity.group, *ambiguity.against} <= {*effects()}
+        assert ambiguity.experiment
+    for one in effects():
+        for other in effects():
+            texts = {it.experiment for it in declared if it.separates(one, other)}
+            assert texts <= {experiment(one, other, plant)}
+            assert experiment(one, other, plant) == experiment(other, one, plant)
+    assert experiment("backlash", "dead_zone", plant)
+    assert experiment("lag", "lag", plant) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "effect"),
+    [
+        ("rotor_inertia", "load_inertia"),
+        ("friction_coefficient", "viscous_friction"),
+        ("internal_step", "lag"),
+        ("torque_constant", "gain_error"),
+        ("gear_compliance.inertia", "gear_compliance"),
+        ("drive_dead_zone", "dead_zone"),
+    ],
+)
+def test_a_cause_is_an_effect_or_a_parameter_whose_error_looks_like_one(
+    name: str, effect: str
+) -> None:
+    assert cause(name, MOTOR.plant) == effect
 
 
 # The command
-
-
-def frame(log: Log) -> pl.DataFrame:
-    degrees = np.degrees(log.outputs["angle"])
-    volts = log.inputs["voltage"]
-    return pl.DataFrame({"time_s": log.times, "voltage_V": volts, "angle_deg": degrees})
 
 
 @pytest.fixture
 def csv(tmp_path: Path) -> Path:
     path = tmp_path / "bench log.csv"
     frame(motor_log()).write_csv(path)
-    return path
-
-
-DESCRIPTION = """
-actuator = "torque_motor"
-variant = "measured"
-free = ["{free}"]
-[[logs]]
-file = "bench log.csv"
-time = {{ column = "time_s" }}
-inputs.voltage = {{ column = "voltage_V" }}
-outputs.angle = {{ column = "angle_deg", unit = "deg" }}
-"""
-
-
-def described(csv: Path, free: str = "torque_constant") -> Path:
-    path = csv.with_name("description.toml")
-    path.write_text(DESCRIPTION.format(free=free))
     return path
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.elements import identify_elements
-from servo_models.identification.elements.step import first_order
-from tests.identification.test_elements import DESCRIPTION, Array, Bench, taken_apart, write
+from servo_models.identification.elements.motor import first_order
+from tests.support.servo_bench import DESCRIPTION, Bench, taken_apart, write
 
 
 @pytest.fixture

@@ -22,12 +22,13 @@ from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.simulation import Run
 from servo_models.identification.uncertainty import covariance, spread_of
 from servo_models.report.numbers import MOST_DIGITS, with_error
-from tests.identification.test_identification import TRUE, log_of, noisy, nominal, prbs, rig
+from tests.support.exact_motor import TRUE, bench_log, noisy, nominal, prbs, rig
+from tests.support.logs import changed
 
 NAMES = tuple(name for name in nominal().plant.parameters if name != "internal_step")
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     names=st.lists(st.sampled_from(NAMES), min_size=1, max_size=4, unique=True),
     seed=st.integers(0, 99),
@@ -40,7 +41,7 @@ def test_a_fit_of_anything_stays_in_bounds_and_never_makes_it_worse(
     count = 120
     voltage = prbs(count, seed)
     angle = rig(TRUE, voltage) + noise * np.random.default_rng(seed).standard_normal(count)
-    log = log_of(voltage, angle)
+    log = bench_log(voltage, angle)
     chosen = nominal()
     priors = {name: prior * abs(chosen.values[name]) for name in names if prior}
     priors = {name: size for name, size in priors.items() if size > 0.0}
@@ -55,6 +56,7 @@ def test_a_fit_of_anything_stays_in_bounds_and_never_makes_it_worse(
     assert all(error >= 0.0 for error in found.standard_errors if not np.isnan(error))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 2])
 def test_slopes_mean_something_where_small_differences_do_not(seed: int) -> None:
     """Encoder counts and dry friction in a sampled loop: followed by small differences, a
@@ -67,7 +69,7 @@ def test_slopes_mean_something_where_small_differences_do_not(seed: int) -> None
     servo = model("smart_servo", "sts3215", true)
     angle = simulate(servo, times, {"goal": goal})["angle_reading"]
     log = replace(
-        log_of(goal, angle),
+        bench_log(goal, angle),
         times=times,
         inputs={"goal": goal},
         outputs={"angle_reading": angle},
@@ -83,7 +85,7 @@ def test_smooth_errors_have_a_covariance() -> None:
     """What a model lacks may be a smooth bump, which its own past predicts to rounding."""
     chosen = nominal()
     voltage = prbs(600, 1)
-    log = log_of(voltage, rig(TRUE, voltage))
+    log = bench_log(voltage, rig(TRUE, voltage))
     free = [free_parameter(chosen.plant.parameters["stiffness"], 1.1, None)]
     problem = Problem(chosen, [log], free)
     slopes = problem.jacobian(problem.start)
@@ -109,7 +111,7 @@ def test_a_parameter_that_moves_nothing_but_rounding_has_no_standard_error() -> 
     voltage = prbs(600, 1)
     names = ("stiffness", "torque_constant")
     free = [free_parameter(chosen.plant.parameters[name], TRUE[name], None) for name in names]
-    problem = Problem(chosen, [log_of(voltage, rig(TRUE, voltage))], free)
+    problem = Problem(chosen, [bench_log(voltage, rig(TRUE, voltage))], free)
     slopes = problem.jacobian(problem.start)
     alone = spread_of(problem, problem.start, told(slopes * [0.0, 1.0]))
     rounding = 1e-15 * np.random.default_rng(1).standard_normal(len(slopes))
@@ -164,7 +166,7 @@ def test_a_parameter_on_its_bound_is_there_to_the_last_bit() -> None:
 def test_logs_all_held_out_cost_no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     """They are simulated before and after the fit only."""
     voltage = prbs(200, 1)
-    log = log_of(voltage, rig(TRUE, voltage))
+    log = bench_log(voltage, rig(TRUE, voltage))
     other = replace(log, name="other", held_out=np.ones(200, dtype=bool))
     counted: list[str] = []
     plain = Run.errors
@@ -187,14 +189,14 @@ def test_a_parameter_without_room_has_slope_zero_and_is_left_where_it_is() -> No
         for name in ("stiffness", "torque_constant")
     )
     held = replace(stiffness, low=TRUE["stiffness"], high=TRUE["stiffness"])
-    problem = Problem(chosen, [log_of(voltage, rig(TRUE, voltage))], [held, constant])
+    problem = Problem(chosen, [bench_log(voltage, rig(TRUE, voltage))], [held, constant])
     start = problem.start * [1.0, 0.9]
     widths = np.array([0.1, 0.1])
     slopes = problem.jacobian(start, widths)
     assert np.all(slopes[:, 0] == 0.0)
     assert slopes[:, 1].any()
     vector, _, _ = descend(problem, start, 1e-9, 50, widths)
-    stiff = replace(chosen, values={**chosen.values, "stiffness": TRUE["stiffness"]})
+    stiff = changed(chosen, {"stiffness": TRUE["stiffness"]})
     alone = Problem(stiff, problem.logs, [constant])
     best, _, _ = descend(alone, 0.9 * alone.start, 1e-9, 50, widths[1:])
     assert vector == pytest.approx([start[0], best[0]], rel=1e-6)

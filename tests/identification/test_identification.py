@@ -7,101 +7,31 @@ paper's equations, which shares nothing with the product's integrator.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit
-from scipy.signal import cont2discrete
 
 from servo_models.core.block import Param
 from servo_models.core.plant import Parameter
-from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
 from servo_models.identification.simulation import false_starts, prepared
 from servo_models.identification.uncertainty import FROM_PRIOR, PULLED, doubt
-
-STEP = 5e-4
-TRUE = {
-    "torque_constant": 5.4,
-    "back_emf_constant": 0.08,
-    "resistance": 3630.0,
-    "inductance": 31.0,
-    "rotor_inertia": 7.246e-7,
-    "friction_coefficient": 2.7e-4,
-    "stiffness": 1.1,
-}
-
-
-def rig(values: dict[str, float], voltage: Array, step: float = STEP) -> Array:
-    """Angle [rad] at each sample of a held voltage: eqs. 3 to 9, exactly discretised."""
-    v = values
-    a = np.array(
-        [
-            [-v["resistance"] / v["inductance"], 0.0, -v["back_emf_constant"] / v["inductance"]],
-            [0.0, 0.0, 1.0],
-            [
-                v["torque_constant"] / v["rotor_inertia"],
-                -v["stiffness"] / v["rotor_inertia"],
-                -v["friction_coefficient"] / v["rotor_inertia"],
-            ],
-        ]
-    )
-    b = np.array([[1.0 / v["inductance"]], [0.0], [0.0]])
-    ad, bd, *_ = cont2discrete((a, b, np.eye(3), np.zeros((3, 1))), step)
-    x, out = np.zeros(3), np.empty(len(voltage))
-    for i, u in enumerate(voltage):
-        out[i] = x[1]
-        x = ad @ x + bd[:, 0] * u
-    return out
-
-
-def prbs(count: int, seed: int, hold: int = 20, size: float = 20.0) -> Array:
-    signs = np.random.default_rng(seed).choice([-size, size], count // hold + 1)
-    return np.repeat(signs, hold)[:count]
-
-
-def log_of(voltage: Array, angle: Array, name: str = "rig", **more: object) -> Log:
-    n = len(voltage)
-    channels = {"angle": Channel("angle", "angle", "rad")}
-    log = Log(
-        name,
-        Path(f"{name}.csv"),
-        "",
-        STEP * np.arange(n),
-        {"voltage": voltage},
-        {"angle": angle},
-        channels,
-        np.arange(n),
-        np.zeros(n, dtype=bool),
-    )
-    return replace(log, **more)  # type: ignore[arg-type]
-
-
-def nominal(**changes: float | str) -> Model:
-    """Table 1 without stops: the simulation that the rig disagrees with."""
-    return model("torque_motor", "measured", {"end_stops.half_range": 0.0, **changes})
-
-
-def noisy(seed: int, sigma: float = 2e-4, count: int = 1500) -> Log:
-    voltage = prbs(count, seed)
-    noise = sigma * np.random.default_rng(seed + 1000).standard_normal(count)
-    return log_of(voltage, rig(TRUE, voltage) + noise)
-
+from tests.support.exact_motor import STEP, TRUE, bench_log, noisy, nominal, prbs, rig
+from tests.support.logs import changed, log_of, measured
 
 NAMES = ("torque_constant", "inductance", "friction_coefficient")
 
 
 def test_a_clean_log_gives_the_constants_back() -> None:
     voltage = prbs(1000, 1)
-    found = fit(nominal(), [log_of(voltage, rig(TRUE, voltage))], NAMES)
+    found = fit(nominal(), [bench_log(voltage, rig(TRUE, voltage))], NAMES)
     assert found.converged
     for free, value in zip(found.free, found.values):
         assert value == pytest.approx(TRUE[free.name], rel=2e-5)
@@ -122,6 +52,7 @@ def test_it_is_the_least_squares_estimate_of_another_optimiser_on_another_simula
     np.testing.assert_allclose(found.standard_errors, errors, rtol=0.35)
 
 
+@pytest.mark.thorough
 def test_standard_errors_cover_the_truth_in_coloured_noise() -> None:
     """Of 60 rigs, 95 % intervals cover between 85 and 100 % with probability above 0.999."""
     inside = 0
@@ -164,13 +95,9 @@ def test_alike_parameters_in_white_noise_are_pulled_by_nothing_but_their_noise()
     """Slowly, only a ratio of three constants shows: each stays 0.8 priors uncertain, and moves."""
     true = {"torque_constant": 0.97, "resistance": 1.03, "stiffness": 1.03}
     start = nominal()
-    rig = replace(start, values={n: v * true.get(n, 1.0) for n, v in start.values.items()})
+    rig = changed(start, {n: v * start.values[n] for n, v in true.items()})
     times = 2e-3 * np.arange(5000)
-    volts = {"voltage": 8.0 * np.sin(0.2 * np.pi * times)}
-    noise = 3e-4 * np.random.default_rng(2).standard_normal(len(times))
-    rows, channels = np.arange(5000), {"angle": Channel("angle", "angle", "rad")}
-    angle = {"angle": simulate(rig, times, volts)["angle"] + noise}
-    slow = Log("slow", Path(), "", times, volts, angle, channels, rows, rows < 0)
+    slow = measured(rig, times, {"voltage": 8.0 * np.sin(0.2 * np.pi * times)}, {"angle": 3e-4}, 2)
     priors = {name: 0.02 * start.values[name] for name in true}
     found = fit(start, [slow], tuple(true), priors)
     assert np.all(found.standard_errors > 0.7 * np.array(list(priors.values())))
@@ -182,14 +109,11 @@ def test_settled_logs_at_several_levels_determine_what_holds_at_rest() -> None:
     known = nominal().values
     gain = known["torque_constant"] / (known["resistance"] * 1.32)
     times, logs = 1e-3 * np.arange(300), []
-    rows, channels = np.arange(300), {"angle": Channel("angle", "angle", "rad")}
     for level in (2.0, 4.0, -3.0):
         volts = {"voltage": np.full(300, level)}
         noise = 1e-5 * np.random.default_rng(1).standard_normal(300)
         angle = {"angle": gain * level + noise}
-        name = f"{level:g} V"
-        log = Log(name, Path(), "", times, volts, angle, channels, rows, rows < 0, settle=1.0)
-        logs.append(log)
+        logs.append(log_of(times, volts, angle, name=f"{level:g} V", settle=1.0))
     found = fit(nominal(), logs, ["stiffness"])
     assert found.values[0] == pytest.approx(1.32, rel=2e-3)
     with pytest.raises(UserError, match="no input ever changes"):
@@ -210,7 +134,7 @@ def test_logs_with_constants_of_their_own() -> None:
     """The same rig at two known stiffnesses; wrong constants would give a wrong answer."""
     voltage = prbs(800, 11)
     logs = [
-        log_of(
+        bench_log(
             voltage,
             rig({**TRUE, "stiffness": stiffness}, voltage),
             f"k{stiffness:g}",
@@ -227,7 +151,7 @@ def test_logs_with_constants_of_their_own() -> None:
 def test_a_constant_load_of_one_log_is_an_input() -> None:
     """A load of 0.01 N m turns the resting angle by load / K_s."""
     voltage = np.zeros(400)
-    log = log_of(voltage, np.full(400, -0.01 / 1.1), constants={"load_torque": 0.01}, settle=0.5)
+    log = bench_log(voltage, np.full(400, -0.01 / 1.1), constants={"load_torque": 0.01}, settle=0.5)
     found = Problem(nominal(), [log], []).responses(np.empty(0))[0]["angle"]
     np.testing.assert_allclose(found, -0.01 / 1.1, rtol=1e-6)
 
@@ -236,7 +160,7 @@ def test_a_settled_log_begins_in_equilibrium() -> None:
     voltage = np.full(200, 10.0)
     rest = 10.0 / TRUE["resistance"] * TRUE["torque_constant"] / TRUE["stiffness"]
     chosen = nominal(torque_constant=TRUE["torque_constant"])
-    log = log_of(voltage, np.full(200, rest), settle=0.5)
+    log = bench_log(voltage, np.full(200, rest), settle=0.5)
     found = Problem(chosen, [log], []).responses(np.empty(0))[0]["angle"]
     np.testing.assert_allclose(found, rest, rtol=1e-6)
 
@@ -247,7 +171,7 @@ def test_a_log_that_begins_in_another_state_is_warned_of(settle: float) -> None:
     voltage = np.repeat([20.0, -15.0, 5.0, 0.0, 10.0], 300)
     before = np.full(0 if settle else 400, voltage[0])
     angle = rig(TRUE, np.concatenate([before, voltage]))[len(before) :]
-    log = replace(log_of(voltage, angle), settle=settle)
+    log = replace(bench_log(voltage, angle), settle=settle)
     same = {name: TRUE[name] for name in TRUE if name in nominal().values}
     (text,) = false_starts([prepared(nominal(), log)], same)
     assert "'rig' begins in another state than the model" in text
@@ -263,21 +187,22 @@ def test_an_effect_is_found_from_off() -> None:
     """Dead zone has no slope at 0; the search starts from its typical size."""
     voltage = prbs(1500, 13, hold=40, size=6.0)
     dead = np.sign(voltage) * np.maximum(np.abs(voltage) - 1.5, 0.0)
-    log = log_of(voltage, rig(TRUE, dead))
+    log = bench_log(voltage, rig(TRUE, dead))
     chosen = nominal(torque_constant=5.4, inductance=31.0)
     voltages = np.where(np.arange(1500) < 700, 0.5, 1.0) * voltage
     dead = np.sign(voltages) * np.maximum(np.abs(voltages) - 1.5, 0.0)
-    log = log_of(voltages, rig(TRUE, dead))
+    log = bench_log(voltages, rig(TRUE, dead))
     found = fit(chosen, [log], ["torque_constant", "drive_dead_zone.half_width"])
     assert found.values == pytest.approx([5.4, 1.5], rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_global_search_leaves_a_valley_that_traps_slopes() -> None:
     """The delay of a tone burst is ambiguous by its period to whoever follows the slope."""
     grid = np.arange(1200)
     burst = 15.0 * np.sin(2.0 * np.pi * 250.0 * STEP * grid) * np.exp(-(((grid - 500) / 60) ** 2))
     shift = 14
-    log = log_of(burst, rig(TRUE, np.concatenate([np.zeros(shift), burst[:-shift]])))
+    log = bench_log(burst, rig(TRUE, np.concatenate([np.zeros(shift), burst[:-shift]])))
     true = {name: TRUE[name] for name in NAMES}
     chosen = nominal(**true, **{"transport_delay.time": 1e-3})
     free = ["transport_delay.time"]

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from servo_models.analysis.figures import Figures, figures
 from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import hold
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.parameters import read_parameters
@@ -26,7 +27,6 @@ from servo_models.identification.identify import Outcome, identify
 from servo_models.identification.measured_response import Record, empirical
 from servo_models.identification.result import HELD_OUT, Identification
 from servo_models.identification.sections import identification_report
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.report import html
 from servo_models.report.numbers import MINUS, TIMES
 from servo_models.report.sections import Table
@@ -34,11 +34,12 @@ from servo_models.report.sheet import sheet_page
 from servo_models.report.sheets import Sheet
 from servo_models.units import factor
 from tests.support.html_page import Page
+from tests.support.logs import changed, measured
 
 STEP = 2e-4
 SPAN = 1.0
 TRUE = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
-NOMINAL = replace(TRUE, values={**TRUE.values, "torque_constant": 6.0, "inductance": 27.0})
+NOMINAL = changed(TRUE, {"torque_constant": 6.0, "inductance": 27.0})
 FREE = ("torque_constant", "inductance", "transport_delay.time")
 DESCRIPTION = """
 actuator = "torque_motor"
@@ -60,19 +61,16 @@ RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 def _log(name: str, voltage: Callable[[Array], Array], held_out: Callable[[Array], Array]) -> Log:
     times = np.arange(round(SPAN / STEP)) * STEP
-    volts = voltage(times)
-    noise = np.random.default_rng(len(name)).standard_normal(len(times))
-    angle = simulate(TRUE, times, {"voltage": volts})["angle"] + np.radians(0.02) * noise
-    channel = Channel("angle", "angle_deg", "deg", math.radians(1.0))
-    return Log(
+    return measured(
+        TRUE,
+        times,
+        {"voltage": voltage(times)},
+        {"angle": np.radians(0.02)},
+        len(name),
         name=name,
         path=Path("bench") / f"{name}.csv",
         sha256=name.encode().hex().ljust(64, "0"),
-        times=times,
-        inputs={"voltage": volts},
-        outputs={"angle": angle},
-        channels={"angle": channel},
-        rows=np.arange(len(times)),
+        channels={"angle": Channel("angle", "angle_deg", "deg", math.radians(1.0))},
         held_out=held_out(times),
     )
 
@@ -193,6 +191,7 @@ def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
     assert "no samples of angle were, so the error on new data is unknown" in text
 
 
+@pytest.mark.thorough
 def test_a_model_that_got_worse_fails(found: Identification) -> None:
     worse = [replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy]
     assert '<header class="pass">' in _page(replace(found, warnings=[]))
@@ -210,6 +209,7 @@ def test_hostile_names_stay_text(found: Identification) -> None:
     assert any(HOSTILE in piece for piece in page.text)
 
 
+@pytest.mark.thorough
 def test_long_logs_make_no_large_page(found: Identification) -> None:
     """Ten logs of 30 000 samples, noise throughout, which no drawing can simplify."""
     random = np.random.default_rng(5)

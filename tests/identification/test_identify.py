@@ -13,7 +13,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,66 +26,17 @@ from servo_models.identification import fit as fit_module
 from servo_models.identification.identify import identify
 from servo_models.identification.uncertainty import Spread, spread
 from tests.conftest import Run
-from tests.data.test_description import OWN
-from tests.identification.test_identification import STEP, TRUE, prbs, rig
+from tests.support.bench_log import HEAD, LOG, NOISE, changed, laid_out, rows_of, write_log
+from tests.support.exact_motor import TRUE
 from tests.support.html_page import Page
+from tests.support.own_actuators import WITH_A_FLAG, write
 
-NOISE = np.radians(0.01)
 ESTIMATED = {name: TRUE[name] for name in ("torque_constant", "inductance", "friction_coefficient")}
-
-HEAD = """
-actuator = "torque_motor"
-variant = "measured"
-free = ["torque_constant", "inductance", "friction_coefficient"]
-[parameters]
-end_stops.half_range = 0.0
-"""
-LOG = """
-[[logs]]
-file = "log.csv"
-time = { column = "time_ms", unit = "ms" }
-inputs.voltage = { column = "u", unit = "V" }
-outputs.angle = { column = "angle_deg", unit = "deg" }
-held_out = { from = "0.5 s", to = "0.75 s" }
-"""
-
-
-def rows_of(count: int = 1500, seed: int = 3) -> list[list[str]]:
-    """Cells of a bench log: ms, V and deg with noise."""
-    voltage = prbs(count, seed)
-    voltage[:20] = 0.0  # at rest, as a bench log begins
-    noise = NOISE * np.random.default_rng(seed).standard_normal(count)
-    angle = np.degrees(rig(TRUE, voltage) + noise)
-    times = 1e3 * STEP * np.arange(count)
-    return [[f"{t:g}", f"{u:g}", f"{y:.6f}"] for t, u, y in zip(times, voltage, angle)]
-
-
-def write_log(folder: Path, rows: list[list[str]]) -> None:
-    lines = [",".join(row) for row in [["time_ms", "u", "angle_deg"], *rows]]
-    (folder / "log.csv").write_text("\n".join(lines) + "\n")
-
-
-def laid_out(folder: Path) -> Path:
-    """A folder with a log and its description, ``mine.toml``."""
-    write_log(folder, rows_of())
-    (folder / "mine.toml").write_text(HEAD + LOG)
-    return folder
 
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     return laid_out(tmp_path)
-
-
-def changed(old: str, new: str) -> Callable[[Path], None]:
-    """Change the description."""
-
-    def change(folder: Path) -> None:
-        whole = HEAD + LOG
-        assert old in whole
-        (folder / "mine.toml").write_text(whole.replace(old, new))
-
-    return change
 
 
 def settings_of(found: ParameterSet | None) -> dict[str, float]:
@@ -151,7 +101,7 @@ def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.M
     angle = 1.0 - np.exp(-times / lag)
     goal = np.ones(300)
     (tmp_path / "logs").mkdir()
-    (tmp_path / "mine.py").write_text(OWN)
+    write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
     (tmp_path / "logs" / "joint.toml").write_text("""
         actuator = "../mine.py"
         free = ["time_constant"]
@@ -273,6 +223,7 @@ def test_ctrl_c_is_told(run: Run, monkeypatch: pytest.MonkeyPatch, bench: Path) 
     assert run("identify", bench / "mine.toml") == (2, "", "servo-models: interrupted\n")
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals of POSIX")
 @pytest.mark.parametrize("signals", [1, 3])
 def test_ctrl_c_keeps_the_best_values(bench: Path, signals: int) -> None:

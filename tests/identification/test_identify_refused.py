@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import Run
-from tests.identification.test_identify import changed, laid_out, rows_of, write_log
+from tests.support.bench_log import changed, laid_out, rows_of, write_log
 
 
 @pytest.fixture

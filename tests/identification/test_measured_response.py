@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
+from servo_models.analysis.sine_test import hold
+from servo_models.core.types import Array
 from servo_models.identification.measured_response import Record, empirical
 from servo_models.identification.sections import beside
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.report.curves import envelope
-from tests.identification.test_identification_report import Array
 
 
 def test_measured_frequency_response_of_a_known_filter() -> None:

@@ -8,17 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.bounds import is_outside
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import model, simulate
 from servo_models.data.audit.outliers import outliers, outliers_of
 from servo_models.data.description import read_description
-from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.identify import identify
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from tests.conftest import Run
-from tests.core.test_own_actuator import write
-from tests.support.plausible_logs import described, misread, mistakes, sane, with_outputs
+from tests.support.logs import log_of
+from tests.support.own_actuators import write
+from tests.support.plausible_logs import (
+    described,
+    doubts,
+    is_refused,
+    misread,
+    mistakes,
+    names,
+    sane,
+    with_outputs,
+)
 
 SUBJECTS = [
     ("sg90", "measured"),
@@ -27,23 +35,6 @@ SUBJECTS = [
     ("smart_servo", "xl330"),
 ]
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def names(said: str, signal: str, unit: str) -> bool:
-    """Whether a text names the column of ``plausible_logs`` and the unit that it is in."""
-    return f"'c_{signal}'" in said and (f'"{unit}"' in said or f"read in {unit} it" in said)
-
-
-def doubts(chosen: Model, log: Log) -> tuple[str, ...]:
-    """What ``check`` says of a log's units; it simulates nothing where the time makes no sense."""
-    told = described(chosen, log)
-    return implausible_clocks(told) or implausible(told)
-
-
-def is_refused(chosen: Model, log: Log) -> bool:
-    """Whether a description of it is refused, which names the row and the bounds."""
-    wires = chosen.plant.wire
-    return any(is_outside(values, wires[name]).any() for name, values in log.inputs.items())
 
 
 @pytest.mark.parametrize(("name", "variant"), SUBJECTS)
@@ -279,17 +270,7 @@ def test_no_position_answers_a_jump_by_twice_its_range() -> None:
     command = 1.0 * ((times // 0.5) % 2.0)
     servo = model("smart_servo", "xl330")
     simulated = simulate(servo, times, {"goal": command})
-    log = Log(
-        name="log",
-        path=Path("log.csv"),
-        sha256="",
-        times=times,
-        inputs={"goal": command},
-        outputs={name: simulated[name] for name in ("angle", "rate")},
-        channels={},
-        rows=np.arange(400),
-        held_out=np.zeros(400, dtype=bool),
-    )
+    log = log_of(times, {"goal": command}, {name: simulated[name] for name in ("angle", "rate")})
     jump = int(np.flatnonzero(np.diff(command))[2]) + 1
     for output, found in (("angle", (jump,)), ("rate", ())):
         odd = log.outputs[output].copy()

@@ -7,7 +7,6 @@ parameters (EMPS) and what simpler fits had reached before.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from servo_models.data.recording import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
 from servo_models.identification.result import HELD_OUT, Identification
+from tests.support.logs import changed
 
 Describe = Callable[[str], Description]
 
@@ -138,7 +138,7 @@ def test_the_variant_measured_as_it_is_meets_the_amplitudes_held_out(
 
 def test_drive_saturation_is_what_the_steps_need(describe: Describe, sg90: Identification) -> None:
     told = describe("sg90_steps.toml")
-    linear = replace(told.model, values={**told.model.values, "supply_limit.share": 0.0})
+    linear = changed(told.model, {"supply_limit.share": 0.0})
     found = fit(linear, told.logs, told.free)
     assert found.rms("rate_reading", HELD_OUT) > 1.5 * sg90.rms("rate_reading", HELD_OUT)
 

@@ -7,33 +7,28 @@ import gc
 import subprocess
 import sys
 import weakref
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.recording import Log
 from servo_models.identification.simulation import prepared
+from tests.support.logs import changed, log_of
 
 TIMES = 1e-3 * np.arange(300.0)
 
 
 def log(voltage: Array) -> Log:
-    rows = np.arange(len(TIMES))
-    angle = {"angle": 1e-3 * np.sin(TIMES)}
-    channels = {"angle": Channel("angle", "angle", "rad")}
-    held = np.zeros(len(rows), dtype=bool)
-    return Log("log", Path("log.csv"), "", TIMES, {"voltage": voltage}, angle, channels, rows, held)
+    return log_of(TIMES, {"voltage": voltage}, {"angle": 1e-3 * np.sin(TIMES)})
 
 
 def test_what_is_remembered_is_what_a_new_run_gives() -> None:
     """Of another log, other values and another model with the same values, in any order."""
     chosen = model("torque_motor", "measured")
     logs = [log(10.0 * np.sign(np.sin(40.0 * k * TIMES))) for k in (1.0, 2.0)]
-    other = replace(chosen, values={**chosen.values, "resistance": 20.0})
+    other = changed(chosen, {"resistance": 20.0})
     asked = [
         (logs[0], chosen, {}),
         (logs[1], chosen, {}),
@@ -45,7 +40,7 @@ def test_what_is_remembered_is_what_a_new_run_gives() -> None:
     for one, from_, values in asked:
         found = prepared(from_, one).simulate(values)
         run = prepared(from_, one)
-        new = replace(from_, values={**from_.values, **values}).run(run.times, run.inputs)
+        new = changed(from_, values).run(run.times, run.inputs)
         np.testing.assert_array_equal(found, new)
 
 
@@ -61,7 +56,7 @@ def test_what_is_remembered_cannot_be_changed() -> None:
 def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() -> None:
     """The next one may lie where the last one did."""
     chosen = model("torque_motor", "measured")
-    for volts in np.linspace(1.0, 10.0, 20):
+    for volts in np.linspace(1.0, 10.0, 6):
         one = log(np.full(len(TIMES), volts))
         run = prepared(chosen, one)
         np.testing.assert_array_equal(run.simulate({}), chosen.run(run.times, run.inputs))

@@ -22,7 +22,7 @@ from servo_models.identification.transfer import (
     sweep_of_sines,
 )
 from servo_models.validation.torque_motor.reference import TABLE_1
-from tests.identification.test_transfer import DT, EQUATION_12, MOTOR, log
+from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
 
 SWEEP = """
 [[sweeps]]

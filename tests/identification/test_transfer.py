@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.signal import chirp, lsim
 
 from servo_models import UserError, model, simulate
@@ -26,34 +24,16 @@ from servo_models.identification.transfer import (
     identify_transfer,
     sheet,
 )
+from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
 from servo_models.identification.transfer.evidence import Point
-from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.fit import Fit, fit, starts
 from servo_models.identification.transfer.pictures import bode, responses
-from servo_models.identification.transfer.scores import score
-from servo_models.identification.transfer.soundness import pole_trouble, surplus_zero
-from servo_models.identification.transfer.starts import starts
 from servo_models.validation.solvers.inputs import changes
 from servo_models.validation.solvers.linear import LinearSystem
+from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
 
-MOTOR = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
-EQUATION_12 = TransferFunction.of([EQ_12[0]], [1.0, *EQ_12[1:]], EQ_12_DELAY)
 MODEL_1 = TransferFunction.of([686.9], [1.0, 3.434e-11, 2.255])
 MODEL_2 = TransferFunction.of([633.3], [1.0, 1.307])
-DT = 1e-4
-
-
-def log(
-    name: str,
-    times: Array,
-    u: Array,
-    y: Array,
-    held_out: NDArray[np.bool_] | bool = False,
-    signals: tuple[str, str] = ("voltage", "angle"),
-) -> Log:
-    mask = np.broadcast_to(np.asarray(held_out), times.shape)
-    rows = np.arange(len(times))
-    path = Path(f"{name}.csv")
-    return Log(name, path, "", times, {signals[0]: u}, {signals[1]: y}, {}, rows, mask)
 
 
 def record(times: Array, u: Array, y: Array) -> Record:

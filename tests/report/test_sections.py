@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from html_page import Page
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,6 +15,7 @@ from servo_models.report import html
 from servo_models.report.numbers import Quantity, number, percent, plain
 from servo_models.report.result import Result
 from servo_models.report.sections import Card, Mark, Picture, Report, Section, Table
+from tests.support.html_page import Page
 
 TABLE = Table(
     "Errors",

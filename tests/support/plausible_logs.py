@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from servo_models.core.bounds import is_outside
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
@@ -15,8 +16,10 @@ from servo_models.data.description import Description
 from servo_models.data.recording import Channel, Log
 from servo_models.data.scaffold.guess import CHOICES
 from servo_models.data.toml_file import Section
+from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_parameter
 from servo_models.units import factor
+from tests.support.logs import log_of
 
 ROWS = 400
 ANSWERS = 12.0
@@ -96,9 +99,7 @@ def sane(name: str, variant: str, seed: int) -> tuple[Model, Log]:
     wires = {wire: chosen.plant.wire[wire] for wire in (*inputs, *outputs)}
     channels = {wire: Channel(wire, f"c_{wire}", wires[wire].unit) for wire in wires}
     channels["time"] = Channel("time", "c_time", "s")
-    rows = np.arange(ROWS)
-    path = Path("rig.csv")
-    return chosen, Log("rig", path, "", times, inputs, outputs, channels, rows, rows < 0)
+    return chosen, log_of(times, inputs, outputs, channels=channels)
 
 
 def with_outputs(log: Log, names: list[str]) -> Log:
@@ -146,3 +147,20 @@ def subjects() -> list[tuple[str, str]]:
         for v in a.variants
         if v.name != "oscillatory_motor"
     ]
+
+
+def names(said: str, signal: str, unit: str) -> bool:
+    """Whether a text names the column of ``plausible_logs`` and the unit that it is in."""
+    return f"'c_{signal}'" in said and (f'"{unit}"' in said or f"read in {unit} it" in said)
+
+
+def doubts(chosen: Model, log: Log) -> tuple[str, ...]:
+    """What ``check`` says of a log's units; it simulates nothing where the time makes no sense."""
+    told = described(chosen, log)
+    return implausible_clocks(told) or implausible(told)
+
+
+def is_refused(chosen: Model, log: Log) -> bool:
+    """Whether a description of it is refused, which names the row and the bounds."""
+    wires = chosen.plant.wire
+    return any(is_outside(values, wires[name]).any() for name, values in log.inputs.items())

@@ -33,7 +33,7 @@ from servo_models.validation.rows import Row
 from servo_models.validation.runner import every_model
 from servo_models.validation.subject import Subject
 from tests.conftest import Run
-from tests.test_architecture import ROOT, imported
+from tests.support.sources import ROOT, imported
 
 GAIN, FREQUENCY, DAMPING = 1745.3, 15.0, 0.7
 TARGET = '''

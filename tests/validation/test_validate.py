@@ -29,7 +29,7 @@ from servo_models.validation.runner import CostCurve, Validation, validate
 from servo_models.validation.sg90 import reference as sg90
 from servo_models.validation.subject import Subject
 from tests.conftest import Run
-from tests.data.test_description import OWN
+from tests.support.own_actuators import WITH_A_FLAG, write
 
 FmuFile = Callable[[str], Path]
 
@@ -268,8 +268,8 @@ def test_cost_curve_shows_the_order_of_the_method() -> None:
 
 
 def test_an_actuator_of_ones_own_is_validated_with_its_file(tmp_path: Path, run: Run) -> None:
-    mine, params, folder = tmp_path / "mine.py", tmp_path / "P.toml", tmp_path / "fmus"
-    mine.write_text(OWN)
+    mine = write(tmp_path, name="mine.py", changes=WITH_A_FLAG)
+    params, folder = tmp_path / "P.toml", tmp_path / "fmus"
     params.write_text(
         'actuator = "mine.py"\n[parameters.time_constant]\nvalue = 0.35\nunit = "s"\n'
     )

@@ -17,7 +17,7 @@ from servo_models.withheld.said import Said
 from servo_models.withheld.score import FIGURES, Case, Cases, calibration, confusion, imitated_told
 from servo_models.withheld.sheet import document
 from servo_models.withheld.table import case_of, row_of
-from tests.withheld.test_blind_score import MADE
+from tests.support.withheld_cases import MADE
 
 NAMES = st.lists(st.sampled_from(["a", "b", "sensor_quantisation"]), unique=True, max_size=3)
 SIZE = st.floats(0.0, 1e6)

@@ -1,7 +1,7 @@
 """Families of commands that tell effects apart, each a shape between -1 and 1 over time.
 
 Source: Ljung, System Identification, 2nd ed., sec. 13.3 (sweeps and random binary signals);
-``lookalikes`` (which shape shows which effect).
+``isolability`` (which shape shows which effect).
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 
 from servo_models.analysis.experiment import display, in_time
 from servo_models.analysis.explain import display_unit, in_display_unit
-from servo_models.analysis.lookalikes import cause, experiment
+from servo_models.analysis.isolability import cause, experiment
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.recording import Log
@@ -179,7 +179,7 @@ def _held(plant: Plant, constants: Mapping[str, float]) -> str:
 def _on_record(plant: Plant, one: Sequence[str], other: Sequence[str]) -> str:
     """What is known to separate the effects in which two explanations differ."""
     texts = [
-        experiment(cause(a, plant), cause(b, plant))
+        experiment(cause(a, plant), cause(b, plant), plant)
         for a in one
         for b in other
         if a not in other and b not in one

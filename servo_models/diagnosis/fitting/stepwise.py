@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from servo_models.core.block import Block, DeadTime
 from servo_models.core.types import Array
 from servo_models.data.recording import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
-from servo_models.diagnosis.sizes import JUMP_PARTS, PHASE, STEPWISE
 from servo_models.identification.problem import Problem
 
 WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
@@ -27,35 +27,46 @@ WORTH, SHIFTED = 0.98, 8
 
 
 def staircases_of(problem: Problem) -> list[int]:
-    """Which free parameters are sizes on which the response is a staircase."""
-    known = problem.model.plant.parameters
+    """Which free parameters are discontinuous: the response is a staircase of them."""
     return [
         i
         for i, free in enumerate(problem.free)
-        if _effect(problem, free.name) in STEPWISE
-        and free.prior is None
-        and known[free.name].param.switch
+        if free.prior is None and _is(problem, free.name, _discontinuous)
     ]
 
 
 def begins_with_jump(problem: Problem) -> bool:
     """Whether effects begin with a part of a jump: small changes then move where it comes by a
     sample, or not at all."""
-    parts = [
-        it for it in problem.free if _last(it.name) == JUMP_PARTS.get(_effect(problem, it.name))
-    ]
-    return any(part.start > 0.0 for part in parts)
+    return any(it.start > 0.0 and _is(problem, it.name, _jump) for it in problem.free)
 
 
-def _last(name: str) -> str:
-    return name.rpartition(".")[2]
-
-
-def _effect(problem: Problem, name: str) -> str:
-    """The effect of which a parameter is, "" where it is the actuator's own."""
+def _is(problem: Problem, name: str, keys: Callable[[Block], tuple[str, ...]]) -> bool:
+    """Whether a parameter is among those ``keys`` of the effect that it belongs to."""
     plant = problem.model.plant
-    owner = plant.parameters[name].owner
-    return plant.placements[owner][0].effect.name if owner else ""
+    effect = plant.owner(name)
+    return effect is not None and plant.parameters[name].key in keys(effect)
+
+
+def _discontinuous(effect: Block) -> tuple[str, ...]:
+    return effect.switches if effect.search.grid else ()
+
+
+def _jump(effect: Block) -> tuple[str, ...]:
+    return (effect.search.jump,)
+
+
+def _phase(effect: Block) -> tuple[str, ...]:
+    return (effect.search.phase,)
+
+
+def _delay(effect: Block) -> tuple[str, ...]:
+    linear = effect.small_signal
+    return (linear.time,) if isinstance(linear, DeadTime) else ()
+
+
+def _period(effect: Block) -> tuple[str, ...]:
+    return effect.switches if effect.signature == "clock" else ()
 
 
 def others_first(
@@ -158,7 +169,7 @@ def turned(problem: Problem, vector: Array) -> Array | None:
     """
     sides, found = problem.sides(vector), vector.copy()
     for i, free in enumerate(problem.free):
-        if sides[i] and _last(free.name) == PHASE:
+        if sides[i] and _is(problem, free.name, _phase):
             found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
     found = np.clip(found, *problem.bounds)
     return None if np.array_equal(found, vector) else found
@@ -167,15 +178,13 @@ def turned(problem: Problem, vector: Array) -> Array | None:
 def delays_of(problem: Problem) -> list[int]:
     """Which free parameters are times of a transport delay."""
     names = [free.name for free in problem.free]
-    return [i for i, name in enumerate(names) if _effect(problem, name) == "transport_delay"]
+    return [i for i, name in enumerate(names) if _is(problem, name, _delay)]
 
 
 def _periods(problem: Problem, vector: Array) -> list[float]:
     """Periods [s] of the holds that are on."""
-    known = problem.model.plant.parameters
     values = {**problem.model.values, **problem.values(vector)}
-    holds = [name for name in values if _effect(problem, name) == "sample_hold"]
-    return [values[name] for name in holds if known[name].param.switch and values[name] > 0.0]
+    return [it for name, it in values.items() if it > 0.0 and _is(problem, name, _period)]
 
 
 def _jumping(problem: Problem) -> list[float]:

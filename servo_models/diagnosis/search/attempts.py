@@ -61,13 +61,13 @@ def attempts(
         sights: what was seen of ``every`` effect, from the nominal model and from there.
         say: is told what goes on.
     """
-    smooth = [it for it in sights if not it.candidate.fine]
+    smooth = [it for it in sights if not it.candidate.grid]
     singles, near, looks = _smooth(bench, retuned, smooth, say), narrowed(every, sights), Looks()
     if any(map(settled, singles)):
         singles = _with_likely_stairs(bench, retuned, sights, singles, singles, say)
         couples = paired(bench, singles, sights, near, looks, say)
     else:
-        plain = [one for one in near if not one.fine]
+        plain = [one for one in near if not one.grid]
         couples = paired(bench, singles, smooth, plain, looks, say)
         if any(map(settled, couples)):
             singles = _with_likely_stairs(bench, retuned, sights, singles, couples, say)
@@ -121,7 +121,7 @@ def _with_likely_stairs(
     say: Teller,
 ) -> list[Explanation]:
     """Single effects with the staircases that may do what one of those ``found`` does."""
-    stairs = starts_of([it for it in sights if it.candidate.fine], STAIRCASES)
+    stairs = starts_of([it for it in sights if it.candidate.grid], STAIRCASES)
     likely = _likely(stairs, retuned, found)
     return best_of_each([*singles, *beside_each(bench, retuned, likely, say)])
 

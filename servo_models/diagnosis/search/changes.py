@@ -16,7 +16,7 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.stepwise import delays_of
 from servo_models.diagnosis.fitting.view import View
-from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.trial_values import Settings
 from servo_models.errors import UserError
 
 CORRECTIONS, BESIDE, GROUP = 2, 1.05, 32
@@ -30,10 +30,10 @@ first look it is half of it, which is as often among the best sizes."""
 def neighbours(one: Candidate) -> list[list[Settings]]:
     """Sizes of an effect that are simulated one after another: those of a staircase that are
     near each other, since one tells where the other parameters are at the next."""
-    if not one.stairs:
-        return [[size] for size in one.sizes]
+    if not one.discontinuous:
+        return [[size] for size in one.trial_values]
     found: list[list[Settings]] = []
-    for size in sorted(one.sizes, key=lambda it: max(it.values())):
+    for size in sorted(one.trial_values, key=lambda it: max(it.values())):
         last = found[-1][-1] if found and len(found[-1]) < GROUP else None
         if last and max(size.values()) < BESIDE * max(last.values()):
             found[-1].append(size)
@@ -55,7 +55,7 @@ def corrected_changes(
 ) -> list[Array]:
     """The same, other parameters corrected beside a staircase."""
     one, sizes = task
-    if not one.stairs:
+    if not one.discontinuous:
         return changes(seen, base, task)
     if one.late and _delay(seen):
         return _held(seen, base, sizes, SOONER)

@@ -72,7 +72,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         found = bench.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
         if found.cost < first.cost:
             found = _followed(bench, found, kept, sight.candidate)
-        found = _polished(bench, found, first) if sight.candidate.stairs else found
+        found = _polished(bench, found, first) if sight.candidate.discontinuous else found
         if best is None or found.cost < best.cost:
             best = found
         if best.cost < PROMISED * min(it.left for it in own) and (settled(best) or plain):

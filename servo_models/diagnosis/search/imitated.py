@@ -16,7 +16,7 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.screening import Sight
-from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.trial_values import Settings
 from servo_models.errors import UserError
 
 SHOWN = 3.0
@@ -145,7 +145,7 @@ class _Walk:
         """Whether they do so at some settings; keeps the largest that they do imitate."""
         model = self.bench.model
         other = replace(self.bench, model=replace(model, values={**model.values, **settings}))
-        if self.candidate.stairs:
+        if self.candidate.discontinuous:
             other = other.surveyed()
         found = other.fit((self.candidate.name,), (), start, limit=STEPS)
         if _stands_out(found, self.retuned):

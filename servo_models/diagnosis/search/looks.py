@@ -18,7 +18,7 @@ from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.fits import likeliest, names_of
 from servo_models.diagnosis.search.screening import Sight, best_shares, look
-from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.trial_values import Settings
 
 SIZES = 6
 """Sizes at which an effect is seen again beside others."""
@@ -34,14 +34,14 @@ def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candid
     for one in every:
         own = [sight for sight in sights if sight.candidate.name == one.name]
         first = {_place(one, it.settings): it for it in reversed(own)}
-        if one.fine and own:
+        if one.grid and own:
             sizes = {_place(one, it.settings): it.settings for it in own}
-            found.append(replace(one, sizes=tuple(sizes.values())[:SIZES]))
-        elif one.stairs or not own:
+            found.append(replace(one, trial_values=tuple(sizes.values())[:SIZES]))
+        elif one.discontinuous or not own:
             found.append(one)
         else:
             none = np.zeros_like(own[0].columns)
-            known = (first.get(_place(one, size)) for size in one.sizes)
+            known = (first.get(_place(one, size)) for size in one.trial_values)
             found.append(replace(one, alone=tuple(it.columns if it else none for it in known)))
     return found
 
@@ -63,7 +63,7 @@ def _likely(seen: View, one: Candidate) -> Candidate:
         return one
     left, _ = best_shares(seen, [one] * len(one.alone), one.alone)
     best = np.argsort(left, kind="stable")[:SIZES]
-    return replace(one, sizes=tuple(one.sizes[i] for i in sorted(best)), alone=())
+    return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
 
 
 class Looks:
@@ -83,11 +83,11 @@ class Looks:
         found = seen_beside(first, [keys[key] for key in new.values()])
         for name in names_of(found):
             own = [sight for sight in found if sight.candidate.name == name]
-            self._known[new[name]] = own if own[0].candidate.stairs else likeliest(own)
+            self._known[new[name]] = own if own[0].candidate.discontinuous else likeliest(own)
         known = chain.from_iterable(self._known[key] for key in keys)
         return sorted(known, key=lambda sight: sight.left)
 
 
 def _key(first: Explanation, one: Candidate) -> Hashable:
     """An effect at its sizes, seen from a fit."""
-    return first, one.name, tuple(tuple(size.items()) for size in one.sizes)
+    return first, one.name, tuple(tuple(size.items()) for size in one.trial_values)

@@ -196,11 +196,13 @@ def _sought(
 def _nearer(one: Candidate, found: Explanation) -> Candidate:
     """A staircase with sizes very near that of a fit, if it is part of it: beside another effect
     the needle may lie next to where it was found alone."""
-    if not one.stairs or one.name not in found.effects:
+    if not one.discontinuous or one.name not in found.effects:
         return one
     switch = one.free[0].name
     size = found.values[switch]
-    return replace(one, sizes=(*one.sizes, *({switch: size * (1.0 + it)} for it in ABOUT)))
+    return replace(
+        one, trial_values=(*one.trial_values, *({switch: size * (1.0 + it)} for it in ABOUT))
+    )
 
 
 def without(bench: Bench, found: Explanation, name: str) -> Explanation:

@@ -61,9 +61,9 @@ def _taking_part(sights: Sequence[Sight], seen: View) -> list[int]:
         if sight.seen is seen:
             groups.setdefault(sight.candidate.name, []).append(i)
     best = [i for group in groups.values() for i in group[:EACH]]
-    smooth = [sights[i] for i in best if not sights[i].candidate.stairs]
+    smooth = [sights[i] for i in best if not sights[i].candidate.discontinuous]
     for group in groups.values():
-        if smooth and sights[group[0]].candidate.stairs:
+        if smooth and sights[group[0]].candidate.discontinuous:
             left = left_beside([sights[i] for i in group], smooth)
             best += [group[k] for k in np.argsort(left)[:EACH]]
         elif sights[group[0]].waves is not None:
@@ -134,7 +134,7 @@ def _limits(part: Sequence[Sight]) -> tuple[Array, Array]:
     ends = [
         shares(it.candidate)
         if it.waves is not None
-        else (LEAST if it.candidate.limiting else 0.0, STRETCH)
+        else (LEAST if it.candidate.search.inverse else 0.0, STRETCH)
         for it in part
     ]
     low, high = np.array(ends).T

@@ -21,7 +21,7 @@ from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.search.changes import changes, corrected_changes, neighbours
-from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.trial_values import Settings
 
 STRETCH, LEAST = 1.6, 0.5
 """A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
@@ -66,7 +66,7 @@ class Sight:
 
     def at(self, scale: float) -> dict[str, float]:
         """Return the settings with so many times the effect, its size inside its bounds."""
-        scale = 1.0 / scale if self.candidate.limiting else scale
+        scale = 1.0 / scale if self.candidate.search.inverse else scale
         one = self.candidate
         switches = {free.name: free for free in one.free if free.name in one.switches}
         return {
@@ -148,9 +148,9 @@ def shares(one: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
     if one.ripple:
         return -LARGEST, LARGEST
-    if one.limiting:
+    if one.search.inverse:
         return LEAST, STRETCH
-    return (1.0, 1.0) if one.stairs else (0.0, STRETCH)
+    return (1.0, 1.0) if one.discontinuous else (0.0, STRETCH)
 
 
 def _sight(
@@ -169,7 +169,7 @@ def turned(ripple: Sight, share: Array, left: float) -> Sight:
     assert ripple.candidate.ripple
     assert ripple.waves is not None
     switch, phase = ripple.candidate.ripple
-    size = ripple.candidate.sizes[0][switch] * min(hypot(*share), LARGEST)
+    size = ripple.candidate.trial_values[0][switch] * min(hypot(*share), LARGEST)
     shown = {**ripple.settings, switch: size, phase: atan2(share[1], share[0])}
     change = ripple.waves @ share
     without = ripple.seen.without(change)

@@ -20,7 +20,7 @@ from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.view import view
 from servo_models.diagnosis.search.pairs_seen import left_beside
 from servo_models.diagnosis.search.screening import Sight, look
-from servo_models.diagnosis.sizes import Settings
+from servo_models.diagnosis.trial_values import Settings
 
 BRIEF, LONG = 1000, 5000
 """Samples of the parts of the logs in which every size is looked at, and the best of them closer:
@@ -56,13 +56,13 @@ def shortlist(
     What was ``seen`` of them, with the whole logs, tells how much a size moves, and of smooth
     effects what these may do beside it.
     """
-    stairs = [one for one in every if one.fine and one.name not in first.effects]
+    stairs = [one for one in every if one.grid and one.name not in first.effects]
     if seen:
         moving = {it.candidate.name for it in seen}
         stairs = [one for one in stairs if one.name in moving]
     if not stairs:
         return ()
-    smooth = [it for it in seen if not it.candidate.fine]
+    smooth = [it for it in seen if not it.candidate.grid]
     parts = {samples: _Part(bench, first, samples, smooth) for samples in (BRIEF, LONG)}
     return tuple(_listed(one, parts, seen, bool(first.effects)) for one in stairs)
 
@@ -83,7 +83,7 @@ class _Part:
 
     def look(self, name: str, sizes: Iterable[Settings], corrected: bool = False) -> list[Sight]:
         """What is seen of a staircase at some sizes, best first."""
-        one = replace(self.candidates[name], sizes=tuple(sizes))
+        one = replace(self.candidates[name], trial_values=tuple(sizes))
         return look((self.view,), [one], corrected)
 
     def _cut(self, sight: Sight, rows: NDArray[np.int_]) -> Sight:
@@ -116,7 +116,7 @@ def _listed(
 ) -> Candidate:
     """A staircase with the sizes that look best, ``beside`` effects or alone."""
     part, long = _showing(parts), parts[LONG]
-    every = parts[BRIEF if full.late else LONG].candidates[full.name].fine
+    every = parts[BRIEF if full.late else LONG].candidates[full.name].grid
     likely = _fitting(every, full.name, seen, REST if beside else ALONE)
     grid, sights = _over_all(full, part, every, likely, beside)
     if not full.late and part is not long:
@@ -124,9 +124,9 @@ def _listed(
         part = long
     sights = _closer(full, long, [it.settings for it in part.best(sights, DOZENS)])
     best = [it.settings for it in long.best(sights, LISTED)]
-    near = [it for size in best for it in _between(full.fine, grid, size)]
+    near = [it for size in best for it in _between(full.grid, grid, size)]
     sizes = {tuple(it.items()): it for it in (*best, *near)}
-    return replace(full, sizes=tuple(sizes.values()))
+    return replace(full, trial_values=tuple(sizes.values()))
 
 
 def _over_all(
@@ -138,7 +138,7 @@ def _over_all(
 ) -> tuple[list[Settings], list[Sight]]:
     """The sizes that are looked at in a part of the logs, and what is seen there, best first."""
     chosen = likely if full.late else likely[::2] if beside else _thinned(likely)
-    grid = [*full.sizes, *chosen]  # a closer look finds those between
+    grid = [*full.trial_values, *chosen]  # a closer look finds those between
     sights = part.look(full.name, grid)
     alone = not full.late and not beside
     if alone and sights and sights[0].left < SHOWN * part.view.left:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from servo_models.identification.elements.identify import identify_elements
-from servo_models.identification.elements.loop import Choice, Loop, Response
-from servo_models.identification.elements.result import ElementsResult, Figure, Synthesis
+from servo_models.identification.elements.identify import (
+    ElementsResult,
+    Figure,
+    identify_elements,
+)
+from servo_models.identification.elements.loop import Choice, Loop, Response, Synthesis
 from servo_models.identification.elements.sheet import sheet
 
 __all__ = [

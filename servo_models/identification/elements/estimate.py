@@ -1,4 +1,4 @@
-"""Estimates with standard error and 95 % interval, from least squares or from two rows.
+"""Least squares on a table, and estimates with standard error and 95 % interval.
 
 Sources: Seber, Wild, Nonlinear Regression, secs. 2.1.3 and 9.3 (joined lines); Draper,
 Smith, Applied Regression Analysis, 3rd ed., ch. 5.
@@ -7,16 +7,22 @@ Smith, Applied Regression Analysis, 3rd ed., ch. 5.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from servo_models.core.types import Array
 
 CONFIDENCE = 0.95
 EXACT = 1e-24
 """Mean square of residuals, relative to that of the values, below which a fit is exact."""
+ROUNDING = 1e-9
+"""Relative difference of two estimates that is nothing but rounding."""
+TIGHT = 1e-12
+"""Relative tolerance of the unknowns of a fit."""
+STEP = 1e-5
+"""Step of a slope, relative to the unknown."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,12 @@ class Estimate:
         low, high = sorted((by * self.low, by * self.high))
         return Estimate(by * self.value, abs(by) * self.standard_error, low, high)
 
+    def contradicts(self, other: Estimate, errors: float = 3.0) -> bool:
+        """Whether both are further apart than so many standard errors, and than rounding."""
+        gap = combined((1.0, self), (-1.0, other))
+        differ = not math.isclose(self.value, other.value, rel_tol=ROUNDING)
+        return differ and abs(gap.value) > errors * gap.standard_error
+
 
 def exactly(value: float) -> Estimate:
     """Return a number that is known, such as a count of teeth."""
@@ -56,25 +68,35 @@ def combined(*parts: tuple[float, Estimate]) -> Estimate:
     """Return the weighted sum of independent estimates, given as (weight, estimate)."""
     value = sum(weight * part.value for weight, part in parts)
     error = math.hypot(*(weight * part.standard_error for weight, part in parts))
-    half = _quantile(math.inf) * error
+    return _with_interval(value, error, math.inf)
+
+
+def _with_interval(value: float, error: float, freedom: float) -> Estimate:
+    """The interval is that of Student's t."""
+    from scipy.special import stdtrit
+
+    half = float(stdtrit(min(freedom, 1e9), 0.5 + 0.5 * CONFIDENCE)) * error
     return Estimate(value, error, value - half, value + half)
 
 
 @dataclass(frozen=True, eq=False)
-class LeastSquares:
+class Fit:
     """A fit by least squares with equal, independent errors of all rows.
 
     Attributes:
         values: the unknowns, shape (p,).
         covariance: of them, shape (p, p); it means nothing without a row to spare.
         residuals: measured minus fitted, shape (n,).
-        freedom: rows minus unknowns.
     """
 
     values: Array
     covariance: Array
     residuals: Array
-    freedom: int
+
+    @property
+    def freedom(self) -> int:
+        """Rows minus unknowns."""
+        return len(self.residuals) - len(self.values)
 
     @property
     def squares(self) -> float:
@@ -86,37 +108,45 @@ class LeastSquares:
         """Standard deviation of the residuals, in the unit of the fitted quantity."""
         return math.sqrt(self.squares / self.freedom) if self.freedom > 0 else math.inf
 
-    def estimate(self, unknown: int) -> Estimate:
-        """Return one of the unknowns."""
-        return self.derived(float(self.values[unknown]), np.eye(len(self.values))[unknown])
-
-    def derived(self, value: float, gradient: ArrayLike) -> Estimate:
-        """Return a function of the unknowns by its value and its gradient, shape (p,)."""
-        slope = np.asarray(gradient, dtype=float)
+    def estimate(self, quantity: int | Callable[[Array], float]) -> Estimate:
+        """Return one of the unknowns, by position, or a smooth function of them."""
+        function = quantity if callable(quantity) else (lambda values: float(values[quantity]))
+        value = float(function(self.values))
         if self.freedom <= 0:
             return Estimate(value, math.inf, -math.inf, math.inf)
+        slope = np.zeros(len(self.values))
+        for k, size in enumerate(np.abs(self.values)):
+            step = np.zeros(len(slope))
+            step[k] = STEP * (size or 1.0)
+            rise = function(self.values + step) - function(self.values - step)
+            slope[k] = rise / (2.0 * step[k])
         error = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
-        half = _quantile(self.freedom) * error
-        return Estimate(value, error, value - half, value + half)
+        return _with_interval(value, error, self.freedom)
 
 
-def least_squares(slopes: Array, measured: Array) -> LeastSquares:
-    """Fit ``measured``, shape (n,), by a sum of the columns of ``slopes``, shape (n, p)."""
-    values, *_ = np.linalg.lstsq(slopes, measured, rcond=None)
-    return at_optimum(np.asarray(values), slopes, measured - slopes @ values, measured)
-
-
-def at_optimum(values: Array, slopes: Array, residuals: Array, measured: Array) -> LeastSquares:
-    """Return the fit with these unknowns, by the slopes of the model there.
+def fit(
+    model: Callable[..., Array],
+    x: Array,
+    y: Array,
+    start: Sequence[float] | Array,
+) -> Fit:
+    """Fit ``model(x, *unknowns)`` to ``y``, shape (n,), from ``start``, shape (p,).
 
     Residuals that are nothing but rounding count as 0.
     """
-    n, p = slopes.shape
-    if residuals @ residuals <= rounding(measured):
-        residuals = np.zeros(n)
-    inverse = np.asarray(np.linalg.pinv(slopes.T @ slopes), dtype=float)
+    from scipy.optimize import least_squares
+
+    best = least_squares(
+        lambda unknowns: model(x, *unknowns) - y,
+        start,
+        method="lm",
+        x_scale="jac",
+        xtol=TIGHT,
+    )
+    n, p = best.jac.shape
+    residuals = -best.fun if best.fun @ best.fun > rounding(y) else np.zeros(n)
     variance = float(residuals @ residuals) / max(n - p, 1)
-    return LeastSquares(values, variance * inverse, residuals, n - p)
+    return Fit(best.x, variance * np.linalg.pinv(best.jac.T @ best.jac), residuals)
 
 
 def rounding(measured: Array) -> float:
@@ -136,9 +166,8 @@ def is_bent(x: Array, residuals: Array) -> bool:
     """Whether the residuals of a straight line in ``x``, both of shape (n,), show a bow."""
     if len(x) < FEWEST:
         return False
-    bow = np.column_stack([np.ones(len(x)), x - x.mean(), (x - x.mean()) ** 2])
-    curvature = least_squares(bow, residuals).estimate(2)
-    return abs(curvature.value) > BENT * curvature.standard_error
+    bow, covariance = np.polyfit(x - x.mean(), residuals, 2, cov=True)
+    return bool(abs(bow[0]) > BENT * math.sqrt(covariance[0, 0]))
 
 
 def is_correlated(residuals: Array) -> bool:
@@ -147,10 +176,3 @@ def is_correlated(residuals: Array) -> bool:
     if len(residuals) < FEWEST or power == 0.0:
         return False
     return float(residuals[1:] @ residuals[:-1]) > CORRELATED / math.sqrt(len(residuals)) * power
-
-
-def _quantile(freedom: float) -> float:
-    """Half width of the 95 % interval in standard errors (Student's t)."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(min(freedom, 1e9), 0.5 + 0.5 * CONFIDENCE))

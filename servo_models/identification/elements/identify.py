@@ -1,23 +1,106 @@
-"""Identify a servo element by element and put its loop together."""
+"""Identify a servo element by element, put its loop together and choose its feedback."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from servo_models.core.plant import check_bounds
+from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
-from servo_models.identification.elements.each import ELEMENTS
-from servo_models.identification.elements.estimate import Estimate
-from servo_models.identification.elements.found import Found
-from servo_models.identification.elements.loop import Choice, Loop, choose
-from servo_models.identification.elements.result import ElementsResult, Synthesis
-from servo_models.identification.elements.tables import Wish, read_wish
+from servo_models.data.toml_file import Section
+from servo_models.errors import UserError
+from servo_models.identification.elements.estimate import Estimate, exactly
+from servo_models.identification.elements.lines import line_with_flats, straight_line
+from servo_models.identification.elements.loop import Choice, Synthesis, synthesise
+from servo_models.identification.elements.motor import (
+    NAMES,
+    MotorCurve,
+    SideCurve,
+    first_order,
+    motor_curve,
+)
+from servo_models.identification.elements.tables import (
+    AMPLIFIER,
+    BRANCH,
+    MOTOR,
+    MOTOR_ROWS,
+    POTENTIOMETER,
+    STEP,
+    VOLTAGE,
+    Table,
+    gear_ratio,
+    read_table,
+    read_wish,
+)
 
 LOOP = ("amplifier_gain", "potentiometer_gain", "motor_time_constant", "gear_ratio")
 MADE_OF = (*LOOP, "motor_gain", "feedback_coefficient", "angle_unit")
-USUAL_BANDS = (0.05, 0.02)
-ROWS = (0.25, 0.5, 0.75, 1.5, 2.0)
-"""Rows of the table of K_f, over the K_f to set."""
+GAIN = "rad/s/V"
+BENT = "straight pieces say too little, what they leave over is no chance"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of one element.
+
+    Attributes:
+        element: which, such as ``"motor"``.
+        name: in words.
+        estimate: in ``unit``.
+        unit: SI.
+        file: name of the file that it is from.
+        display: unit that a person reads it in, "" for ``unit``.
+    """
+
+    element: str
+    name: str
+    estimate: Estimate
+    unit: str
+    file: str
+    display: str = ""
+
+    @property
+    def value(self) -> float:
+        return self.estimate.value
+
+    @property
+    def standard_error(self) -> float:
+        return self.estimate.standard_error
+
+
+@dataclass(frozen=True, eq=False)
+class ElementsResult:
+    """Elements of a servo, identified one by one.
+
+    Attributes:
+        model: the actuator with its nominal values, which stand in where no table tells.
+        synthesis: the loop and its feedback coefficient.
+        figures: every figure of every element.
+        estimates: of what they imply [SI], by name of the actuator's parameter.
+        notes: sentences on what was taken from where.
+        warnings: sentences that whoever uses the values should know.
+        files: SHA-256 of the bytes by name of the file.
+    """
+
+    model: Model
+    synthesis: Synthesis
+    figures: tuple[Figure, ...]
+    estimates: Mapping[str, Estimate]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    files: Mapping[str, str]
+
+    @property
+    def parameters(self) -> dict[str, tuple[float, float]]:
+        """Value and standard error [SI] by name of the actuator's parameter."""
+        return {name: (one.value, one.standard_error) for name, one in self.estimates.items()}
+
+    def figure(self, element: str, name: str) -> Figure:
+        """Return a figure by element and name."""
+        return next(f for f in self.figures if (f.element, f.name) == (element, name))
 
 
 def identify_elements(description: Description | str | Path) -> ElementsResult:
@@ -38,65 +121,244 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             f"'{told.actuator.name}' has no '{strange[0]}'; name a servo made of these elements,"
             " such as sg90",
         )
-    wish, found = read_wish(entries.section("synthesis")), Found(told.model)
-    for name in ELEMENTS:
+    wish, bench = read_wish(entries.section("synthesis")), _Bench(told.model)
+    for name, identify in ELEMENTS.items():
         if name in entries:
-            ELEMENTS[name](found, entries.section(name))
-    if not found.figures:
+            with bench.about(name):
+                identify(bench, entries.section(name))
+    if not bench.figures:
         told.document.fail("elements", "no element; add [elements.motor] or another one")
-    synthesis = _synthesis(found, wish)
+    motor = bench.dynamic_gain or bench.value("motor_gain")
+    parts = {"motor_gain": motor, **{name: bench.value(name) for name in LOOP}}
+    synthesis = synthesise(parts, told.model.values["angle_unit"], wish)
+    bench.keep(synthesis.choices[0])
     return ElementsResult(
         model=told.model,
-        figures=tuple(found.figures),
-        parameters={n: (e.value, e.standard_error) for n, e in found.parameters.items()},
         synthesis=synthesis,
-        notes=tuple(found.notes),
-        warnings=tuple(found.warnings),
-        files=found.files,
+        figures=tuple(bench.figures),
+        estimates=bench.estimates,
+        notes=tuple(bench.notes),
+        warnings=tuple(bench.warnings),
+        files=bench.files,
     )
 
 
-def _synthesis(found: Found, wish: Wish) -> Synthesis:
-    """Put the loop together and choose its feedback coefficient."""
-    motor = found.dynamic_gain or found.value("motor_gain")
-    parts = [motor, *(found.value(name) for name in LOOP)]
-    amplifier, potentiometer, time_constant, gears = (part.value for part in parts[1:])
-    unit = found.model.values["angle_unit"]
-    gain = amplifier * motor.value * potentiometer * unit / (time_constant * gears)
-    loop = Loop(gain, 1.0 / time_constant)
-    # K_f of a given damping goes with 1 / (c T^2), so each element counts once.
-    error = math.hypot(*(part.standard_error / part.value for part in parts))
-    bands = tuple(dict.fromkeys((wish.band, *USUAL_BANDS)))
-    choices = tuple(choose(loop, band, wish.overshoot, bands, error) for band in bands)
-    _tell(found, choices[0], unit)
-    setting = choices[0].setting.k_f
-    wanted = {round(setting * share, 12) for share in ROWS} | {c.setting.k_f for c in choices}
-    wanted |= {c.optimum.k_f for c in choices} | set(wish.k_f)
-    rows = tuple(loop.response(k_f, bands) for k_f in sorted(wanted))
-    return Synthesis(loop, wish, choices, rows)
+@dataclass(eq=False)
+class _Bench:
+    """What is known so far, while the elements are identified; see ``ElementsResult``.
+
+    Attributes:
+        dynamic_gain: of the motor from the record of a step [rad/s/V], None without.
+        element, file: that figures are from.
+        place: of its table, for messages.
+    """
+
+    model: Model
+    figures: list[Figure] = field(default_factory=list)
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    files: dict[str, str] = field(default_factory=dict)
+    dynamic_gain: Estimate | None = None
+    element: str = ""
+    file: str = ""
+    place: str = ""
+
+    @contextmanager
+    def about(self, element: str) -> Iterator[None]:
+        """Say in errors which table they are about, once it has been read."""
+        self.element, self.file, self.place = element, "", ""
+        try:
+            yield
+        except UserError as error:
+            raise UserError(f"{self.place}: {error}" if self.place else str(error)) from error
+
+    def opened(self, table: Table) -> Table:
+        """What follows is from this table."""
+        self.file, self.place = table.path.name, table.place
+        self.files[self.file] = table.sha256
+        return table
+
+    def add(self, name: str, estimate: Estimate | None, unit: str, display: str = "") -> None:
+        """Keep a figure; None is none."""
+        if estimate:
+            self.figures.append(Figure(self.element, name, estimate, unit, self.file, display))
+
+    def set(self, name: str, estimate: Estimate | None) -> None:
+        """Keep a parameter [SI]; None is none.
+
+        Raises:
+            UserError: it is out of its bounds.
+        """
+        if estimate is None:
+            return
+        try:
+            check_bounds(self.model.plant.parameters[name], estimate.value)
+        except UserError as error:
+            raise UserError(f"{error}, or correct unit, scale and sign") from error
+        self.estimates[name] = estimate
+
+    def set_size(self, name: str, estimate: Estimate | None) -> None:
+        """Keep a parameter that cannot be below 0: an estimate below is taken as 0."""
+        if estimate and estimate.value < 0.0:
+            self.warnings.append(f"'{name}' was found at {estimate.value:.3g} and is taken as 0")
+            estimate = replace(estimate, value=0.0)
+        self.set(name, estimate)
+
+    def doubt(self, text: str) -> None:
+        """Warn about the table."""
+        self.warnings.append(f"{self.place}: {text}")
+
+    def value(self, name: str) -> Estimate:
+        """A parameter, of the model where no table tells it."""
+        return self.estimates.get(name) or exactly(self.model.values[name])
+
+    def keep(self, chosen: Choice) -> None:
+        """Keep the feedback coefficient, and say what went into it."""
+        given = [name for name in LOOP if name not in self.estimates]
+        if self.dynamic_gain:
+            self.notes.append("The loop takes the gain of the motor from its step")
+        elif "motor_gain" not in self.estimates:
+            given.append("motor_gain")
+        if given:
+            self.notes.append(f"Given, not measured: {', '.join(given)}")
+        unit = self.model.values["angle_unit"]
+        if unit != 1.0:
+            self.notes.append(
+                f"A rad of the shaft counts as {unit:.4g} rad of the angle (angle_unit), as in the"
+                " SG90 paper; read strictly it is 1 and K_f smaller by that factor"
+            )
+        k_f, param = chosen.setting.k_f, self.model.plant.parameters["feedback_coefficient"].param
+        if param.low <= k_f <= param.high:
+            error = chosen.relative_error * k_f
+            self.estimates["feedback_coefficient"] = Estimate(k_f, error, k_f - error, k_f + error)
+        else:
+            self.warnings.append(
+                f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
+                f" {param.high:g}"
+            )
 
 
-def _tell(found: Found, chosen: Choice, unit: float) -> None:
-    """Keep the feedback coefficient, and say what went into it."""
-    given = [name for name in LOOP if name not in found.parameters]
-    if found.dynamic_gain:
-        found.notes.append("The loop takes the gain of the motor from its step")
-    elif "motor_gain" not in found.parameters:
-        given.append("motor_gain")
-    if given:
-        found.notes.append(f"Given, not measured: {', '.join(given)}")
-    if unit != 1.0:
-        found.notes.append(
-            f"A rad of the shaft counts as {unit:.4g} rad of the angle (angle_unit), as in the"
-            " SG90 paper; read strictly it is 1 and K_f smaller by that factor"
+def _potentiometer(bench: _Bench, section: Section) -> None:
+    """k_FS, and where the voltage is 0."""
+    table = bench.opened(read_table(section, POTENTIOMETER))
+    line = straight_line(table["angle"], table["voltage"])
+    bench.add("gain k_FS", line.gain, "V/rad", "V/deg")
+    bench.add("angle of 0 V", line.zero, "rad", "deg")
+    bench.set("potentiometer_gain", line.gain)
+    if line.bent:
+        bench.doubt(f"{BENT}; see effect sensor_nonlinearity")
+
+
+def _amplifier(bench: _Bench, section: Section) -> None:
+    """K_AP; the one with load is that of the servo."""
+    table = bench.opened(read_table(section, AMPLIFIER))
+    line = line_with_flats(table["input"], table["output"])
+    loaded = " with load" * (bench.element == "amplifier_loaded")
+    start, end = line.dead or (None, None)
+    bench.add(f"gain K_AP{loaded}", line.gain, "1")
+    bench.add("input of 0 V", line.zero, "V")
+    bench.add("no change below", line.lower, "V")
+    bench.add("dead band from", start, "V")
+    bench.add("dead band to", end, "V")
+    bench.add("no change above", line.upper, "V")
+    bench.set("amplifier_gain", line.gain)
+    if line.bent:
+        bench.doubt(BENT)
+
+
+def _motor(bench: _Bench, section: Section) -> None:
+    """Static characteristic, both ways."""
+    table = bench.opened(read_table(section, MOTOR, (BRANCH,), MOTOR_ROWS))
+    branch = table.get("branch")
+    curve = motor_curve(table["voltage"], table["speed"], None if branch is None else branch > 0.0)
+    bench.add("gain K_EN", curve.gain, GAIN)
+    bench.set("motor_gain", curve.gain)
+    for name, side, sign in zip(NAMES, (curve.positive, curve.negative), (1.0, -1.0)):
+        _side(bench, name, side, sign)
+    bench.add("hysteresis width at the edges", curve.width, "V")
+    bench.add("shift of the line, rising to falling", curve.shift, "V")
+    bench.set_size("hysteresis.half_width", curve.width and curve.width.scaled(0.5))
+    for doubt in _doubts(curve):
+        bench.doubt(doubt)
+
+
+def _side(bench: _Bench, name: str, side: SideCurve, sign: float) -> None:
+    """One direction: figures with the signs of the table, parameters without."""
+    voltages = {
+        "insensitivity edge": side.edge,
+        "edge, rising": side.starts,
+        "edge, falling": side.stops,
+        "zero of the line": side.zero,
+        "saturation edge": side.saturation,
+    }
+    bench.add(f"gain, {name}", side.gain, GAIN)
+    for what, estimate in voltages.items():
+        bench.add(f"{what}, {name}", estimate and estimate.scaled(sign), "V")
+    bench.add(f"top speed, {name}", side.top and side.top.scaled(sign), "rad/s")
+    bench.set_size(f"edge_{name}", side.edge)
+    bench.set_size(f"zero_{name}", side.zero)
+    bench.set(f"top_{name}", side.top)
+    if not side.top:
+        bench.doubt(
+            f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows of"
+            " higher voltage"
         )
-    k_f = chosen.setting.k_f
-    param = found.model.plant.parameters["feedback_coefficient"].param
-    if param.low <= k_f <= param.high:
-        error = chosen.relative_error * k_f
-        found.parameters["feedback_coefficient"] = Estimate(k_f, error, k_f - error, k_f + error)
-    else:
-        found.warnings.append(
-            f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
-            f" {param.high:g}"
+
+
+def _doubts(curve: MotorCurve) -> Iterator[str]:
+    if curve.unequal:
+        yield (
+            f"the gains of both sides differ, {curve.positive.gain.value:.5g} and"
+            f" {curve.negative.gain.value:.5g} {GAIN}; 'motor_gain' is their common one, see"
+            " effect direction_asymmetry"
         )
+    if curve.bent:
+        yield BENT
+    if not curve.width:
+        yield "one branch only; hysteresis shows with rising and falling voltage"
+    elif curve.shift and curve.width.contradicts(curve.shift):
+        yield (
+            f"between the branches the edges move by {curve.width.value:.3g} V and the line by"
+            f" {curve.shift.value:.3g} V; effect hysteresis moves both alike"
+        )
+
+
+def _motor_step(bench: _Bench, section: Section) -> None:
+    """Time constant, and with the voltage also the gain, of a step of speed."""
+    table = bench.opened(read_table(section, STEP, (VOLTAGE,)))
+    order = first_order(table["time"], table["speed"], table.get("voltage"))
+    bench.add("time constant T", order.time_constant, "s")
+    bench.add("gain of the step", order.gain, GAIN)
+    bench.set("motor_time_constant", order.time_constant)
+    bench.dynamic_gain = order.gain
+    if order.correlated:
+        bench.doubt(
+            "the speed is not quite that of a first order, so that the standard errors are too"
+            " small"
+        )
+    static = bench.estimates.get("motor_gain")
+    if order.gain and static and order.gain.contradicts(static):
+        bench.warnings.append(
+            f"the gain of the step, {order.gain.value:.5g}, and that of the static line,"
+            f" {static.value:.5g} {GAIN}, disagree"
+        )
+
+
+def _gears(bench: _Bench, section: Section) -> None:
+    """K_R, a count without error."""
+    ratio = exactly(gear_ratio(section))
+    bench.place = f"'{section.file}', {section.name}.teeth"
+    bench.add("ratio K_R", ratio, "1")
+    bench.set("gear_ratio", ratio)
+
+
+ELEMENTS: dict[str, Callable[[_Bench, Section], None]] = {
+    "potentiometer": _potentiometer,
+    "amplifier": _amplifier,
+    "amplifier_loaded": _amplifier,
+    "motor": _motor,
+    "motor_step": _motor_step,
+    "gears": _gears,
+}
+"""In this order, so that a gain with load takes the place of one without."""

@@ -1,7 +1,7 @@
 """Static characteristics that are straight between edges: potentiometer and amplifier.
 
-The edges of the amplifier are knees of a continuous curve y = c + K g(x), where g follows x
-and stands still below a lower limit, above an upper limit and inside a dead band.  Knees
+The edges of the amplifier are knees of a continuous curve y = K (g(x) - zero), where g follows
+x and stands still below a lower limit, above an upper limit and inside a dead band.  Knees
 and gain are fitted together by least squares.  Which of the three flats there are is
 decided by an information criterion, in which a knee costs ``KNEE_COST`` ln n, more than an
 ordinary unknown, since it is searched for.
@@ -18,15 +18,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from servo_models.actuators.sg90.physics import amplifier
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import (
     Estimate,
-    LeastSquares,
-    at_optimum,
+    Fit,
+    fit,
     is_bent,
     is_correlated,
-    least_squares,
     rounding,
 )
 
@@ -36,6 +36,7 @@ KNOTS = 12
 STARTS = 3
 LEAST_ROWS = 3
 """Rows that a flat, and a piece of the line, needs to be believed."""
+NO_SLOPE = "no slope; name another column, or measure over a range"
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,14 @@ def straight_line(x: Array, y: Array) -> Line:
     """Fit a straight line to a table, both columns of shape (n,) in any units.
 
     Two rows give gain and zero, with infinite standard errors.
+
+    Raises:
+        UserError: y does not go with x at all.
     """
-    fit = least_squares(np.column_stack([np.ones(len(x)), x]), y)
-    return Line(fit.estimate(1), _zero(fit), bent=_is_bent(x, fit))
+    line = STRAIGHT.fitted(x, y)
+    if line is None:
+        raise UserError(NO_SLOPE)
+    return Line(line.estimate(0), line.estimate(1), bent=_is_bent(x, line))
 
 
 def line_with_flats(x: Array, y: Array) -> Line:
@@ -73,20 +79,23 @@ def line_with_flats(x: Array, y: Array) -> Line:
     Raises:
         UserError: no rows on a line: all of the table is flat, or one jump.
     """
-    fits = [(shape, _fitted(shape, x, y)) for shape in SHAPES]
-    known = [(_criterion(shape, fit, y), shape, fit) for shape, fit in fits if fit]
-    _, shape, fit = min(known, key=lambda item: item[0])
-    gain = fit.estimate(1)
-    if not (gain.low > 0.0 or gain.high < 0.0 or fit.freedom <= 0):
+    fits = [(shape, shape.fitted(x, y)) for shape in SHAPES]
+    known = [(_criterion(shape, best, y), shape, best) for shape, best in fits if best]
+    if not known:
+        raise UserError(NO_SLOPE)
+    _, shape, best = min(known, key=lambda item: item[0])
+    gain = best.estimate(0)
+    if not (gain.low > 0.0 or gain.high < 0.0 or best.freedom <= 0):
         raise UserError("no linear region; add rows between the edges, in small steps")
-    knees = iter([fit.estimate(2 + k) for k in range(shape.count)])
+    knees = iter([best.estimate(2 + k) for k in range(shape.count)])
+    first = 2 + shape.lower
     return Line(
         gain=gain,
         lower=next(knees) if shape.lower else None,
         dead=(next(knees), next(knees)) if shape.dead else None,
         upper=next(knees) if shape.upper else None,
-        zero=_middle(fit, shape) if shape.dead else _zero(fit),
-        bent=_is_bent(x, fit),
+        zero=best.estimate((lambda v: v[first : first + 2].mean()) if shape.dead else 1),
+        bent=_is_bent(x, best),
     )
 
 
@@ -103,102 +112,58 @@ class Shape:
         """Number of knees."""
         return self.lower + 2 * self.dead + self.upper
 
-    def ends(self, knees: Array) -> tuple[Array, Array]:
-        """Limits of x, shape (..., 2), and ends of the dead band, for knees (..., count)."""
-        rest = (*knees.shape[:-1], 1)
-        low = knees[..., :1] if self.lower else np.full(rest, -np.inf)
-        high = knees[..., -1:] if self.upper else np.full(rest, np.inf)
-        first = int(self.lower)
-        dead = knees[..., first : first + 2] if self.dead else np.zeros((*knees.shape[:-1], 2))
-        return np.concatenate([low, high], axis=-1), dead
+    def output(self, x: Array, gain: float, zero: float, *knees: float) -> Array:
+        """y at x, shape (n,)."""
+        return np.asarray(amplifier(self.travel(x, np.array(knees)) - zero, gain))
 
-    def travel(self, knees: Array, x: Array) -> Array:
+    def travel(self, x: Array, knees: Array) -> Array:
         """g(x), shape (..., n), for knees of shape (..., count) and x of shape (n,)."""
-        limits, dead = self.ends(knees)
-        inside = np.clip(x, limits[..., :1], limits[..., 1:])
-        return np.asarray(inside - np.clip(x, dead[..., :1], dead[..., 1:]))
+        inside, first = x, int(self.lower)
+        if self.lower or self.upper:
+            low = knees[..., :1] if self.lower else -np.inf
+            inside = np.clip(x, low, knees[..., -1:] if self.upper else np.inf)
+        if self.dead:
+            inside = inside - np.clip(x, knees[..., first, None], knees[..., first + 1, None])
+        return np.asarray(inside)
 
-    def slopes(self, unknowns: Array, x: Array) -> Array:
-        """Derivatives of y by c, K and the knees, shape (n, 2 + count)."""
-        gain, knees = unknowns[1], unknowns[2:]
-        (low, high), dead = self.ends(knees)
-        columns = [np.ones(len(x)), self.travel(knees, x)]
-        columns += [gain * (x < low)] if self.lower else []
-        columns += [-gain * (x < dead[0]), -gain * (x > dead[1])] if self.dead else []
-        columns += [gain * (x > high)] if self.upper else []
-        return np.column_stack(columns)
+    def fitted(self, x: Array, y: Array) -> Fit | None:
+        """Gain, zero and knees, None where the table has too few rows for the pieces."""
+        fits = [fit(self.output, x, y, start) for start in self._starts(x, y)]
+        usable = [one for one in fits if self._enough(one.values[2:], x)]
+        return min(usable, key=lambda one: one.squares, default=None)
 
-    def enough(self, knees: Array, x: Array) -> bool:
+    def _starts(self, x: Array, y: Array) -> Iterator[Array]:
+        """The best few unknowns with knees between rows, by exhaustive search."""
+        middles = np.convolve(np.unique(x), [0.5, 0.5], "valid")
+        places = np.unique(np.quantile(middles, np.linspace(0, 1, KNOTS)))
+        choices = list(itertools.combinations(places, self.count))
+        if not choices:
+            return
+        knees = np.array(choices).reshape(len(choices), self.count)
+        travel = np.broadcast_to(self.travel(x, knees), (len(choices), len(x)))
+        about = travel - travel.mean(axis=1, keepdims=True)
+        power = np.maximum(np.sum(about**2, axis=1), np.finfo(float).tiny)
+        gain = about @ y / power
+        for k in np.argsort(-(gain**2) * power)[:STARTS]:
+            if gain[k] and self._enough(knees[k], x):
+                yield np.array([gain[k], travel[k].mean() - y.mean() / gain[k], *knees[k]])
+
+    def _enough(self, knees: Array, x: Array) -> bool:
         """Whether knees are in order, with rows enough on each piece between them."""
         rows = np.histogram(x, np.concatenate([[-np.inf], np.sort(knees), [np.inf]]))[0]
         return self.count == 0 or bool(np.all(np.diff(knees) > 0.0) and np.all(rows >= LEAST_ROWS))
 
 
 SHAPES = tuple(Shape(*flags) for flags in itertools.product((False, True), repeat=3))
+STRAIGHT = SHAPES[0]
 
 
-def _fitted(shape: Shape, x: Array, y: Array) -> LeastSquares | None:
-    """The fit of a shape, None where the table has too few rows for its pieces."""
-    from scipy import optimize
-
-    def slopes(unknowns: Array) -> Array:
-        return -shape.slopes(unknowns, x)
-
-    def residuals(unknowns: Array) -> Array:
-        return np.asarray(y - unknowns[0] - unknowns[1] * shape.travel(unknowns[2:], x))
-
-    best: Array | None = None
-    for start in _starts(shape, x, y):
-        found = optimize.least_squares(residuals, start, slopes, x_scale="jac", xtol=1e-12).x
-        usable = shape.enough(found[2:], x)
-        if usable and (
-            best is None or np.sum(residuals(found) ** 2) < np.sum(residuals(best) ** 2)
-        ):
-            best = found
-    return None if best is None else at_optimum(best, -slopes(best), residuals(best), y)
-
-
-def _starts(shape: Shape, x: Array, y: Array) -> Iterator[Array]:
-    """The best few unknowns with knees between rows, by exhaustive search."""
-    distinct = np.unique(x)
-    places = np.unique(np.quantile(0.5 * (distinct[1:] + distinct[:-1]), np.linspace(0, 1, KNOTS)))
-    choices = list(itertools.combinations(places, shape.count))
-    if not choices:
-        return
-    knees = np.array(choices).reshape(len(choices), shape.count)
-    travel = shape.travel(knees, x)
-    about = travel - travel.mean(axis=1, keepdims=True)
-    power = np.maximum(np.sum(about**2, axis=1), np.finfo(float).tiny)
-    gain = about @ y / power
-    explained = gain**2 * power
-    for k in np.argsort(-explained)[:STARTS]:
-        if shape.enough(knees[k], x):
-            level = y.mean() - gain[k] * travel[k].mean()
-            yield np.array([level, gain[k], *knees[k]])
-
-
-def _criterion(shape: Shape, fit: LeastSquares, y: Array) -> float:
+def _criterion(shape: Shape, best: Fit, y: Array) -> float:
     n = len(y)
-    size = (fit.squares + rounding(y)) / n
+    size = (best.squares + rounding(y)) / n
     return n * math.log(size) + (2.0 + KNEE_COST * shape.count) * math.log(n)
 
 
-def _is_bent(x: Array, fit: LeastSquares) -> bool:
+def _is_bent(x: Array, best: Fit) -> bool:
     order = np.argsort(x, kind="stable")
-    return is_bent(x, fit.residuals) or is_correlated(fit.residuals[order])
-
-
-def _zero(fit: LeastSquares) -> Estimate:
-    """Where c + K x = 0."""
-    level, gain = fit.values[:2]
-    slopes = np.zeros(len(fit.values))
-    slopes[:2] = -1.0 / gain, level / gain**2
-    return fit.derived(float(-level / gain), slopes)
-
-
-def _middle(fit: LeastSquares, shape: Shape) -> Estimate:
-    """Middle of the dead band."""
-    slopes = np.zeros(len(fit.values))
-    first = 2 + shape.lower
-    slopes[first : first + 2] = 0.5
-    return fit.derived(float(slopes @ fit.values), slopes)
+    return is_bent(x, best.residuals) or is_correlated(best.residuals[order])

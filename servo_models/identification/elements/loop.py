@@ -4,7 +4,7 @@ Amplifier, motor of first order, gearbox and potentiometer make a loop of second
 
     Phi(s) = K / (s^2 + s / T + c K_f),    c = K_AP K_EN k_FS e / (T K_R),
 
-with the angle unit e of the output (``plants.hobby_servo.shaft_rate``).  All measures of it
+with the angle unit e of the output (``sg90.physics.shaft_rate``).  All measures of it
 have a closed form but two times, which are roots of the closed step response.
 Sources: SG90 paper sec. 6, eq. 7; Ogata, Modern Control Engineering, 5th ed., secs. 5-3
 (step response), 7-7 (phase margin) and 7-8 (bandwidth).
@@ -12,10 +12,17 @@ Sources: SG90 paper sec. 6, eq. 7; Ogata, Modern Control Engineering, 5th ed., s
 
 from __future__ import annotations
 
+import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from servo_models.identification.elements.estimate import Estimate
+from servo_models.identification.elements.tables import Wish
+
+USUAL_BANDS = (0.05, 0.02)
+ROWS = (0.25, 0.5, 0.75, 1.5, 2.0)
+"""Rows of the table of K_f, over the K_f to set."""
 REACHED = 1.0 - math.exp(-2.0)
 """Share of the step at the time constant: with it the paper's 4.6 s and 2.6 s come out."""
 TOUCHES = 1e-9
@@ -107,16 +114,12 @@ class Loop:
 
     def step(self, k_f: float, time: float) -> float:
         """Step response over its final value [1] at a time [s]."""
-        natural, damping = self.natural(k_f), self.damping(k_f)
-        decay = damping * natural
-        turn = natural * math.sqrt(abs(1.0 - damping**2))
-        if turn * time < 1e-6:  # the limit of critical damping
-            return 1.0 - math.exp(-decay * time) * (1.0 + decay * time)
-        if damping < 1.0:
-            swing = math.cos(turn * time) + decay / turn * math.sin(turn * time)
-            return 1.0 - math.exp(-decay * time) * swing
-        slow, fast = decay - turn, decay + turn
-        return 1.0 - (fast * math.exp(-slow * time) - slow * math.exp(-fast * time)) / (2.0 * turn)
+        natural, decay = self.natural(k_f), 0.5 * self.rate
+        turn = cmath.sqrt(decay**2 - natural**2)
+        slow, fast = cmath.exp((turn - decay) * time), cmath.exp(-(turn + decay) * time)
+        both = 0.5 * (slow + fast)
+        lead = (slow - fast) / (2.0 * turn) if abs(turn * time) > 1e-6 else time * both
+        return 1.0 - (both + decay * lead).real
 
     def settling(self, k_f: float, band: float) -> float:
         """Time [s] after which the response stays within ``band`` of the step.
@@ -168,24 +171,48 @@ class Loop:
         return float(brentq(lambda time: self.step(k_f, time) - level, begin, end, xtol=1e-12))
 
 
-def choose(
-    loop: Loop, band: float, limit: float, bands: Sequence[float], relative_error: float
-) -> Choice:
-    """Return the best feedback coefficient for a band, and the one to set.
+@dataclass(frozen=True)
+class Synthesis:
+    """The closed loop of the elements.
+
+    Attributes:
+        loop: all but its feedback coefficient.
+        wish: what it shall be.
+        choices: of K_f, for the band of the wish first, then for the other usual one.
+        rows: of the table of K_f, ascending.
+    """
+
+    loop: Loop
+    wish: Wish
+    choices: tuple[Choice, ...]
+    rows: tuple[Response, ...]
+
+
+def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> Synthesis:
+    """Put the loop together and choose its feedback coefficient for each band.
 
     Args:
-        loop: of the elements.
-        band, limit: shares of the step [1]; see ``Loop.best``.
-        bands: for which settling times are told.
-        relative_error: standard error of c T^2 over its value, which is that of K_f [1].
+        parts: the gains of motor, amplifier and potentiometer, time constant and gear ratio,
+            SI by name of the parameter.
+        angle_unit: rad of the output per rad of the shaft.
+        wish: what it shall be.
     """
-    best = loop.best(band, limit)
-    return Choice(
-        band=band,
-        optimum=loop.response(best, bands),
-        setting=loop.response(_rounded_down(best), bands),
-        relative_error=relative_error,
-    )
+    values = {name: part.value for name, part in parts.items()}
+    forward = values["amplifier_gain"] * values["motor_gain"] * values["potentiometer_gain"]
+    constant = values["motor_time_constant"]
+    loop = Loop(forward * angle_unit / (constant * values["gear_ratio"]), 1.0 / constant)
+    # K_f of a given damping goes with 1 / (c T^2), so each element counts once.
+    error = math.hypot(*(part.standard_error / part.value for part in parts.values()))
+    bands = tuple(dict.fromkeys((wish.band, *USUAL_BANDS)))
+    choices = []
+    for band in bands:
+        best = loop.best(band, wish.overshoot)
+        setting = loop.response(_rounded_down(best), bands)
+        choices.append(Choice(band, loop.response(best, bands), setting, error))
+    wanted = {round(choices[0].setting.k_f * share, 12) for share in ROWS} | set(wish.k_f)
+    wanted |= {k_f for c in choices for k_f in (c.setting.k_f, c.optimum.k_f)}
+    rows = tuple(loop.response(k_f, bands) for k_f in sorted(wanted))
+    return Synthesis(loop, wish, tuple(choices), rows)
 
 
 def _rounded_down(value: float) -> float:

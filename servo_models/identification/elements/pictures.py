@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from servo_models.identification.elements.identify import ElementsResult
 from servo_models.identification.elements.loop import Choice
-from servo_models.identification.elements.result import ElementsResult
 from servo_models.report.style import SERIES, colour, drawing
 
 if TYPE_CHECKING:

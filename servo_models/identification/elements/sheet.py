@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from servo_models.analysis.explain import display_unit
+from servo_models.identification.elements.identify import ElementsResult, Figure
 from servo_models.identification.elements.loop import Choice, Response
-from servo_models.identification.elements.result import ElementsResult, Figure
 from servo_models.report.sheets import Sheet, Table
 from servo_models.units import factor
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.analysis.lookalikes import cause, experiment
+from servo_models.analysis.isolability import cause, experiment
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Mask
@@ -211,5 +211,5 @@ def _groups(
 
 def _experiments(names: Sequence[str], plant: Plant) -> tuple[str, ...]:
     causes = [cause(name, plant) for name in names]
-    texts = [experiment(a, b) for i, a in enumerate(causes) for b in causes[:i]]
+    texts = [experiment(a, b, plant) for i, a in enumerate(causes) for b in causes[:i]]
     return tuple(dict.fromkeys(filter(None, texts)))

@@ -3,24 +3,33 @@
 Both kinds answer the same two questions: how far a point of the parameter space is from
 the data, with exact derivatives, and what the data say about the coefficients when the
 equation error is made linear in them.
+
+Responses to held inputs are exact on any grid, with any delay: the delay moves the instants at
+which the input changes, and between instants the matrix exponential goes on.  This is the hot
+loop of the fit; python-control knows neither delays nor uneven grids without an approximation.
+Sources: Franklin, Powell, Workman, Digital Control of Dynamic Systems, 3rd ed., sec. 4.3.3, with
+the sensitivities as further states (Ljung, System Identification, 2nd ed., sec. 10.3); Young,
+Recursive Estimation and Time-Series Analysis, 2nd ed., ch. 8.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.core.types import Array, Mask
+from servo_models.core.types import Array, Complex, Mask
 from servo_models.data.recording import Log
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.transfer.functions import TransferFunction
-from servo_models.identification.transfer.propagate import Held, propagate
 
-Complex = NDArray[np.complex128]
+TICKS = 1e9
+"""Ticks in a median sampling step; instants within one tick are one instant."""
 
 
 @dataclass(frozen=True)
@@ -61,38 +70,6 @@ class Point:
         """SI per scaled coefficient of the power 0, 1, ..., shape (poles,)."""
         n = len(self.a)
         return np.asarray(self.scale ** (n - np.arange(n)))
-
-
-class Evidence(Protocol):
-    """One record or one frequency response."""
-
-    @property
-    def name(self) -> str:
-        """Unique."""
-
-    @property
-    def rows_held_out(self) -> Mask:
-        """True for rows of ``errors`` that no fit may see."""
-
-    @property
-    def noise_guess(self) -> float:
-        """A first size of the errors."""
-
-    def errors(self, point: Point, delay: bool) -> tuple[Array, Array]:
-        """Measured minus modelled, shape (n,), and its derivatives, shape (n, size).
-
-        Columns: b, a, and the delay [s] if ``delay``.
-        """
-
-    def regression(
-        self, filter_: Point, model: Point | None, zeros: int
-    ) -> tuple[Array, Array, Array]:
-        """Left side (n,), regressors and instruments (n, size) of the filtered equation.
-
-        The denominator of ``filter_`` filters it and its delay delays the input; ``model``
-        makes the instruments, without it the regressors are their own.
-        Source: Young, Recursive Estimation and Time-Series Analysis, 2nd ed., ch. 8.
-        """
 
 
 def check_signals(log: Log, source: str, output: str) -> None:
@@ -156,8 +133,14 @@ class Record:
         return float(np.median(np.diff(self.times)))
 
     @property
-    def rows_held_out(self) -> Mask:
-        return self.held_out
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest frequency [rad/s] that it speaks of."""
+        return 3.0 / float(self.times[-1] - self.times[0]), 1.0 / (3.0 * self.step)
+
+    @property
+    def fitted(self) -> Mask:
+        """Rows of ``errors`` that a fit may see."""
+        return np.asarray(~self.held_out)
 
     @property
     def noise_guess(self) -> float:
@@ -167,6 +150,10 @@ class Record:
         return float(max(noise, 1e-4 * np.std(self.measured), 1e-300))
 
     def errors(self, point: Point, delay: bool) -> tuple[Array, Array]:
+        """Measured minus modelled, shape (n,), and its derivatives, shape (n, size).
+
+        Columns: b, a, and the delay [s] if ``delay``.
+        """
         z, v, u = self._states(point)
         m, w = len(point.b), point.scale
         columns = [z[:, :m], -v]
@@ -185,6 +172,11 @@ class Record:
     def regression(
         self, filter_: Point, model: Point | None, zeros: int
     ) -> tuple[Array, Array, Array]:
+        """Left side (n,), regressors and instruments (n, size) of the filtered equation.
+
+        The denominator of ``filter_`` filters it and its delay delays the input; ``model``
+        makes the instruments, without it the regressors are their own.
+        """
         a, b = _chain(filter_.a, filter_.scale)
         zu, _ = propagate(self.held, a, b, filter_.delay)
         start = np.mean(self.measured[: max(int(np.argmax(self.given != 0.0)), 1)])
@@ -249,8 +241,14 @@ class Sweep:
     held_out: Mask
 
     @property
-    def rows_held_out(self) -> Mask:
-        return np.tile(self.held_out, 2)
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest frequency [rad/s]."""
+        return float(self.frequencies.min()), float(self.frequencies.max())
+
+    @property
+    def fitted(self) -> Mask:
+        """Rows of ``errors`` that a fit may see."""
+        return np.tile(~self.held_out, 2)
 
     @property
     def noise_guess(self) -> float:
@@ -258,7 +256,10 @@ class Sweep:
         return 0.02 / float(np.median(self.spread))
 
     def errors(self, point: Point, delay: bool) -> tuple[Array, Array]:
-        """Logarithm of gain [1] first, then phase [rad], each over the point's spread."""
+        """Logarithm of gain [1] first, then phase [rad], each over the point's spread.
+
+        Shapes (2 n,) and (2 n, size), see ``Record.errors``.
+        """
         p = self._scaled(point)
         top, bottom = self._powers(p, len(point.b)), self._powers(p, len(point.a))
         upper, lower = top @ point.b, p ** len(point.a) + bottom @ point.a
@@ -272,6 +273,7 @@ class Sweep:
     def regression(
         self, filter_: Point, model: Point | None, zeros: int
     ) -> tuple[Array, Array, Array]:
+        """See ``Record.regression``; shapes (2 n,) and (2 n, size)."""
         p = self._scaled(filter_)
         n = len(filter_.a)
         bottom = self._powers(p, n)
@@ -296,3 +298,123 @@ class Sweep:
     @staticmethod
     def _powers(p: Complex, count: int) -> Complex:
         return np.asarray(p[:, None] ** np.arange(count))
+
+
+Evidence = Record | Sweep
+"""One record or one frequency response."""
+
+
+def band(evidence: Sequence[Evidence]) -> tuple[float, float]:
+    """Return the lowest and highest frequency [rad/s] that the data speak of."""
+    lows, highs = zip(*(one.band for one in evidence))
+    return min(lows), max(highs)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A piecewise constant signal that is 0 before its first edge, and when it is asked for.
+
+    Attributes:
+        edges: ticks at which a new value begins, increasing, shape (m,).
+        values: those values, shape (m,).
+        samples: ticks at which outputs are wanted, the first one 0, shape (n,).
+        tick: length of a tick [s].
+    """
+
+    edges: NDArray[np.int64]
+    values: Array
+    samples: NDArray[np.int64]
+    tick: float
+
+    @classmethod
+    def of(cls, times: Array, values: Array) -> Held:
+        """Make one of a sampled signal; each value is held from its time on."""
+        tick = float(np.median(np.diff(times))) / TICKS
+        samples = np.rint((times - times[0]) / tick).astype(np.int64)
+        kept = np.flatnonzero(np.diff(values, prepend=0.0))
+        return cls(samples[kept], values[kept], samples, tick)
+
+
+def propagate(held: Held, a: Array, b: Array, delay: float = 0.0) -> tuple[Array, Array]:
+    """Return states and delayed input at the samples, from x = 0 at the first one.
+
+    Args:
+        held: the input u.
+        a, b: x' = a x + b u, shapes (n, n) and (n,), in 1/s.
+        delay: of the input [s], not negative; any fraction of a sample.
+
+    Returns:
+        States of shape (samples, n), and u as it acts from each sample on, shape (samples,).
+        Not finite where an unstable system leaves the floats.
+    """
+    from scipy.linalg import expm
+
+    cut, recur = _compiled()
+    edges = held.edges + int(np.rint(delay / held.tick))
+    levels = np.concatenate([[0.0], held.values])
+    spans, acting, row, at_sample = cut(held.samples, edges, levels)
+    distinct = np.sort(spans)
+    distinct = distinct[np.append(True, np.diff(distinct) > 0)]
+    n = len(b)
+    joint = np.zeros((n + 1, n + 1))
+    joint[:n, :n], joint[:n, n] = a, b
+    with np.errstate(all="ignore"):
+        maps = expm(joint * (held.tick * distinct)[:, None, None])
+    out = np.zeros((len(held.samples), n))
+    which = np.searchsorted(distinct, spans)
+    recur(np.ascontiguousarray(maps[:, :n, :]), which, acting, row, out)
+    return out, at_sample
+
+
+def _cut(samples: Any, edges: Any, levels: Array) -> tuple[Any, Array, Any, Array]:
+    """Cut the time at samples and edges.
+
+    Returns the length of each piece, the level that acts in it and the sample at its end
+    or -1; then the level that acts from each sample on.
+    """
+    most = len(samples) + len(edges)
+    spans, row = np.zeros(most, np.int64), np.full(most, -1)
+    acting, at_sample = np.zeros(most), np.zeros(len(samples))
+    count, edge, now = 0, 0, samples[0]
+    for k in range(len(samples)):
+        while edge < len(edges) and edges[edge] <= samples[k]:
+            if edges[edge] > now:
+                spans[count], acting[count] = edges[edge] - now, levels[edge]
+                now = edges[edge]
+                if now == samples[k]:
+                    row[count] = k
+                count += 1
+            edge += 1
+        if samples[k] > now:
+            spans[count], acting[count], row[count] = samples[k] - now, levels[edge], k
+            now = samples[k]
+            count += 1
+        at_sample[k] = levels[edge]
+    return spans[:count], acting[:count], row[:count], at_sample
+
+
+def _recursion(maps: Array, which: Any, acting: Array, row: Any, out: Array) -> None:
+    """x <- maps[which[k]] (x, acting[k]); kept in ``out[row[k]]`` unless that is -1."""
+    n = maps.shape[1]
+    x, new = np.zeros(n), np.zeros(n)
+    for k in range(len(which)):
+        m = maps[which[k]]
+        for i in range(n):
+            total = m[i, n] * acting[k]
+            for j in range(n):
+                total += m[i, j] * x[j]
+            new[i] = total
+        for i in range(n):
+            x[i] = new[i]
+        if row[k] >= 0:
+            for i in range(n):
+                out[row[k], i] = x[i]
+
+
+@functools.cache
+def _compiled() -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Cut and recursion through numba; as Python they would dominate the fit."""
+    from numba import njit
+
+    compiled = njit(cache=True, error_model="numpy")
+    return compiled(_cut), compiled(_recursion)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from servo_models.core.types import Array
-
-Complex = NDArray[np.complex128]
+from servo_models.core.types import Array, Complex
 
 
 @dataclass(frozen=True)
@@ -69,28 +69,32 @@ class TransferFunction:
     def structure(self) -> Structure:
         return Structure(len(self.denominator) - 1, len(self.numerator) - 1, self.delay > 0.0)
 
-    @property
+    @cached_property
+    def rational(self) -> Any:
+        """A ``control.TransferFunction``: all but the delay, which has none there."""
+        import control
+
+        return control.tf(self.numerator, self.denominator)
+
+    @cached_property
     def poles(self) -> Complex:
         """Roots of the denominator [1/s]."""
-        return np.roots(self.denominator).astype(complex)
+        return np.asarray(self.rational.poles(), dtype=complex)
 
-    @property
+    @cached_property
     def zeros(self) -> Complex:
         """Roots of the numerator [1/s]."""
-        return np.roots(self.numerator).astype(complex)
+        return np.asarray(self.rational.zeros(), dtype=complex)
 
     @property
     def static_gain(self) -> float:
         """G(0), output unit per input unit; infinite for an integrator."""
-        if self.denominator[-1] == 0.0:
-            return float("inf")
-        return self.numerator[-1] / self.denominator[-1]
+        return float(self.rational.dcgain())
 
     def response(self, frequencies: ArrayLike) -> Complex:
         """Return G(j w), complex, at ``frequencies`` [rad/s]."""
         s = 1j * np.asarray(frequencies, dtype=float)
-        ratio = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
-        return np.asarray(ratio * np.exp(-s * self.delay), dtype=complex)
+        return np.asarray(self.rational(s) * np.exp(-s * self.delay), dtype=complex)
 
     def phase(self, frequencies: ArrayLike) -> Array:
         """Return the phase [rad] at ``frequencies`` [rad/s], without jumps of a turn."""

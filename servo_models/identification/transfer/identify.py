@@ -20,16 +20,14 @@ from servo_models.data.recording import Log
 from servo_models.errors import UserError
 from servo_models.identification.transfer.choose import (
     Candidate,
-    Scored,
     choose,
+    score,
     warnings,
     with_criteria,
 )
-from servo_models.identification.transfer.evidence import Evidence, Record, Sweep
-from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.evidence import Evidence, Record, Sweep, band
+from servo_models.identification.transfer.fit import Fit, fit, starts
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
-from servo_models.identification.transfer.scores import score
-from servo_models.identification.transfer.starts import band, starts
 
 INTERRUPTED = "interrupted: larger structures were not tried; the best of the others is chosen"
 
@@ -90,11 +88,11 @@ def identify_transfer(
     ends = _wires(model, source, output)
     evidence = _evidence(logs, sweeps, ends)
     longest = max((float(e.times[-1]) for e in evidence if isinstance(e, Record)), default=None)
-    seen = [one for one in evidence if not np.all(one.rows_held_out)]
+    seen = [one for one in evidence if one.fitted.any()]
     fits, interrupted = _fits(structures, seen, progress)
-    scored: list[Scored] = [(n, f, None, score(f, evidence)) for n, f in (given or {}).items()]
-    scored += [(str(f.structure), f.function, f, score(f.function, evidence)) for f in fits]
-    judged = choose(with_criteria(scored, evidence), longest)
+    tried = [Candidate(n, f, None, score(f, evidence)) for n, f in (given or {}).items()]
+    tried += [Candidate(str(f.structure), f.function, f, score(f.function, evidence)) for f in fits]
+    judged = choose(with_criteria(tried, evidence), longest)
     chosen = next(c for c in judged if not c.reason)
     constants, vague = _grey_box(model, ends, judged, chosen, known_errors)
     warned = (
@@ -128,7 +126,7 @@ def _evidence(
     rest = source.rest if isinstance(source.rest, float) else 0.0
     found: list[Evidence] = [Record.of(log, source.name, output.name, rest) for log in logs]
     found += [s for s in sweeps if (s.source, s.output) == (source.name, output.name)]
-    if not found or all(np.all(one.rows_held_out) for one in found):
+    if not found or not any(one.fitted.any() for one in found):
         raise UserError(
             f"nothing to fit from '{source.name}' to '{output.name}': give a log or a sweep of"
             " them that is not held out"
@@ -154,7 +152,7 @@ def _fits(
     Whoever interrupts gets those that are done, and True.
     """
     noise = [one.noise_guess for one in evidence]
-    rows = min(int(np.sum(~one.rows_held_out)) for one in evidence)
+    rows = min(int(np.sum(one.fitted)) for one in evidence)
     slowest = 1.0 / band(evidence)[0]
     done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from servo_models.core.types import Array
+from servo_models.analysis.sine_test import hold
+from servo_models.core.types import Array, Complex
 from servo_models.identification.measured_response import Record as Spectra
 from servo_models.identification.measured_response import empirical
 from servo_models.identification.readings import words
 from servo_models.identification.transfer.evidence import Record, Sweep
 from servo_models.identification.transfer.identify import TransferResult
-from servo_models.identification.transfer.sweeps import hold
 from servo_models.report.curves import BUCKETS, envelope, shade
 from servo_models.report.style import colour, drawing
 from servo_models.units import factor
@@ -21,7 +20,6 @@ from servo_models.units import factor
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Complex = NDArray[np.complex128]
 Points = tuple[Array, Complex]
 """Frequencies [rad/s] and complex gain, SI."""
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from servo_models.analysis.sine_test import fundamental, hold
 from servo_models.core.plant import Plant, unknown
 from servo_models.core.types import Array
 from servo_models.data.description.clock import column_key
@@ -19,8 +19,6 @@ from servo_models.data.toml_file import Section
 from servo_models.errors import UserError
 from servo_models.identification.transfer.evidence import Sweep, check_signals
 from servo_models.units import exponents, factor, parse
-
-Complex = NDArray[np.complex128]
 
 KEYS = ("file", "frequency", "gain", "phase", "input", "output", "table", "held_out")
 RAW_KEYS = ("logs", "input", "output")
@@ -194,7 +192,7 @@ def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
     line = 2.0 * math.pi / (step * len(times))
     peak = line * float(np.argmax(spectrum))
     found = minimize_scalar(
-        lambda w: correlate(times, u, w)[1],
+        lambda w: fundamental(times, u, w)[1],
         bounds=(max(peak - line, 0.5 * line), peak + line),
         method="bounded",
         options={"xatol": 1e-7 * line},
@@ -205,29 +203,8 @@ def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
             f"{log.path.name}: less than two periods of a sine in the second half of the log:"
             " record longer"
         )
-    drive, _ = correlate(times, u, frequency)
-    answer, noise = correlate(times, y, frequency)
+    drive, _ = fundamental(times, u, frequency)
+    answer, noise = fundamental(times, y, frequency)
     error = noise * math.sqrt(2.0 / len(times)) / abs(answer)
     held = hold(np.array([frequency]), step)[0]
     return frequency, complex(answer / (drive * held)), max(error, LEAST_SPREAD)
-
-
-def correlate(times: Array, values: Array, frequency: float) -> tuple[complex, float]:
-    """Return the complex amplitude of a sine [``frequency`` in rad/s] and the rest's RMS.
-
-    ``values`` are fitted by offset + Re(amplitude exp(j frequency t)).
-    """
-    angle = frequency * times
-    basis = np.column_stack([np.cos(angle), -np.sin(angle), np.ones(len(times))])
-    found, *_ = np.linalg.lstsq(basis, values, rcond=None)
-    rest = values - basis @ found
-    return complex(found[0], found[1]), float(np.sqrt(np.mean(rest**2)))
-
-
-def hold(frequencies: Array, step: float) -> Complex:
-    """Return the response of a hold over ``step`` [s] at ``frequencies`` [rad/s].
-
-    Source: Franklin, Powell, Workman, Digital Control of Dynamic Systems, 3rd ed., sec. 5.3.
-    """
-    half = 0.5 * frequencies * step
-    return np.asarray(np.sinc(half / math.pi) * np.exp(-1j * half), dtype=complex)
