@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,12 +33,11 @@ from servo_models.data.parameters import (
 )
 from servo_models.data.recording import hashes
 from servo_models.errors import UserError
-from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.result import Result
-from servo_models.report.sections import Report, Section
+from servo_models.report.sections import Report
 
 if TYPE_CHECKING:
     from servo_models.analysis.figures import Figures
@@ -53,7 +51,7 @@ class Outcome(Result):
     """What an identification found, ready to be shown and written.
 
     Attributes:
-        result: ``Identification``, ``TransferResult`` or ``Elements``, by the method.
+        result: by the method.
         parameters: with standard errors, the date of today and hashes of the files; None where
             nothing became a parameter.
         converged: False for a search that was stopped, or has not found a best value.
@@ -62,36 +60,24 @@ class Outcome(Result):
 
     result: Any
     parameters: ParameterSet | None
-    rendered: Callable[[], Report]
     converged: bool = True
     believable: bool = True
-    figures_drawn: Callable[[], Mapping[str, Any]] | None = None
-
-    @cached_property
-    def _report(self) -> Report:
-        return self.rendered()
 
     def report(self, date: str = "") -> Report:
-        return replace(self._report, date=date)
+        report: Report = self.result.report(date)
+        return report
 
     def document(self) -> dict[str, Any]:
-        """Return the estimates and what they come from; figures in SI."""
-        document = {
+        """Return the parameters and what the method found beside; figures in SI."""
+        return {
             "converged": self.converged,
             "believable": self.believable,
-            "warnings": list(self.result.warnings),
+            "parameters": self.parameters and self.parameters.document(),
+            "result": self.result.document(),
         }
-        return document | (self.parameters.document() if self.parameters else {})
 
-    def figures(self) -> Figures:
-        """Measure the fitted model.
-
-        Raises:
-            UserError: nothing became a parameter, or see ``analysis.figures.figures``.
-        """
-        from servo_models.analysis.figures import figures
-
-        return figures(replace(self._known().model(), provenance="this identification"))
+    def write_report(self, path: str | Path, date: str = "") -> None:
+        self.result.write_report(path, date)
 
     def write_parameters(self, path: str | Path) -> None:
         """Write the parameters as a TOML file, which every command reads with ``--params``.
@@ -100,40 +86,24 @@ class Outcome(Result):
             UserError: nothing became a parameter, another suffix than ``.toml``, or a folder that
                 cannot be written.
         """
-        write_parameters(self._known(path), Path(path))
-
-    def write_report(self, path: str | Path, date: str = "") -> None:
-        """Write the report as one HTML file, with figures of merit of a model that was fitted by
-        simulation; see ``Result``."""
-        from servo_models.report.html import page
-        from servo_models.report.sheet import sheet_page
-
-        report = self.report(date)
-        if self.figures_drawn:
-            text = sheet_page(report.title, report, self.figures_drawn(), date)
-            write_whole(Path(path), text.encode())
-            return
-        if isinstance(self.result, Identification):
-            *first, provenance = report.sections
-            report = replace(report, sections=(*first, self._figures_of_merit(), provenance))
-        write_whole(Path(path), page(report).encode())
-
-    def _figures_of_merit(self) -> Section:
-        """Figures of the fitted model, or why it has none."""
-        title = "Figures of merit"
-        try:
-            report = self.figures().report()
-        except UserError as error:
-            return Section(title, items=(f"None of the fitted model: {error}.",), folded=True)
-        return Section(title, items=report.remarks, tables=report.tables, folded=True)
-
-    def _known(self, path: str | Path = "") -> ParameterSet:
         if self.parameters is None:
-            target = f"'{path}' is not written: " if path else ""
             raise UserError(
-                f"{target}no parameter of this actuator was found this way, see the report"
+                f"'{path}' is not written: no parameter of this actuator was found this way,"
+                " see the report"
             )
-        return self.parameters
+        write_parameters(self.parameters, Path(path))
+
+    def figures(self) -> Figures:
+        """Measure the identified model.
+
+        Raises:
+            UserError: nothing became a parameter, or see ``analysis.figures.figures``.
+        """
+        from servo_models.analysis.figures import figures
+
+        if self.parameters is None:
+            raise UserError("no parameter of this actuator was found this way, so no model")
+        return figures(self.parameters.model())
 
 
 def identify(
@@ -191,7 +161,8 @@ def identify(
     )
     odd = tuple(_not_followed(found))
     said = (*found.warnings, *odd)
-    return _by_simulation(replace(found, warnings=said, believable=found.believable and not odd))
+    found = replace(found, warnings=said, believable=found.believable and not odd)
+    return Outcome(found, _of_simulation(found), found.converged, found.believable)
 
 
 def method_of(told: Description) -> str:
@@ -215,21 +186,8 @@ def _not_followed(found: Identification) -> Iterator[str]:
             )
 
 
-def _by_simulation(found: Identification) -> Outcome:
-    def rendered() -> Report:
-        from servo_models.data.audit import audits, noise_floors
-        from servo_models.identification.sections import identification_report
-
-        floors = noise_floors(audits(found.logs, found.fitted.plant))
-        return identification_report(found, floors)
-
-    return Outcome(found, _of_simulation(found), rendered, found.converged, found.believable)
-
-
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
     from servo_models.identification.transfer.identify import identify_transfer
-    from servo_models.identification.transfer.pictures import bode, responses
-    from servo_models.identification.transfer.sheet import sheet
     from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
 
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
@@ -246,30 +204,18 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     constants = found.constants.estimates if found.constants else None
     parameters = constants and _of_tables(told, constants, method, files, found.warnings)
     physical = found.constants.constants.values() if found.constants else ()
-    return Outcome(
-        found,
-        parameters or None,
-        lambda: sheet(found),
-        converged=not found.interrupted,
-        believable=all(constant.determined for constant in physical),
-        figures_drawn=lambda: {"Bode plot with the data": bode(found), **responses(found)},
-    )
+    determined = all(constant.determined for constant in physical)
+    return Outcome(found, parameters or None, not found.interrupted, determined)
 
 
 def _by_elements(told: Description) -> Outcome:
-    from servo_models.identification.elements import identify_elements, sheet
-    from servo_models.identification.elements.pictures import synthesis_picture
+    from servo_models.identification.elements import identify_elements
 
     found = identify_elements(told)
     parameters = _of_tables(
         told, found.parameters, "element by element", found.files, found.warnings
     )
-    return Outcome(
-        found,
-        parameters,
-        lambda: sheet(found),
-        figures_drawn=lambda: {"Feedback coefficient K_f": synthesis_picture(found)},
-    )
+    return Outcome(found, parameters)
 
 
 def _of_simulation(found: Identification) -> ParameterSet:

@@ -13,11 +13,13 @@ import numpy as np
 
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.analysis.figures import figures
 from servo_models.analysis.linear_model import LinearModel
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
 from servo_models.analysis.statistics import autocorrelation, memory
 from servo_models.core.plant import Plant, Wire
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
 from servo_models.data.audit import Audit, Command, Floor, Sampling
 from servo_models.data.audit import Reading as Measured
@@ -100,6 +102,18 @@ def identification_report(
             _provenance(found),
         ),
     )
+
+
+def with_figures(report: Report, fitted: Model) -> Report:
+    """Return the report with figures of merit of the fitted model, or why it has none."""
+    title = "Figures of merit"
+    try:
+        told = figures(replace(fitted, provenance="this identification")).report()
+        section = Section(title, items=told.remarks, tables=told.tables, folded=True)
+    except UserError as error:
+        section = Section(title, items=(f"None of the fitted model: {error}.",), folded=True)
+    *first, provenance = report.sections
+    return replace(report, sections=(*first, section, provenance))
 
 
 # the answer

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,24 +13,20 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from servo_models.analysis.figures import Figures, figures
+from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.parameters import read_parameters
 from servo_models.data.recording import Channel, Log
-from servo_models.errors import UserError
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import Outcome, identify
 from servo_models.identification.measured_response import Record, empirical
 from servo_models.identification.result import HELD_OUT, Identification
-from servo_models.identification.sections import identification_report
+from servo_models.identification.sections import identification_report, with_figures
 from servo_models.report import html
 from servo_models.report.numbers import MINUS, TIMES
-from servo_models.report.sections import Table
-from servo_models.report.sheet import sheet_page
-from servo_models.report.sheets import Sheet
 from servo_models.units import factor
 from tests.support.html_page import Page
 from tests.support.logs import changed, measured
@@ -235,20 +230,6 @@ def test_long_logs_make_no_large_page(found: Identification) -> None:
     assert "No measured response of angle over voltage" in text
 
 
-def test_a_sheet_with_figures_is_a_page() -> None:
-    figure = Figure()
-    figure.subplots().plot([0, 1], [0, 1])
-    table = Table(
-        "Elements", ("name", "value", "unit"), (("K_AP", "5.79", "1"), (HOSTILE, "-2e-3", ""))
-    )
-    page = Page(sheet_page("Servo", Sheet("Six elements", ("Said.",), (table,)), {"Loop": figure}))
-    page.assert_stands_alone()
-    assert "wide" in page.values("class")  # a figure of matplotlib's own size
-    assert page.rows == [["name", "value", "unit"], ["K_AP", "5.79", "1"], [HOSTILE, "-2e-3", ""]]
-    assert page.count("svg") == 1
-    assert {"Six elements", "Said.", "Elements", "Loop."} <= set(page.text)
-
-
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """A log of a motor in steps, rounded to 0.01 deg: the floor is 0.01 deg / sqrt(12)."""
@@ -284,14 +265,12 @@ def test_identify_puts_floors_figures_and_versions_on_its_page(
     assert gain / static == pytest.approx(math.sqrt(0.5), rel=0.02)
 
 
-def test_a_model_without_figures_of_merit_says_why(
-    outcome: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(_: Model) -> Figures:
-        raise UserError("it never comes to rest")
-
-    monkeypatch.setattr(sys.modules["servo_models.analysis.figures"], "figures", refused)
-    assert "None of the fitted model: it never comes to rest." in _written(outcome, tmp_path).text
+def test_a_model_without_figures_of_merit_says_why(found: Identification) -> None:
+    """Beyond its bounds the standard step cannot be simulated."""
+    broken = changed(found.fitted, {"stiffness": math.nan})
+    report = with_figures(identification_report(found), broken)
+    (section,) = (section for section in report.sections if section.title == "Figures of merit")
+    assert section.items[0].startswith("None of the fitted model: ")
 
 
 def test_an_identification_offers_what_every_result_does(outcome: Outcome, tmp_path: Path) -> None:
