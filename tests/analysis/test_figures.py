@@ -19,6 +19,7 @@ from servo_models.analysis.sine_test import SineTest
 from servo_models.cli import main
 from servo_models.core.simulate import model
 from servo_models.errors import UserError
+from tests.support.html_page import Page
 from tests.support.papers import MEASURED, SG90, equation_12, equations_1_to_9
 
 
@@ -198,3 +199,21 @@ def test_what_is_missing_does_not_stop_the_file(suffix: str, tmp_path: Path) -> 
 def test_a_model_that_drifts_has_no_working_point() -> None:
     with pytest.raises(UserError, match="does not come to rest"):
         linearise(model("sg90", "oscillatory_motor"), {"pulse_width": 1.7e-3})
+
+
+def test_figures_offer_what_every_result_does(tmp_path: Path) -> None:
+    found = figures(model(*MEASURED), amplitude="1 deg", frequencies=["10 Hz"])
+    assert found.small is not None
+    assert found.small.bandwidth is not None
+    assert repr(found).startswith("<Figures of torque_motor, variant measured")
+    (matrix,) = (t for title, t in found.tables().items() if title.startswith("A and B"))
+    want = equations_1_to_9()
+    assert matrix["load_torque"].to_list() == pytest.approx(want.B[:, 1].tolist(), rel=1e-9)
+    axes = found.plot()
+    hertz, gain = axes.lines[0].get_data()
+    half_power = np.interp(found.small.bandwidth, np.asarray(hertz), np.asarray(gain))
+    assert half_power == pytest.approx(20.0 * math.log10(math.sqrt(0.5)), abs=0.01)
+    found.write_report(tmp_path / "figures.html")
+    page = Page((tmp_path / "figures.html").read_text("utf-8"))
+    page.assert_stands_alone()
+    assert page.count("svg") == 1
