@@ -33,7 +33,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.own_actuator import key_from
@@ -118,6 +118,28 @@ class ParameterSet:
         changes = dict(overrides or {})
         chosen = model(self.actuator, self.variant, {**self.settings(), **changes})
         return replace(chosen, provenance=self.provenance(changes))
+
+    def document(self) -> dict[str, Any]:
+        """Return it as what JSON is made of, figures in SI."""
+        known = find_actuator(self.actuator).plant_of(self.variant).parameters
+        return {
+            "actuator": self.actuator,
+            "variant": self.variant,
+            "method": self.method,
+            "date": self.date and self.date.isoformat(),
+            "servo_models": self.version,
+            "logs": dict(self.logs),
+            "parameters": {
+                e.name: {
+                    "value": e.value,
+                    "unit": known[e.name].param.unit,
+                    "standard_error": e.standard_error,
+                    "origin": e.origin,
+                }
+                for e in self.estimates
+            },
+            "figures": {name: figure._asdict() for name, figure in self.figures.items()},
+        }
 
     def provenance(self, overrides: Mapping[str, object]) -> str:
         """Return in words where the values come from."""

@@ -67,7 +67,7 @@ def number(value: float | None, digits: int = 4) -> str:
         if "e" not in text:
             return printed(text)
         return printed(f"{float(text):.0f}")  # 1.2e+03 is 1200
-    mantissa, power = f"{value:.{max(digits - 2, 0)}e}".split("e")
+    mantissa, power = f"{value:.{max(digits - 2, 1)}e}".split("e")
     return printed(f"{float(mantissa):.{digits}g}e{power}")
 
 

@@ -253,6 +253,11 @@ class Report:
         return text(self)
 
 
+def data_sheet(title: str, texts: Sequence[str], tables: Sequence[Table]) -> Report:
+    """Return a report without a verdict: paragraphs, then tables that name themselves."""
+    return Report(title, "", remarks=tuple(texts), sections=(Section("", tables=tuple(tables)),))
+
+
 def anchor(title: str) -> str:
     """Return the id on the page of a section of this title."""
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
