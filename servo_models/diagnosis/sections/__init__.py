@@ -11,7 +11,7 @@ from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.identification.page.provenance import log_text
+from servo_models.identification.readings import log_facts
 from servo_models.report.conditions import conditions
 from servo_models.report.numbers import ARROW, number, percent
 from servo_models.report.sections import Card, Report, Section
@@ -263,7 +263,7 @@ def _provenance(found: Diagnosis) -> Section:
         ("actuator", f"{model.actuator.name}, variant {model.variant}"),
         ("values from", model.provenance),
         ("no gap", f"below {number(found.tolerance)} noise floors"),
-        *((f"log {log.name}", log_text(log)) for log in found.logs),
+        *log_facts(found.logs),
         *{"servo-models": installed_version(), **conditions()}.items(),
     ]
     return Section("Provenance", facts=tuple(fact for fact in facts if fact[1]), folded=True)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.core.types import Array
 from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
@@ -20,10 +19,16 @@ from servo_models.diagnosis.fitting.nominal import BELIEVED
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.where import Breakdown
-from servo_models.identification.page.readings import Reading, most_missed
-from servo_models.identification.page.responses import stretch, worst_sample
+from servo_models.identification.readings import (
+    Reading,
+    axis_label,
+    most_missed,
+    reading,
+    stretch,
+    worst_sample,
+)
 from servo_models.report import curves
-from servo_models.report.numbers import Quantity, with_unit
+from servo_models.report.numbers import with_unit
 from servo_models.report.sections import Picture
 from servo_models.report.style import SERIES, colour
 
@@ -45,11 +50,10 @@ DOTTED = (0, (1, 1.5))
 
 
 def responses(found: Diagnosis) -> tuple[Picture, ...]:
-    """Return two pictures a response, those first of which the nominal model misses most: measured
-    and simulated with their errors, as a whole and where it is worst."""
+    """Return two pictures a response, that which is missed most first: measured and simulated with
+    their errors, as a whole and where the nominal model is worst."""
     readings = most_missed(list(_readings(found)), found.floors)
-    worst = sorted(readings, key=lambda it: -_most(it) * it.scale / found.floors[it.output])
-    return tuple(picture for reading in worst for picture in _response(reading))
+    return tuple(picture for one in readings for picture in _response(one))
 
 
 def _readings(found: Diagnosis) -> Iterator[Reading]:
@@ -68,44 +72,34 @@ def _readings(found: Diagnosis) -> Iterator[Reading]:
         every = {n: run.outputs_or_nan(values[stage]) for stage, n in tables.stages(found).items()}
         finite = {name: it for name, it in every.items() if np.isfinite(it).all()}
         for k, output in enumerate(log.outputs):
-            scale, unit = display(found.model.plant.wire[output])
-            simulated = {name: scale * it[:, k] for name, it in finite.items()}
-            yield Reading(log, output, unit, 1.0 / scale, scale * log.outputs[output], simulated)
+            wire = found.model.plant.wire[output]
+            yield reading(log, wire, {name: it[:, k] for name, it in finite.items()})
 
 
-def _most(reading: Reading) -> float:
-    """Largest error of the nominal model."""
-    return float(np.abs(_before(reading)).max())
-
-
-def _before(reading: Reading) -> Array:
-    return next(iter(reading.simulated.values())) - reading.measured
-
-
-def _response(reading: Reading) -> Iterator[Picture]:
-    log, errors = reading.log, _before(reading)
+def _response(one: Reading) -> Iterator[Picture]:
+    log, title = one.log, one.title
+    errors = next(iter(one.simulated.values())) - one.measured
     worst = worst_sample(errors, log.fitted if log.fitted.any() else log.checked)
-    window, title = stretch(errors, worst), f"{log.name}: {reading.output}"
+    window = stretch(errors, worst)
     held = " Shaded: held out by the description." if log.held_out.any() else ""
-    error = Quantity(abs(float(errors[worst])), reading.unit or "1", digits=3)
-    at = f"{error} at {log.stamps[worst]:.5g} s"
+    at = f"{one.size(abs(float(errors[worst])))} at {log.stamps[worst]:.5g} s"
     whole = f"Above: measured and simulated; below: simulated minus measured.{held}"
-    draw = partial(_draw_response, reading, window, worst)
+    draw = partial(_draw_response, one, window, worst)
     yield Picture(title, partial(draw, slice(None)), whole, rows=2, height=3.6, shared=True)
     near = f"The framed stretch, where the model is worst before: {at}."
     yield Picture(f"{title}, near", partial(draw, window), near, rows=2, height=3.6, shared=True)
 
 
 def _draw_response(
-    reading: Reading, window: slice, worst: int, part: slice, axes: Sequence[Axes]
+    one: Reading, window: slice, worst: int, part: slice, axes: Sequence[Axes]
 ) -> None:
     """Draw a part of a response, and below it the errors, if there are axes for them."""
-    times, log = reading.log.stamps, reading.log
-    simulated = {name: values[part] for name, values in reading.simulated.items()}
-    draws = {reading.output: curves.draw_responses, "error": curves.draw_errors}
+    times, log = one.log.stamps, one.log
+    simulated = {name: values[part] for name, values in one.simulated.items()}
+    draws = {one.wire.name: curves.draw_responses, "error": curves.draw_errors}
     for panel, (name, draw) in zip(axes, draws.items()):
-        draw(panel, times[part], reading.measured[part], simulated, log.held_out[part])
-        panel.set_ylabel(f"{name}\n[{reading.unit or '1'}]", parse_math=False)
+        draw(panel, times[part], one.measured[part], simulated, log.held_out[part])
+        panel.set_ylabel(axis_label(name, one.unit), parse_math=False)
         if part is window:
             panel.axvline(times[worst], color=colour("muted"), lw=0.8, ls=curves.DASHED)
             panel.locator_params(axis="x", nbins=NUMBERS)
@@ -306,14 +300,14 @@ def _draw_experiment(found: Diagnosis, one: Experiment, axes: Sequence[Axes]) ->
     scale, unit = display(one.wire)
     thin = curves.envelope(one.times, scale * one.command, curves.BUCKETS)
     command.plot(*thin, color=colour("ink"), lw=0.9)
-    command.set_ylabel(f"{one.wire.name}\n[{unit or '1'}]", parse_math=False)
+    command.set_ylabel(axis_label(one.wire.name, unit), parse_math=False)
     for output, panel, series in zip(found.floors, predicted, SERIES * len(predicted)):
         scale, unit = display(found.model.plant.wire[output])
         for it, values, style in zip(pair, told, (curves.JUDGED, curves.NOMINAL)):
             curves.draw_curve(
                 panel, one.times, scale * values[output], tables.together(it.effects), style
             )
-        panel.set_ylabel(f"{output}\n[{unit or '1'}]", parse_math=False)
+        panel.set_ylabel(axis_label(output, unit), parse_math=False)
         apart = (told[0][output] - told[1][output]) / found.floors[output]
         curves.draw_curve(difference, one.times, apart, output, (series, "-", 1.0, 1.0))
     curves.draw_legend(predicted[0], len(pair))

@@ -18,7 +18,7 @@ from servo_models.diagnosis.gap import DRAWS, Gap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.verdict import chances_of
 from servo_models.diagnosis.where import Bin, Breakdown
-from servo_models.identification.result import FIT, HELD_OUT
+from servo_models.identification.readings import error_table
 from servo_models.report.numbers import Quantity, number, percent, prefix
 from servo_models.report.sections import Cell, Table
 
@@ -109,23 +109,11 @@ def nominal(found: Diagnosis) -> Table:
 
 def fmu(found: Diagnosis) -> Table:
     """Errors of the FMU itself, in every part of every log."""
-    told, gaps = found.confirmation, {gap.output: gap for gap in found.gaps}
+    told = found.confirmation
     off = told.difference if told else 0.0
     same = f"off by {number(off, 2)} of full scale" if off else "the same bits as the simulation"
-    rows = tuple(
-        (
-            row.log,
-            row.output,
-            {FIT: "judged", HELD_OUT: "held out"}[row.part],
-            row.samples,
-            error(found, gaps[row.output], row.before, 4),
-            error(found, gaps[row.output], row.after, 4),
-            Quantity(row.fit, "%", digits=4),
-        )
-        for row in (told.rows if told else ())
-    )
-    columns = ("log", "output", "samples", "count", "before", "after", "fit")
-    return Table(f"The diagnosed model as an FMU, run over each log: {same}", columns, rows)
+    title = f"The diagnosed model as an FMU, run over each log: {same}"
+    return error_table(title, told.rows if told else (), found.model.plant)
 
 
 def held_out(found: Diagnosis) -> Table:
