@@ -51,7 +51,7 @@ def diagnose(
         found = sm.diagnose("rig.toml")
         print(found)                    # the answer first, then what it rests on
         found.write_report("rig.html")
-        found.tables()["Effects"]       # a polars DataFrame
+        found.tables()                  # polars DataFrames by title
         sm.write_parameters(found.parameter_set(), "PARAMS.toml")
     """
     told = description if isinstance(description, Description) else read_description(description)
