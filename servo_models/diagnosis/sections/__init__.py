@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from servo_models.analysis.explain import display_scale
 from servo_models.data.parameters import installed_version
 from servo_models.diagnosis import summary
+from servo_models.diagnosis.belief import COVERED
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
@@ -88,7 +89,8 @@ def _cause(diagnosis: Diagnosis, claim: Claim) -> str:
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
         for value in claim.parameters
     )
-    chance = f", {tables.probability(claim)}" if diagnosis.verdict.chances else ""
+    told = diagnosis.verdict.chances and diagnosis.verdict.kind != OUTSIDE
+    chance = f", {tables.probability(claim)}" if told else ""
     return f"{'or ' * rival}{claim.name} on '{claim.wire}'{chance}: {sizes}"
 
 
@@ -177,7 +179,8 @@ def _effects(diagnosis: Diagnosis) -> Section:
     return Section(
         EFFECTS,
         "Every effect was switched on and fitted, with the nominal parameters free inside their"
-        " uncertainty; what counts is the error on stretches that the fit has not seen. Read"
+        " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
+        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability. Read"
         " probabilities as a ranking: they come out too sure."
         f"{_refined(diagnosis)}",
         tables=(
