@@ -1,1 +1,0 @@
-"""What the page of a diagnosis still draws by; ``identification.readings`` is for new code."""
