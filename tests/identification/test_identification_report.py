@@ -18,8 +18,8 @@ from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.log import Channel, Log
 from servo_models.data.parameters import read_parameters
-from servo_models.data.recording import Channel, Log
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import Outcome, identify
 from servo_models.identification.measured_response import Record, empirical
