@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 from servo_models.identification.fit import fit
 
 Inputs = dict[str, Array]

@@ -24,7 +24,7 @@ from scipy.stats import binomtest
 from servo_models import model, simulate
 from servo_models.actuators.torque_motor.grey_box import DELAY, KNOWN, torque_motor_constants
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.transfer import Structure, identify_transfer
 
 SCATTER = {

@@ -29,9 +29,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from servo_models.core.types import Array
-from servo_models.data.audit.sensor import noise_under_steps
-from servo_models.data.audit.signals import Floor
-from servo_models.data.audit.steps import reading_steps
+from servo_models.data.audit import Floor
+from servo_models.data.reading_steps import reading_steps
+from servo_models.data.sensor import noise_under_steps
 
 KINDS = ("before", "before", "before", "after", "none")
 MEMORY = 0.5

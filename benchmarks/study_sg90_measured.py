@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
 from servo_models.identification.result import FIT, HELD_OUT, Identification

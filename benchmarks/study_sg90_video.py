@@ -19,7 +19,7 @@ from study_sg90_measured import ANGLE, PULSE, Array, described, save, table
 
 from servo_models.analysis.compare import overshoot, rise_time
 from servo_models.core.simulate import Model, simulate
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.report.style import colour, drawing, label
 
 STEP, BEFORE = 1e-3, 1.0

@@ -1,5 +1,10 @@
 """Identified actuator models: simulate and fit them, diagnose their gap, build FMUs of them.
 
+What there is: ``overview``, ``explain``.  A model: ``model``, ``simulate``, ``figures``,
+``linearise``, ``build``, ``validate``.  Logs: ``describe`` or ``read_description``, then ``check``,
+``identify``, ``diagnose``.  An actuator of your own: ``Actuator``, ``Plant``, ``Wire``, ``block``,
+``effect``, ``place``; see docs/own_actuator.md.
+
 Example:
     >>> import servo_models as sm
     >>> servo = sm.model("sg90", "measured", {"backlash.half_width": "0.5 deg"})
@@ -16,12 +21,15 @@ from servo_models.analysis.linearise import linearise
 from servo_models.build import build
 from servo_models.core.block import (
     Ambiguity,
+    Clock,
     DeadTime,
+    Fault,
     FirstOrderLag,
     Grid,
     Memory,
     Mode,
     Param,
+    Queue,
     SearchHints,
     block,
     effect,
@@ -29,7 +37,8 @@ from servo_models.core.block import (
 from servo_models.core.catalogue import actuator
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
 from servo_models.core.simulate import Model, Result, model, simulate
-from servo_models.data.description import read_description
+from servo_models.data.arrays import describe
+from servo_models.data.description import Description, read_description
 from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
 from servo_models.data.tables import read_inputs, read_signals, write_signals
 from servo_models.diagnosis.diagnose import diagnose
@@ -43,7 +52,10 @@ __version__ = _version("servo-models")
 __all__ = [
     "Actuator",
     "Ambiguity",
+    "Clock",
     "DeadTime",
+    "Description",
+    "Fault",
     "FirstOrderLag",
     "Grid",
     "Memory",
@@ -52,6 +64,7 @@ __all__ = [
     "Param",
     "ParameterSet",
     "Plant",
+    "Queue",
     "Result",
     "SearchHints",
     "State",
@@ -63,6 +76,7 @@ __all__ = [
     "block",
     "build",
     "check",
+    "describe",
     "diagnose",
     "effect",
     "explain",

@@ -22,6 +22,11 @@ def build(model: Model, path: str | Path) -> Path:
 
     Raises:
         UserError: a path without ``.fmu``, or a folder that cannot be written.
+
+    Example:
+        >>> import servo_models as sm
+        >>> sm.build(sm.model("gimbal.py"), "fmus/gimbal.fmu").name
+        'gimbal.fmu'
     """
     target = Path(path)
     if target.suffix != ".fmu":

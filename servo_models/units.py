@@ -130,3 +130,30 @@ def parse(text: str | float, unit: str) -> float:
     if not math.isfinite(value):
         raise UserError(f"'{text}' is not a finite number; correct it")
     return value * factor(given, unit) if given else value
+
+
+WRITTEN_IN = {
+    "rad": ("rad", "deg", "mrad"),
+    "rad/s": ("rad/s", "deg/s", "rpm"),
+    "s": ("s", "ms", "us"),
+    "m": ("m", "mm", "um"),
+    "m/s": ("m/s", "mm/s"),
+    "V": ("V", "mV"),
+    "A": ("A", "mA"),
+    "N.m": ("N.m", "mN.m"),
+    "N": ("N", "mN"),
+    "1": ("1", "%"),
+}
+"""Units in which people write a quantity, by its SI unit."""
+
+
+def other_units(unit: str, told: str) -> list[tuple[str, float]]:
+    """Return other units than ``told`` in which signals of the SI unit ``unit`` are written.
+
+    Each comes with the factor by which it changes what was read in ``told``.
+    """
+    try:
+        factors = [(other, factor(other, told)) for other in WRITTEN_IN.get(unit, ())]
+    except UserError:
+        return []
+    return [(other, ratio) for other, ratio in factors if not math.isclose(ratio, 1.0)]

@@ -17,6 +17,8 @@ from servo_models.cli import main
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification.identify import identify
 from servo_models.identification.result import HELD_OUT
+from tests.conftest import Run
+from tests.support.document import follow
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 ERRORS = 3.0
@@ -37,34 +39,8 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Copy:
     return copied
 
 
-def follow(folder: Path, capsys: pytest.CaptureFixture[str], doubted: str = "-") -> None:
-    """Run the commands of a README; what it shows of their output must be what they print.
-
-    Commands that begin with ``doubted`` say that they do not believe all of it, by exit code 1.
-    """
-    text = (folder / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```\n\$ servo-models (.*)\n((?:.*\n)*?)```", text, re.MULTILINE)
-    assert blocks
-    for command, shown in blocks:
-        assert main(command.split()) == int(command.startswith(doubted)), command
-        printed = capsys.readouterr().out.splitlines()
-        for line in shown.splitlines():
-            assert line == "..." or any(alike(line, other) for other in printed), line
-
-
-def alike(shown: str, printed: str) -> bool:
-    """Whether a line begins as the one shown, numbers but for a few percent."""
-    pairs = list(zip(shown.split(), printed.split()))
-    return len(pairs) == len(shown.split()) and all(
-        one == two or near(one, two) for one, two in pairs
-    )
-
-
-def near(one: str, two: str) -> bool:
-    try:
-        return float(one) == pytest.approx(float(two), rel=0.05, abs=1e-9)
-    except ValueError:
-        return False
+def page(folder: Path) -> str:
+    return (folder / "README.md").read_text(encoding="utf-8")
 
 
 def script(path: Path) -> ModuleType:
@@ -86,9 +62,9 @@ def misses(found: ParameterSet, truth: dict[str, float]) -> dict[str, float]:
     }
 
 
-def test_two_csv_files_become_an_fmu(copy: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_csv_files_become_an_fmu(copy: Copy, run: Run) -> None:
     folder = copy("two_csv_files")
-    follow(folder, capsys)
+    follow(page(folder), run)
     draft = (folder / "steps.toml").read_text()
     told = (folder / "description.toml").read_text()
     for line in ("time =", "inputs.pulse_width =", "outputs.angle ="):
@@ -119,11 +95,9 @@ def test_two_csv_files_become_an_fmu(copy: Copy, capsys: pytest.CaptureFixture[s
     assert np.max(np.abs(np.degrees(result["angle"] - truth))) < 0.5
 
 
-def test_the_bench_gives_the_feedback_coefficient_of_the_paper(
-    copy: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_bench_gives_the_feedback_coefficient_of_the_paper(copy: Copy, run: Run) -> None:
     folder = copy("servo_bench")
-    follow(folder, capsys)
+    follow(page(folder), run)
     found = identify(folder / "description.toml").result
     chosen = {choice.band: choice for choice in found.synthesis.choices}
     assert chosen[0.05].setting.k_f == 0.18
@@ -145,9 +119,9 @@ def test_the_bench_gives_the_feedback_coefficient_of_the_paper(
         assert values[name] == pytest.approx(value, abs=within), name
 
 
-def test_a_sweep_and_a_step_give_the_motor(copy: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sweep_and_a_step_give_the_motor(copy: Copy, run: Run) -> None:
     folder = copy("torque_motor")
-    follow(folder, capsys, doubted="identify")  # these data do not determine back_emf_constant
+    follow(page(folder), run, doubted="identify")  # these data do not determine back_emf_constant
     found = read_parameters(folder / "PARAMS.toml")
     assert found.method.startswith("transfer function, order 3 + delay")
     assert any("do not determine back_emf_constant" in warning for warning in found.warnings)

@@ -30,6 +30,11 @@ def explain(name: str, variant: str | None = None) -> Report:
     Raises:
         UserError: nobody knows that name, or a variant of an effect; see also
             ``catalogue.actuator``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> print(sm.explain("dead_zone"))  # doctest: +ELLIPSIS
+        dead_zone...
     """
     if is_actuator(name):
         return actuator_sheet(find_actuator(name), variant)
@@ -45,7 +50,13 @@ def is_actuator(name: str) -> bool:
 
 
 def overview() -> Report:
-    """Return what there is: actuators with their variants, and effects."""
+    """Return what there is: actuators with their variants, and effects.
+
+    Example:
+        >>> import servo_models as sm
+        >>> print(sm.overview())  # doctest: +ELLIPSIS
+        Actuators and effects...
+    """
     variants = tuple(
         (actuator.name, variant.name, variant.about)
         for actuator in actuators().values()

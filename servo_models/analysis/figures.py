@@ -210,6 +210,12 @@ def figures(
     Raises:
         UserError: an unknown input, a unit that does not convert, an amplitude or a
             frequency that is not above 0 or leaves the input's bounds.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.figures(sm.model("gimbal.py"), amplitude="5 deg")
+        >>> round(found.small.bandwidth, 2), round(found.small.delay, 4)  # Hz, s
+        (3.55, 0.0648)
     """
     (main, size), output = model.actuator.step, model.plant.outputs[0]
     point = {name: _input_value(model, name, value) for name, value in (at or {}).items()}

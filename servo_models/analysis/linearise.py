@@ -29,6 +29,12 @@ def linearise(model: Model, at: Mapping[str, float] | None = None) -> LinearMode
 
     Raises:
         UserError: an unknown input, no point of rest, or a plant with several clocks.
+
+    Example:
+        >>> import servo_models as sm
+        >>> linear = sm.linearise(sm.model("gimbal.py"))
+        >>> linear.states, linear.inputs, linear.outputs
+        (('speed', 'angle'), ('command',), ('reading', 'voltage'))
     """
     inputs = inputs_at(model, at)
     kind = Sampled if plant_clocks(model) else Continuous

@@ -31,7 +31,7 @@ def blind(
         int | None, typer.Option(min=1, help="Processes; default: one a processor.")
     ] = None,
 ) -> int:
-    """Score the diagnosis on cases whose cause it is not told.
+    """Score the diagnosis on cases whose cause is withheld.
 
     A generator that shares no simulation code with the models writes logs of
     rigs with nothing, one effect, two, or one outside the catalogue. The

@@ -31,7 +31,7 @@ def check_outputs(*outputs: tuple[Path | None, str], description: Path | None = 
         UserError: another suffix, a folder that cannot be written, or a file that the description
             is or names.
     """
-    from servo_models.data.toml_file import named_files
+    from servo_models.data.schema import named_files
     from servo_models.files import check_writable
 
     read = named_files(description) if description else []

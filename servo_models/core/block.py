@@ -335,10 +335,32 @@ def _parse(function: Function, name: str = "", **options: Any) -> Block:
 
 
 def block(*gives: str, source: str = "") -> Callable[[Function], Block]:
-    """Make a plant block; it defines the wires ``gives`` (default: one, named like itself)."""
+    """Make a plant block; it defines the wires ``gives`` (default: one, named like itself).
+
+    Raises:
+        ValueError: a fault of the function, see the rules above; or a unit of ``"signal"``.
+
+    Example:
+        >>> from typing import Annotated
+        >>> import servo_models as sm
+        >>> Gain = Annotated[float, sm.Param("V/rad", "gain of the loop", default=20.0, high=200.0)]
+        >>> @sm.block("voltage")
+        ... def controller(command: float, angle: float, gain: Gain) -> float:
+        ...     '''The drive voltage is proportional to the error of the angle.'''
+        ...     return gain * (command - angle)
+        >>> controller.wires, controller.gives
+        (('command', 'angle'), ('voltage',))
+    """
 
     def decorate(function: Function) -> Block:
-        return _parse(function, gives=gives or (function.__name__,), source=source)
+        made = _parse(function, gives=gives or (function.__name__,), source=source)
+        for name, param in made.params.items():
+            if SIGNAL in param.unit:
+                raise ValueError(
+                    f"parameter '{name}' of block '{made.name}' has the unit '{param.unit}': only"
+                    " an effect acts on a signal, give a unit of its own"
+                )
+        return made
 
     return decorate
 
@@ -367,6 +389,17 @@ def effect(
     Raises:
         ValueError: an effect without a switch parameter has no neutral value; a declaration of
             what it has not.
+
+    Example:
+        >>> from typing import Annotated
+        >>> import servo_models as sm
+        >>> Offset = Annotated[float, sm.Param("signal", "offset", low=-0.1, high=0.1, switch=True)]
+        >>> @sm.effect("signal", source="a data sheet")
+        ... def offset(signal: float, value: Offset) -> float:
+        ...     '''What is read is off by a constant.'''
+        ...     return signal + value
+        >>> offset.switches
+        ('value',)
     """
 
     def decorate(function: Function) -> Block:

@@ -11,7 +11,7 @@ from types import ModuleType
 from servo_models.core.block import Block
 from servo_models.core.flatten import flatten
 from servo_models.core.own_actuator import check_trust, is_file, load_actuator
-from servo_models.core.plant import Actuator, unknown
+from servo_models.core.plant import Actuator, check_units, unknown
 from servo_models.errors import UserError
 
 
@@ -51,6 +51,11 @@ def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Ac
 
     Raises:
         UserError: nobody knows that name; see ``own_actuator.load_actuator`` and ``check_trust``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> sm.actuator("sg90").default_variant
+        'measured'
     """
     if is_file(name):
         return _own(Path(name), named_in, trust)
@@ -75,8 +80,11 @@ def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
         check_trust(path, named_in, trust)
     found = load_actuator(path)
     for variant in found.variants:
+        plant = found.plant_of(variant.name)
         try:
-            flatten(found.plant_of(variant.name), found.name)
-        except ValueError as error:
+            flatten(plant, found.name)
+            check_units(plant)
+            found.values(variant.name)
+        except (ValueError, UserError) as error:
             raise UserError(f"'{path}': {error}") from error
     return found

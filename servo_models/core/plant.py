@@ -11,6 +11,7 @@ from servo_models.core.block import RESERVED, SIGNAL, Block, Param, check_name
 from servo_models.core.bounds import outside
 from servo_models.core.flat import owned
 from servo_models.errors import UserError, did_you_mean
+from servo_models.units import factor
 
 TIME_AXIS = "time"
 """What tables and FMI masters call their first column."""
@@ -133,7 +134,10 @@ def place(
         ValueError: another number of wires; see also ``Placement``.
 
     Example:
-        ``place("drive_dead_zone", dead_zone, "drive_voltage")``
+        >>> import servo_models as sm
+        >>> from servo_models.effects.dead_zone import dead_zone
+        >>> sm.place("drive_dead_zone", dead_zone, "voltage").on
+        ('voltage',)
     """
     if len(on) != len(effect.acts_on):
         raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")
@@ -424,8 +428,9 @@ class Actuator:
         for name, value in {**self.variant(variant).values, **(overrides or {})}.items():
             if name not in parameters:
                 raise UserError(unknown("parameter", name, parameters, f"actuator '{self.name}'"))
-            check_bounds(parameters[name], value)
             chosen[name] = float(value)
+        for name, value in chosen.items():
+            check_bounds(parameters[name], value)
         return chosen
 
 
@@ -434,6 +439,19 @@ def check_bounds(parameter: Parameter, value: float) -> None:
     param = parameter.param
     if not param.low <= value <= param.high:
         raise UserError(outside("parameter", parameter.name, value, param))
+
+
+def check_units(plant: Plant) -> None:
+    """Raise ValueError unless every unit is one and every display unit converts to its own."""
+    signals: list[tuple[str, Wire | Param]] = [
+        *((f"wire '{wire.name}'", wire) for wire in plant.wire.values()),
+        *((f"parameter '{p.name}'", p.param) for p in plant.parameters.values()),
+    ]
+    for place_, signal in signals:
+        try:
+            factor(signal.display or signal.unit, signal.unit)
+        except UserError as error:
+            raise ValueError(f"{place_}: {error}") from None
 
 
 def unknown(kind: str, name: str, known: Mapping[str, object], where: str = "") -> str:

@@ -202,6 +202,12 @@ def model(
 
     Raises:
         UserError: an unknown name, a wrong unit, a value outside its bounds.
+
+    Example:
+        >>> import servo_models as sm
+        >>> servo = sm.model("sg90", "measured", {"backlash.half_width": "0.5 deg"})
+        >>> round(servo.values["backlash.half_width"], 5)  # rad
+        0.00873
     """
     found = find_actuator(actuator) if isinstance(actuator, str) else actuator
     chosen = found.variant(variant).name
@@ -235,6 +241,14 @@ def simulate(
 
     Raises:
         UserError: see ``Model.run``; also an unknown input, or one of another length.
+
+    Example:
+        >>> import numpy as np
+        >>> import servo_models as sm
+        >>> times = np.arange(0.0, 1.0, 0.001)  # s
+        >>> response = sm.simulate(sm.model("sg90"), times, {"pulse_width": 1.9e-3})
+        >>> response["angle"].shape  # rad
+        (1000,)
     """
     grid = np.ascontiguousarray(times, dtype=float)
     known = {wire.name: wire for wire in chosen.plant.inputs}

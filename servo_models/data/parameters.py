@@ -1,29 +1,4 @@
-"""Parameter files: values of an actuator with unit, uncertainty and where they come from.
-
-A file is TOML.  Names of parameters may be written quoted or as nested tables, which is
-what TOML makes of ``[parameters.transport_delay.time]``; every number stands beside its
-unit::
-
-    actuator = "torque_motor"               # or "mine.py", seen from this file
-    variant = "measured"                    # values of all that is not listed
-    method = "simulation error, least squares"
-    date = 2026-01-31
-    servo_models = "0.1.0"
-    warnings = ["back_emf_constant: the logs do not determine it"]
-
-    [logs]
-    "step.csv" = "sha256:..."
-
-    [parameters.torque_constant]
-    value = 5.2277
-    unit = "N.m/A"
-    standard_error = 0.012
-    origin = "estimated"
-
-    [figures.held_out_rms]                  # what the fit reached
-    value = 0.011
-    unit = "deg"
-"""
+"""Parameter files: values of an actuator with unit, uncertainty and where they come from."""
 
 from __future__ import annotations
 
@@ -33,19 +8,93 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
+
+from msgspec import Meta
 
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.own_actuator import key_from
-from servo_models.core.plant import Actuator, Parameter, check_bounds, unknown
+from servo_models.core.plant import Actuator, Parameter, check_bounds
 from servo_models.core.simulate import Model, model
-from servo_models.data.toml_file import Section, nested, read_toml
+from servo_models.data.schema import (
+    Number,
+    Section,
+    Table,
+    named,
+    nested,
+    read_toml,
+)
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.units import factor
 
-HEAD = ("actuator", "variant", "method", "date", "servo_models", "warnings")
-KEYS = (*HEAD, "logs", "parameters", "figures")
+
+class FigureTable(Table):
+    """A ``[figures.NAME]``.
+
+    Written as::
+
+        value = 0.011
+        unit = "deg"
+    """
+
+    value: Number
+    unit: str = "1"
+
+
+class EstimateTable(Table):
+    """A ``[parameters.NAME]``; a standard error is infinite where the logs say nothing.
+
+    Written as::
+
+        value = 5.2277
+        unit = "N.m/A"
+        standard_error = 0.012
+        origin = "estimated"
+    """
+
+    value: Number
+    unit: str | None = None
+    standard_error: Annotated[float, Meta(ge=0.0)] | None = None
+    origin: str = "given"
+
+
+class ParameterFile(Table):
+    """A parameter file.
+
+    Names of parameters may be written quoted or as nested tables, which is what TOML makes of
+    ``[parameters.transport_delay.time]``::
+
+        actuator = "torque_motor"               # or "mine.py", seen from this file
+        variant = "measured"                    # values of all that is not listed
+        method = "simulation error, least squares"
+        date = 2026-01-31
+        servo_models = "0.1.0"
+        warnings = ["back_emf_constant: the logs do not determine it"]
+
+        [logs]
+        "step.csv" = "sha256:..."
+
+        [parameters.torque_constant]
+        value = 5.2277
+        unit = "N.m/A"
+        standard_error = 0.012
+        origin = "estimated"
+
+        [figures.held_out_rms]                  # what the fit reached
+        value = 0.011
+        unit = "deg"
+    """
+
+    actuator: str
+    variant: str | None = None
+    method: str = ""
+    date: datetime.date | None = None
+    servo_models: str = ""
+    warnings: list[str] = []
+    logs: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
 
 
 @dataclass(frozen=True)
@@ -167,7 +216,7 @@ def known_error(error: float) -> float | None:
     return None if math.isnan(error) else error
 
 
-def write_parameters(chosen: ParameterSet, path: Path) -> None:
+def write_parameters(chosen: ParameterSet, path: str | Path) -> None:
     """Write a parameter file; ``read_parameters`` gives the same values, to the last bit.
 
     A number stands in the unit that a person reads the parameter in, or in SI where the
@@ -176,9 +225,17 @@ def write_parameters(chosen: ParameterSet, path: Path) -> None:
     Raises:
         UserError: a file not named ``.toml``, a folder that cannot be written, or values
             that the actuator does not take; see ``simulate.model``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.identify("gimbal.toml").parameters
+        >>> sm.write_parameters(found, "gimbal_identified.toml")
+        >>> sm.read_parameters("gimbal_identified.toml").estimates == found.estimates
+        True
     """
     import tomli_w
 
+    path = Path(path)
     if path.suffix.lower() != ".toml":
         raise UserError(f"'{path}' is no name for a parameter file: let it end in .toml")
     told = chosen.model()
@@ -231,89 +288,75 @@ def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
         UserError: no such file, no TOML, an unknown key, actuator, variant or parameter, a
             unit that does not convert, a value that is no number or out of its bounds.  It
             names the file and the key.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import servo_models as sm
+        >>> text = 'actuator = "sg90"\\nparameters.motor_gain = {value = 46, unit = "rad/(V.s)"}'
+        >>> _ = Path("sg90.toml").write_text(text)
+        >>> sm.read_parameters("sg90.toml").model().values["motor_gain"]
+        46.0
     """
     document = read_toml(Path(path))
-    document.check_keys(KEYS)
-    actuator, variant = _whose(document, trust)
-    logs, figures = document.section("logs"), document.section("figures")
+    table, logs = document.read(ParameterFile), document.section("logs")
+    actuator, variant = _whose(document, table, trust)
     return ParameterSet(
         actuator=actuator.key,
         variant=variant,
         estimates=tuple(_estimates(document.section("parameters"), actuator, variant)),
-        method=document.text("method"),
-        logs={name: logs.text(name) for name in logs},
-        date=_date(document),
-        version=document.text("servo_models"),
-        figures={name: _figure(figures.section(name)) for name in figures},
-        warnings=document.texts("warnings"),
+        method=table.method,
+        logs={name: logs.at(name).read(str, f'"{name}" = "sha256:..."') for name in logs},
+        date=table.date,
+        version=table.servo_models,
+        figures=_figures(document.section("figures")),
+        warnings=tuple(table.warnings),
         file=document.file.name,
     )
 
 
-def _whose(document: Section, trust: bool) -> tuple[Actuator, str]:
+def _figures(section: Section) -> dict[str, Figure]:
+    tables = {name: section.section(name).read(FigureTable) for name in section}
+    return {name: Figure(table.value, table.unit) for name, table in tables.items()}
+
+
+def _whose(document: Section, table: ParameterFile, trust: bool) -> tuple[Actuator, str]:
     """Actuator and variant that a file is for."""
     key = "actuator"
-    if key not in document:
-        document.fail(key, "missing; name the actuator that the values are for")
     try:
-        found = find_actuator(document.text(key), document.file, trust)
+        actuator = find_actuator(table.actuator, document.file, trust)
         key = "variant"
-        return found, found.variant(document.text(key, found.default_variant)).name
+        default = actuator.default_variant
+        return actuator, actuator.variant(default if table.variant is None else table.variant).name
     except UserError as error:
         document.fail(key, error)
 
 
 def _estimates(parameters: Section, actuator: Actuator, variant: str) -> Iterator[Estimate]:
     known = actuator.plant_of(variant).parameters
-    met: set[str] = set()
-    for name, entry in _entries(parameters, ""):
-        if name not in known:
-            parameters.fail(name, unknown("parameter", name, known, f"actuator '{actuator.name}'"))
-        if name in met:
-            parameters.fail(name, "given twice, quoted and nested; keep one")
-        met.add(name)
-        yield _estimate(entry, known[name])
+    entries = named(
+        parameters, "parameter", known, _holds_tables_only, f"actuator '{actuator.name}'"
+    )
+    for name in entries:
+        yield _estimate(entries.section(name), known[name])
 
 
-def _entries(section: Section, prefix: str) -> Iterator[tuple[str, Section]]:
-    """Dotted name and table of every parameter; tables of nothing but tables lead to it."""
-    for key in section:
-        inner, name = section.section(key), f"{prefix}{key}"
-        if inner.content and all(isinstance(value, Mapping) for value in inner.content.values()):
-            yield from _entries(inner, f"{name}.")
-        else:
-            yield name, inner
+def _holds_tables_only(table: Mapping[str, object]) -> bool:
+    """Whether a table is on the way to a parameter, as ``transport_delay`` to its ``time``."""
+    return bool(table) and all(isinstance(value, Mapping) for value in table.values())
 
 
-def _estimate(entry: Section, parameter: Parameter) -> Estimate:
-    entry.check_keys(("value", "unit", "standard_error", "origin"))
-    own = parameter.param.unit
-    if "unit" not in entry:
-        entry.fail("unit", f'missing; add unit = "{own}", or the one you mean')
+def _estimate(section: Section, parameter: Parameter) -> Estimate:
+    entry, own = section.read(EstimateTable), parameter.param.unit
+    if entry.unit is None:
+        section.fail("unit", f'missing; add unit = "{own}", or the one you mean')
     try:
-        scale = factor(entry.text("unit"), own)
+        scale = factor(entry.unit, own)
     except UserError as error:
-        entry.fail("unit", error)
-    value = scale * entry.number("value")
+        section.fail("unit", error)
+    value = scale * entry.value
     try:
         check_bounds(parameter, value)
     except UserError as error:
-        entry.fail("value", error)
-    spread = None
-    if "standard_error" in entry:
-        spread = scale * entry.number("standard_error", infinite=True)
-        if spread < 0.0:
-            entry.fail("standard_error", "below 0; give its size")
-    return Estimate(parameter.name, value, spread, entry.text("origin", "given"))
-
-
-def _figure(entry: Section) -> Figure:
-    entry.check_keys(Figure._fields)
-    return Figure(entry.number("value"), entry.text("unit", "1"))
-
-
-def _date(document: Section) -> datetime.date | None:
-    found = document.content.get("date")
-    if found is not None and type(found) is not datetime.date:
-        document.fail("date", "no day; write it without quotes, such as 2026-01-31")
-    return found
+        section.fail("value", error)
+    spread = None if entry.standard_error is None else scale * entry.standard_error
+    return Estimate(parameter.name, value, spread, entry.origin)

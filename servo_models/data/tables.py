@@ -25,7 +25,7 @@ TIME = Wire("time", "s", "time of the row")
 SUFFIXES = (".csv", ".parquet")
 
 
-def read_inputs(path: Path, plant: Plant) -> tuple[Array, dict[str, Array]]:
+def read_inputs(path: str | Path, plant: Plant) -> tuple[Array, dict[str, Array]]:
     """Read what to feed an actuator with.
 
     Columns of its outputs may stand in the file, as in one that a simulation wrote, and
@@ -36,17 +36,25 @@ def read_inputs(path: Path, plant: Plant) -> tuple[Array, dict[str, Array]]:
 
     Raises:
         UserError: see ``read_signals``; an input out of its bounds, or none among the columns.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import servo_models as sm
+        >>> _ = Path("pulses.csv").write_text("time,pulse_width [us]\\n0,1500\\n0.5,1900\\n")
+        >>> times, inputs = sm.read_inputs("pulses.csv", sm.model("sg90").plant)
+        >>> inputs["pulse_width"]  # s
+        array([0.0015, 0.0019])
     """
     outputs = [plant.wire[name] for name in plant.outputs]
     names = [wire.name for wire in plant.inputs]
-    times, signals = _read(path, (*plant.inputs, *outputs), names)
+    times, signals = _read(Path(path), (*plant.inputs, *outputs), names)
     found = {name: signals[name] for name in names if name in signals}
     if not found:
         raise UserError(f"'{path}' has no column for an input: add one of {', '.join(names)}")
     return times, found
 
 
-def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Array]]:
+def read_signals(path: str | Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Array]]:
     """Read times and signals from a file of any format of ``logs``.
 
     Args:
@@ -61,8 +69,16 @@ def read_signals(path: Path, wires: Sequence[Wire]) -> tuple[Array, dict[str, Ar
         UserError: a file that is missing, damaged or empty; an unknown, repeated or missing
             column, a unit that does not convert; a cell that is empty, no number or not
             finite; time that runs backward.  It names the file, the row and the column.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import servo_models as sm
+        >>> _ = Path("film.csv").write_text("time [ms],angle [deg]\\n0,0\\n20,45\\n")
+        >>> times, signals = sm.read_signals("film.csv", [sm.model("sg90").plant.wire["angle"]])
+        >>> times, signals["angle"].round(4)  # s, rad
+        (array([0.  , 0.02]), array([0.    , 0.7854]))
     """
-    return _read(path, wires, ())
+    return _read(Path(path), wires, ())
 
 
 def _read(
@@ -87,7 +103,7 @@ def _read(
 
 
 def write_signals(
-    path: Path, times: Array, signals: Mapping[str, Array], wires: Mapping[str, Wire]
+    path: str | Path, times: Array, signals: Mapping[str, Array], wires: Mapping[str, Wire]
 ) -> None:
     """Write times [s] and signals (SI), each of shape (n,), to a ``.csv`` or ``.parquet`` file.
 
@@ -95,9 +111,19 @@ def write_signals(
 
     Raises:
         UserError: another kind of file, or a folder that cannot be written.
+
+    Example:
+        >>> import numpy as np
+        >>> import servo_models as sm
+        >>> wires = sm.model("sg90").plant.wire
+        >>> times, angles = np.array([0.0, 0.1]), np.array([0.0, 0.2])
+        >>> sm.write_signals("angles.csv", times, {"angle": angles}, wires)
+        >>> sm.read_signals("angles.csv", [wires["angle"]])[1]["angle"]  # rad
+        array([0. , 0.2])
     """
     import polars as pl
 
+    path = Path(path)
     check_suffix(path)
     named = {"time": (TIME, times)} | {name: (wires[name], signals[name]) for name in signals}
     frame = pl.DataFrame({_header(wire): values for wire, values in named.values()})

@@ -15,7 +15,7 @@ from servo_models.core.block import Block, SearchHints
 from servo_models.core.plant import Parameter
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.trial_values import (
     LEAST_OVER_TYPICAL,
     Settings,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.block import DeadTime
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.codes import bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.simulation import prepared

@@ -48,11 +48,10 @@ def diagnose(
         UserError: see ``read_description`` and ``preconditions``.
 
     Example:
-        found = sm.diagnose("rig.toml")
-        print(found)                    # the answer first, then what it rests on
-        found.write_report("rig.html")
-        found.tables()                  # polars DataFrames by title
-        sm.write_parameters(found.parameter_set(), "PARAMS.toml")
+        >>> import servo_models as sm
+        >>> found = sm.diagnose("gimbal.toml")
+        >>> [claim.name for claim in found.claims if claim.taken]
+        ['drive_dead_zone']
     """
     told = description if isinstance(description, Description) else read_description(description)
     logs, flags = without_flags(told.logs, told.model.plant)

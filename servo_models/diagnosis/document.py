@@ -10,8 +10,8 @@ from dataclasses import asdict
 from typing import Any
 
 from servo_models.data.audit import Audit, Reading
+from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
-from servo_models.data.recording import hashes
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.data.audit.sensor import difference_noise
-from servo_models.data.audit.signals import RESIDUAL
+from servo_models.data.audit import RESIDUAL
+from servo_models.data.sensor import difference_noise
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.search.causes import Causes

@@ -10,7 +10,7 @@ import numpy as np
 from servo_models.analysis.linearise import linearise
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.claims import Claim, Value, estimates
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.gap import Gap, Reduction

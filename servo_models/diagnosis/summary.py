@@ -7,8 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.data.audit import EXACT
-from servo_models.data.audit.signals import REPEATS
+from servo_models.data.audit import EXACT, REPEATS
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
 from servo_models.diagnosis.gap import Reduction, not_followed

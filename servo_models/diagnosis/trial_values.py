@@ -13,7 +13,7 @@ import numpy as np
 
 from servo_models.core.block import Grid, SearchHints
 from servo_models.core.plant import Parameter, Plant
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.codes import Step, hidden_steps
 
 TRIALS_OVER_TYPICAL = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)

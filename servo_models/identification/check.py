@@ -94,7 +94,7 @@ class Check(Result):
                     "sizes": dict(reach.sizes),
                     "output": reach.output,
                     "moves_noise_floors": reach.moves,
-                    "shown": reach.shown,
+                    "shown": bool(reach.shown),
                 }
                 for reach in seen.effects
             },
@@ -105,9 +105,23 @@ class Check(Result):
 def check(described: Description | str | Path, jobs: int | None = None) -> Check:
     """Audit the logs of a description, or of its TOML file, and find out what they can determine.
 
+    Args:
+        described: logs, model and uncertainties; or the path of its TOML file.
+        jobs: simulations at once, by default the processors there are.
+
+    Returns:
+        audits, noise floors [SI] by output, and of every free parameter the standard error to
+        expect; ``warnings`` says in sentences what is serious.
+
     Raises:
         UserError: see ``read_description``; there are no logs, every sample is held out, or the
             nominal model cannot be simulated on these logs.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.check("gimbal.toml")
+        >>> round(found.floors["reading"], 4)  # rad
+        0.0009
     """
     description = described if isinstance(described, Description) else read_description(described)
     if not description.logs:

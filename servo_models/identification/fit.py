@@ -11,9 +11,9 @@ from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
-from servo_models.data.audit.outliers import about_outliers
-from servo_models.data.audit.signals import FLAG
-from servo_models.data.recording import Log
+from servo_models.data.audit import FLAG
+from servo_models.data.log import Log
+from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.optimise import LOCAL, SEARCHES, Found, Progress, polished, search
 from servo_models.identification.problem import Problem, free_names, free_parameter

@@ -23,6 +23,7 @@ from servo_models.data.description import (
     Description,
     read_description,
 )
+from servo_models.data.log import hashes
 from servo_models.data.parameters import (
     Estimate,
     Figure,
@@ -31,7 +32,6 @@ from servo_models.data.parameters import (
     with_given,
     write_parameters,
 )
-from servo_models.data.recording import hashes
 from servo_models.errors import UserError
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
@@ -72,7 +72,7 @@ class Outcome(Result):
         return {
             "converged": self.converged,
             "believable": self.believable,
-            "parameters": self.parameters and self.parameters.document(),
+            "parameter_set": self.parameters and self.parameters.document(),
             "result": self.result.document(),
         }
 
@@ -127,6 +127,12 @@ def identify(
     Raises:
         UserError: see ``read_description``, ``identification.fit.fit``,
             ``transfer.identify.identify_transfer`` and ``elements.identify_elements``.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.identify("gimbal.toml")
+        >>> [estimate.name for estimate in found.parameters.estimates if estimate.standard_error]
+        ['speed_constant', 'time_constant']
     """
     told = description if isinstance(description, Description) else read_description(description)
     method = method_of(told)

@@ -19,14 +19,13 @@ from servo_models.core.bounds import is_outside
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model, simulate
 from servo_models.core.types import Array, Mask
-from servo_models.data.audit.outliers import outliers
 from servo_models.data.description import Description
-from servo_models.data.description.values import named
-from servo_models.data.recording import Channel, Log
-from servo_models.data.scaffold.guess import other_units
+from servo_models.data.log import Channel, Log
+from servo_models.data.outliers import outliers
+from servo_models.data.schema import named
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
-from servo_models.units import parse
+from servo_models.units import other_units, parse
 
 TIME = "time"
 UNLIKE = 0.5

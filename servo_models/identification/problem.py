@@ -17,7 +17,7 @@ from servo_models.core.plant import Parameter, Plant, unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.simulation import Run, prepared
 

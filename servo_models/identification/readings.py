@@ -17,7 +17,7 @@ from servo_models.analysis.experiment import display
 from servo_models.analysis.statistics import memory
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.result import Accuracy
 from servo_models.report.curves import DASHED, draw_frame, draw_legend, draw_responses
 from servo_models.report.numbers import Quantity

@@ -12,7 +12,7 @@ import numpy as np
 
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.optimise import Found
 from servo_models.identification.problem import Free, Problem

@@ -23,7 +23,7 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
 from servo_models.data.audit import Audit, Command, Floor, Sampling
 from servo_models.data.audit import Reading as Measured
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
 from servo_models.identification.identifiability import SHOWN, Group, Reach

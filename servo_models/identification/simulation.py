@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.simulate import Model, check_grid
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 
 FIRST_SAMPLES = 3

@@ -30,8 +30,8 @@ import numpy as np
 
 from servo_models.core.workers import Workers
 from servo_models.data.description import Description, read_description
+from servo_models.data.log import Log
 from servo_models.data.readers import read_columns
-from servo_models.data.recording import Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.fitting.evidence import dispersion

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.audit import NO_NOISE, Audit, audit, audits, noise_floors, noise_origins
-from servo_models.data.audit.sensor import (
+from servo_models.data.log import Log
+from servo_models.data.readers import read_columns
+from servo_models.data.reading_steps import NO_STEP, reading_step
+from servo_models.data.sensor import (
     clipped_share,
     difference_noise,
     spread_of_repeats,
     stale_share,
 )
-from servo_models.data.audit.steps import NO_STEP, reading_step
-from servo_models.data.readers import read_columns
-from servo_models.data.recording import Log
 from tests.support import logs
 
 PLANT = Plant((Wire("u", "V", "", low=-10.0, high=10.0),), (Wire("y", "rad", ""),), (), (), ("y",))

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.core.simulate import simulate
-from servo_models.data import description
-from servo_models.data.description import log
+from servo_models.data.description import DescriptionTable
 from servo_models.data.parameters import Estimate, ParameterSet, write_parameters
+from servo_models.data.signals import LogTable, Signal
 from tests.support.descriptions import DEGREE, HEAD, LOG, TABLE, complaint, describe, text_of
 from tests.support.own_actuators import WITH_A_FLAG, write
 
@@ -22,7 +22,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "description.md").read_text(encodin
 
 def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
     """Its example, on a log of 25 s whose reading is 2 ms early and whose command is inverted."""
-    example = PAGE.split("```toml\n")[1].split("```")[0]
+    example = PAGE.split("```toml\n")[2].split("```")[0]
     rows = [(20.0 * i, 25.0 + (i % 3), 0.1 * i) for i in range(1250)]
     found = describe(tmp_path, example, head="", data=text_of(rows, "t,u,angle"))
     assert found.free == ("torque_constant", "inductance")
@@ -39,7 +39,8 @@ def test_the_page_of_the_format_is_read(tmp_path: Path) -> None:
 
 def test_the_page_of_the_format_has_every_key() -> None:
     named = set(re.findall(r"`(\w+)[`.]", PAGE))
-    assert {*description.KEYS, *description.RECORDS, *log.KEYS, *log.SIGNAL_KEYS} <= named
+    for table in (DescriptionTable, LogTable, Signal):
+        assert {*table.__struct_encode_fields__} <= named
 
 
 def test_columns_become_signals_in_si(tmp_path: Path) -> None:

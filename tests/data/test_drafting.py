@@ -13,8 +13,7 @@ import scipy.io
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
-from servo_models.data.scaffold import draft
-from servo_models.data.scaffold.columns import heading
+from servo_models.data.scaffold import draft, heading
 from tests.conftest import Run
 from tests.support.noisy_motor import TIMES, VOLTAGE, described, frame, motor_log
 

@@ -8,7 +8,7 @@ import pytest
 
 from servo_models.core.simulate import simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.conditions import carried_over, conditions
 from servo_models.diagnosis.fitting.explanation import Bench

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description
-from servo_models.data.recording import Channel
-from servo_models.data.toml_file import Section
+from servo_models.data.log import Channel
+from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.diagnose import diagnose

@@ -11,9 +11,8 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.audit import audit, noise_floors
-from servo_models.data.audit.signals import REPEATS, RESIDUAL
-from servo_models.data.recording import Log
+from servo_models.data.audit import REPEATS, RESIDUAL, audit, noise_floors
+from servo_models.data.log import Log
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap

@@ -90,6 +90,7 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     assert found.evidence.rms < 1.2
 
 
+@pytest.mark.thorough
 def test_no_search_ends_on_the_edge_of_a_stair() -> None:
     """There the delay can only fall off, while the other parameters still make up for it."""
     nominal, step, count = model("sg90", "measured"), 1.2e-3, 700

@@ -113,6 +113,7 @@ def test_a_fit_from_the_size_of_a_hold_does_not_leave_it(second: str, period: fl
     assert found.evidence.rms == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("period", [1.7e-3, 2.43e-3, 3.11e-3])
 def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     """Its needle is narrower than the sizes that are looked at first are apart."""

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit

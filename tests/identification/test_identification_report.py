@@ -18,8 +18,8 @@ from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.log import Channel, Log
 from servo_models.data.parameters import read_parameters
-from servo_models.data.recording import Channel, Log
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import Outcome, identify
 from servo_models.identification.measured_response import Record, empirical
@@ -281,7 +281,7 @@ def test_an_identification_offers_what_every_result_does(outcome: Outcome, tmp_p
     errors = table["estimate [N.m/A] standard error"].to_list()
     assert errors == pytest.approx(found.standard_errors.tolist())
     document = json.loads(outcome.to_json())
-    assert document["parameters"]["torque_constant"]["value"] == found.values[0]
+    assert document["parameter_set"]["parameters"]["torque_constant"]["value"] == found.values[0]
     axes = Figure().subplots()
     assert outcome.plot(axes) is axes
     measured = next(line for line in axes.lines if line.get_label() == "measured")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from servo_models.core.simulate import model, simulate
-from servo_models.data.audit.outliers import outliers, outliers_of
 from servo_models.data.description import read_description
+from servo_models.data.outliers import outliers, outliers_of
 from servo_models.errors import UserError
 from servo_models.identification.identify import identify
 from servo_models.identification.plausibility import implausible, implausible_clocks

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
 from servo_models.identification.result import HELD_OUT, Identification

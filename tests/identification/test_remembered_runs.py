@@ -13,7 +13,7 @@ import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.simulation import prepared
 from tests.support.logs import changed, log_of
 

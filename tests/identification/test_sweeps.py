@@ -11,7 +11,7 @@ import pytest
 
 from servo_models import UserError, model, simulate
 from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
-from servo_models.data.toml_file import read_toml
+from servo_models.data.schema import read_toml
 from servo_models.identification.transfer import (
     Structure,
     Sweep,

@@ -12,7 +12,7 @@ from scipy.signal import cont2discrete
 
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from tests.support.logs import log_of
 
 STEP = 5e-4

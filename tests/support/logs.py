@@ -11,7 +11,7 @@ import numpy as np
 
 from servo_models.core.simulate import Model, simulate
 from servo_models.core.types import Array
-from servo_models.data.recording import Channel, Log
+from servo_models.data.log import Channel, Log
 
 
 def log_of(

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from servo_models.core.simulate import Model, model
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from tests.support.logs import measured
 
 STEP, NOISE = 1e-3, 2e-4

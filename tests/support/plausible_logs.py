@@ -13,12 +13,11 @@ from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description
-from servo_models.data.recording import Channel, Log
-from servo_models.data.scaffold.guess import CHOICES
-from servo_models.data.toml_file import Section
+from servo_models.data.log import Channel, Log
+from servo_models.data.schema import Section
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_parameter
-from servo_models.units import factor
+from servo_models.units import WRITTEN_IN, factor
 from tests.support.logs import log_of
 
 ROWS = 400
@@ -124,7 +123,7 @@ def mistakes(chosen: Model, log: Log) -> Iterator[Misread]:
     """Every way to mistake the unit of one column, to and fro."""
     for signal in (*log.inputs, *log.outputs):
         unit = chosen.plant.wire[signal].unit
-        for other in CHOICES.get(unit, ()):
+        for other in WRITTEN_IN.get(unit, ()):
             if other != unit:
                 yield Misread(signal, other, unit)
                 yield Misread(signal, unit, other)

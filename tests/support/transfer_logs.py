@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from servo_models import model
 from servo_models.actuators.torque_motor.variants import EQ_12, EQ_12_DELAY
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.identification.transfer import (
     TransferFunction,
 )

@@ -366,6 +366,7 @@ def subjects(fmu_file: Callable[[str], Path]) -> Iterator[Callable[[str], Subjec
         yield found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "owner"), every_effect())
 def test_every_effect_of_the_catalogue_agrees(
     name: str, owner: str, subjects: Callable[[str], Subject]

@@ -56,6 +56,7 @@ def untimed(value: Any) -> Any:
     return [untimed(v) for v in value] if isinstance(value, list) else value
 
 
+@pytest.mark.thorough
 def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
     Draft202012Validator.check_schema(SCHEMA)
     found = result(finished)
@@ -67,6 +68,7 @@ def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
     assert [it["said"]["why"] for it in found["cases"]] == [""] * CASES
 
 
+@pytest.mark.thorough
 def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
     """The true effects at their true sizes leave less than what the product knows without them,
     though the laws of the generator are its own."""
@@ -77,6 +79,7 @@ def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
         assert it["truth"] < 1.0
 
 
+@pytest.mark.thorough
 def test_the_oracle_reads_noise_free_logs_that_stand_still(copy: Path) -> None:
     """A coarse quantiser's reading may not move at all: what a user's log may not do."""
     said = Said(**json.loads((copy / "results.jsonl").read_text().splitlines()[0]))
@@ -97,12 +100,14 @@ def test_the_oracle_reads_noise_free_logs_that_stand_still(copy: Path) -> None:
     assert all(np.ptp([*log.outputs.values()][-1]) == 0.0 for log in still.logs)
 
 
+@pytest.mark.thorough
 def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) -> None:
     case = result(finished)["cases"][-1]["said"]
     alone = shutil.copytree(finished / "cases" / case["case"], tmp_path / case["case"])
     assert untimed(diagnose_case(alone)) == untimed(case)
 
 
+@pytest.mark.thorough
 def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     before = result(copy)
     lines = (copy / "results.jsonl").read_bytes().splitlines(keepends=True)
@@ -114,6 +119,7 @@ def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     assert (copy / "results.jsonl").read_bytes().startswith(b"".join(lines[:-1]))
 
 
+@pytest.mark.thorough
 def test_the_seal_is_printed_and_is_of_the_answers(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +148,7 @@ def test_the_seal_is_announced_before_anything_is_diagnosed(tmp_path: Path) -> N
     assert told == [("of the answers", False), ("diagnosing 0", False), ("diagnosing 1", True)]
 
 
+@pytest.mark.thorough
 def test_changed_answers_are_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = copy / "answers.json"
     path.write_bytes(path.read_bytes().replace(b'"kind": "one"', b'"kind": "two"', 1))
@@ -150,6 +157,7 @@ def test_changed_answers_are_refused(copy: Path, capsys: pytest.CaptureFixture[s
     assert not (copy / "new.json").exists()
 
 
+@pytest.mark.thorough
 def test_another_check_in_the_same_folder_is_refused(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -159,6 +167,7 @@ def test_another_check_in_the_same_folder_is_refused(
     assert len(said.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_what_other_code_began_is_not_gone_on_with(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -170,6 +179,7 @@ def test_what_other_code_began_is_not_gone_on_with(
     assert not (copy / "new.json").exists()
 
 
+@pytest.mark.thorough
 def test_a_case_whose_diagnosis_failed_shows_in_the_exit_code(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

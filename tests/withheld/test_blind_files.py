@@ -64,6 +64,7 @@ def simulated(description: Description, name: str, parameters: dict[str, float])
     return np.concatenate(parts)
 
 
+@pytest.mark.thorough
 def test_logs_are_what_the_answers_say(folder: tuple[Path, str]) -> None:
     """Noise floor and gap from the written files; without the cause, by the product."""
     kinds = set()

@@ -14,7 +14,7 @@ from servo_models.analysis.explain import display_unit, in_display_unit
 from servo_models.analysis.isolability import cause, experiment
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.data.tables import write_signals
 from servo_models.diagnosis.experiments.experiment_search import Stage
 from servo_models.diagnosis.fitting.explanation import Explanation

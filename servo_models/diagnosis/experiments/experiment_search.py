@@ -17,7 +17,7 @@ import numpy as np
 
 from servo_models.core.plant import Wire
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Command, grid
 from servo_models.diagnosis.experiments.refit import left_after_refit
 from servo_models.diagnosis.fitting.evidence import dispersion

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 
 LEAST = 3

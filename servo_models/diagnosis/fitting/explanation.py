@@ -15,7 +15,7 @@ import numpy as np
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
 from servo_models.diagnosis.fitting.stepwise import (

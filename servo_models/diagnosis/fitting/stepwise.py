@@ -9,7 +9,7 @@ import numpy as np
 
 from servo_models.core.block import Block, DeadTime
 from servo_models.core.types import Array
-from servo_models.data.recording import ROUNDING
+from servo_models.data.log import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Problem
 

@@ -30,8 +30,8 @@ import numpy as np
 from cachetools import LRUCache, cached
 
 from servo_models.core.types import Array
-from servo_models.data.audit.steps import reading_step
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
+from servo_models.data.reading_steps import reading_step
 from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.fitting.evidence import Evidence
 from servo_models.identification.problem import Problem

@@ -14,7 +14,7 @@ from math import log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.candidates import Candidate, candidates
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.view import view

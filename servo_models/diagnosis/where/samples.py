@@ -12,7 +12,7 @@ import numpy as np
 
 from servo_models.core.plant import Wire
 from servo_models.core.types import Array
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.where.breakdown import Rows
 from servo_models.identification.problem import Problem

@@ -11,7 +11,7 @@ from typing import Any
 from servo_models.core.plant import check_bounds
 from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
-from servo_models.data.toml_file import Section
+from servo_models.data.schema import Section
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import Estimate, exactly
 from servo_models.identification.elements.lines import line_with_flats, straight_line

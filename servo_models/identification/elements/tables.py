@@ -32,19 +32,22 @@ Each may be left out: the actuator's variant, with ``[parameters]`` on top, has 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, cast
 
 import numpy as np
+from msgspec import Meta, defstruct, field
 
 from servo_models.core.plant import Wire
 from servo_models.core.types import Array
-from servo_models.data.description.log import check_size, in_si, map_signal
-from servo_models.data.description.values import quantity
 from servo_models.data.readers import read_columns
-from servo_models.data.toml_file import Section
+from servo_models.data.schema import Column, Section, Share
+from servo_models.data.schema import Table as TomlTable
+from servo_models.data.signals import Signal, check_size, in_si, map_signal
 from servo_models.errors import UserError
 
 ANGLE = Wire("angle", "rad", "angle of the potentiometer")
@@ -86,6 +89,33 @@ class Table:
         return self.columns.get(name)
 
 
+class ElementTable(TomlTable):
+    """The table of an element; it has a key for each column besides.
+
+    Written as::
+
+        file = "table.csv"
+        table = "sheet"
+        header = true
+    """
+
+    file: str
+    table: str = ""
+    header: bool | None = None
+
+
+def _schema(wanted: Iterable[Wire], optional: Iterable[Wire]) -> type[ElementTable]:
+    """The schema of an element with these columns."""
+    columns: list[Any] = [(wire.name, Column | Signal) for wire in wanted]
+    columns += [(wire.name, Column | Signal | None, None) for wire in optional]
+    lines = [f'{name} = {{ column = "...", unit = "..." }}' for name, *_ in columns]
+    doc = "\n".join([str(ElementTable.__doc__), *lines])
+    kind = defstruct(
+        "Element", columns, bases=(ElementTable,), kw_only=True, namespace={"__doc__": doc}
+    )
+    return cast(type[ElementTable], kind)
+
+
 def read_table(
     entry: Section, wanted: Sequence[Wire], optional: Sequence[Wire] = (), rows: int = LEAST_ROWS
 ) -> Table:
@@ -102,15 +132,9 @@ def read_table(
             does not convert, too few rows, a column that is constant.  It names the file,
             and the key or row and column.
     """
-    entry.check_keys(("file", "table", "header", *(wire.name for wire in (*wanted, *optional))))
-    for key in ("file", *(wire.name for wire in wanted)):
-        if key not in entry:
-            entry.fail(key, "missing; name the file and the columns of the table")
-    header = entry.content.get("header")
-    if header is not None and not isinstance(header, bool):
-        entry.fail("header", "neither true nor false")
-    path = entry.file.parent / entry.text("file")
-    found = read_columns(path, entry.text("table") or None, header)
+    table = entry.read(_schema(wanted, optional))
+    path = entry.file.parent / table.file
+    found = read_columns(path, table.table or None, table.header)
     columns: dict[str, Array] = {}
     for wire in (*wanted, *(wire for wire in optional if wire.name in entry)):
         mapped = map_signal(entry, wire.name, wire, None)
@@ -133,37 +157,48 @@ def read_table(
     return Table(path, found.sha256, f"'{path}', columns {' and '.join(columns)}", columns)
 
 
+Teeth = Annotated[int, Meta(gt=0)]
+Coefficient = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+
+
+class GearTable(TomlTable):
+    """``[elements.gears]``, driving and driven gear of each stage.
+
+    Written as::
+
+        teeth = [[8, 48], [8, 32]]
+    """
+
+    teeth: Annotated[list[tuple[Teeth, Teeth]], Meta(min_length=1)]
+
+
 def gear_ratio(entry: Section) -> float:
     """Return the ratio of a gearbox from the teeth of its stages.
 
     Raises:
         UserError: no pairs of whole numbers above 0.
     """
-    entry.check_keys(("teeth",))
-    teeth = entry.content.get("teeth")
-    pairs: list[Any] = teeth if isinstance(teeth, list) and teeth else [None]
-    ratio = 1.0
-    for pair in pairs:
-        whole = isinstance(pair, list) and [type(z) is int and z > 0 for z in pair]
-        if whole != [True, True]:
-            entry.fail("teeth", "no pairs of whole numbers; write teeth = [[8, 48], [8, 32]]")
-        ratio *= pair[1] / pair[0]
-    return ratio
+    return math.prod(driven / driving for driving, driven in entry.read(GearTable).teeth)
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What the closed loop shall be.
+class Wish(TomlTable):
+    """What the closed loop shall be, ``[elements.synthesis]``.
 
-    Attributes:
-        band: share of the step within which it counts as settled.
-        overshoot: share of the step at most.
-        k_f: feedback coefficients to be told of.
+    Written as::
+
+        band = "5 %"                    # share of the step within which it counts as settled
+        overshoot = "5 %"               # share of the step at most
+        k_f = [0.05, 0.1, 0.18]         # further feedback coefficients to evaluate
     """
 
-    band: float = 0.05
-    overshoot: float = 0.05
-    k_f: tuple[float, ...] = ()
+    band: Share = Share(0.05)
+    overshoot: Share = Share(0.05)
+    coefficients: list[Coefficient] | Coefficient = field(name="k_f", default=[])
+
+    @property
+    def k_f(self) -> tuple[float, ...]:
+        given = self.coefficients
+        return tuple(given) if isinstance(given, list) else (given,)
 
 
 def read_wish(entry: Section) -> Wish:
@@ -172,13 +207,8 @@ def read_wish(entry: Section) -> Wish:
     Raises:
         UserError: shares that are not above 0 and below 1, or K_f that are not above 0.
     """
-    entry.check_keys(("band", "overshoot", "k_f"))
-    shares = {key: quantity(entry, key, "1") for key in ("band", "overshoot") if key in entry}
-    for key, share in shares.items():
+    wish = entry.read(Wish)
+    for key, share in (("band", wish.band), ("overshoot", wish.overshoot)):
         if not 0.0 < share < 1.0:
             entry.fail(key, f'{share:g} is not between 0 and 1; give a share of the step, "5 %"')
-    given = entry.content.get("k_f", [])
-    numbers = given if isinstance(given, list) else [given]
-    if not all(type(k_f) in (int, float) and 0.0 < k_f < float("inf") for k_f in numbers):
-        entry.fail("k_f", "no list of numbers above 0; write k_f = [0.1, 0.2]")
-    return Wish(**shares, k_f=tuple(map(float, numbers)))
+    return wish

@@ -20,7 +20,7 @@ from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Mask
 from servo_models.core.workers import Workers
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.identifiability import responses
 from servo_models.identification.identifiability.evidence import EXPLAINED, Evidence

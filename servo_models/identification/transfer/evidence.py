@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array, Complex, Mask
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.transfer.functions import TransferFunction
 

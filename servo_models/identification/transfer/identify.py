@@ -17,7 +17,7 @@ from servo_models.actuators.torque_motor.grey_box import (
 )
 from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.transfer.choose import (
     Candidate,

@@ -12,39 +12,85 @@ import numpy as np
 from servo_models.analysis.sine_test import fundamental, hold
 from servo_models.core.plant import Plant, unknown
 from servo_models.core.types import Array
-from servo_models.data.description.clock import column_key
+from servo_models.data.log import Log
 from servo_models.data.readers import Columns, read_columns
-from servo_models.data.recording import Log
-from servo_models.data.toml_file import Section
+from servo_models.data.schema import Column, Number, Section, Table
 from servo_models.errors import UserError
 from servo_models.identification.transfer.evidence import Sweep, check_signals
 from servo_models.units import exponents, factor, parse
 
-KEYS = ("file", "frequency", "gain", "phase", "input", "output", "table", "held_out")
-RAW_KEYS = ("logs", "input", "output")
 LEAST_POINTS = 4
 LEAST_SPREAD = 1e-4
 """Relative error that a point has at least, so that no noise-free one outweighs all others."""
 
 
+class Frequency(Table):
+    """The column of the frequencies."""
+
+    column: Column
+    unit: str = "Hz"
+
+
+class Gain(Table):
+    """The column of the gains; ``unit`` is SI where it is left out."""
+
+    column: Column
+    unit: str = ""
+    reference: str = "1"
+
+
+class Phase(Table):
+    """The column of the phases; ``sign`` is -1 for lags."""
+
+    column: Column
+    unit: str = "rad"
+    sign: Number = 1.0
+
+
+class SweepTable(Table):
+    """A ``[[sweeps]]`` of gain and phase.
+
+    Written as::
+
+        file = "sweep.csv"
+        table = "sweep"
+        input = "voltage"
+        output = "angle"
+        frequency = { column = "f", unit = "Hz" }
+        gain = { column = "gain", unit = "dB", reference = "1 deg/V" }
+        phase = { column = "phase", unit = "deg", sign = -1 }
+        held_out = false
+    """
+
+    file: str
+    input: str
+    output: str
+    frequency: Frequency
+    gain: Gain
+    phase: Phase
+    table: str = ""
+    held_out: bool = False
+
+
+class RawSweep(Table):
+    """A ``[[sweeps]]`` of raw records of one sine each, by their names.
+
+    Written as::
+
+        logs = ["10 Hz", "20 Hz", "50 Hz", "100 Hz"]
+        input = "voltage"
+        output = "angle"
+    """
+
+    logs: list[str]
+    input: str
+    output: str
+
+
 def read_sweeps(
     document: Section, base: Path, plant: Plant, logs: Sequence[Log] = ()
 ) -> tuple[Sweep, ...]:
-    """Read the frequency responses of a description::
-
-        [[sweeps]]
-        file = "sweep.csv"                # relative to ``base``
-        input = "voltage"
-        output = "angle"
-        frequency = { column = "f", unit = "Hz" }      # or rad/s
-        gain = { column = "gain", unit = "deg/V" }     # or dB with reference = "1 deg/V"
-        phase = { column = "phase", unit = "deg" }     # of the output; sign = -1 for lags
-        held_out = false
-
-        [[sweeps]]
-        logs = ["10 Hz", "20 Hz"]         # raw records, of one sine each, by their names
-        input = "voltage"
-        output = "angle"
+    """Read the frequency responses of a description, its ``[[sweeps]]``.
 
     Args:
         document: the whole description.
@@ -66,93 +112,81 @@ def read_sweeps(
 
 def raw_records(document: Section) -> frozenset[str]:
     """Return the names of the logs that are records of a sweep, not of their own."""
-    sweeps = document.sections("sweeps")
-    return frozenset(name for entry in sweeps for name in entry.texts("logs"))
+    tables = (_table(entry) for entry in document.sections("sweeps"))
+    raw = (table for table in tables if isinstance(table, RawSweep))
+    return frozenset(name for table in raw for name in table.logs)
 
 
-def _read(entry: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sweep:
-    raw = "logs" in entry
-    entry.check_keys(RAW_KEYS if raw else KEYS)
-    for key in RAW_KEYS if raw else KEYS[:6]:
-        if key not in entry:
-            entry.fail(key, "missing; a sweep needs file, input, output, frequency, gain, phase")
+def _read(section: Section, base: Path, plant: Plant, logs: Sequence[Log]) -> Sweep:
+    entry = _table(section)
     inputs = {wire.name: wire for wire in plant.inputs}
     outputs = {name: plant.wire[name] for name in plant.outputs}
-    source, output = entry.text("input"), entry.text("output")
-    if source not in inputs:
-        entry.fail("input", unknown("input", source, inputs))
-    if output not in outputs:
-        entry.fail("output", unknown("output", output, outputs))
-    if raw:
-        return sweep_of_sines(_named(entry, logs), source, output)
-    held_out = entry.content.get("held_out", False)
-    if not isinstance(held_out, bool):
-        entry.fail("held_out", "neither true nor false")
-    columns = read_columns(base / entry.text("file"), entry.text("table") or None)
-    frequencies = _frequencies(entry.section("frequency"), columns)
+    if entry.input not in inputs:
+        section.fail("input", unknown("input", entry.input, inputs))
+    if entry.output not in outputs:
+        section.fail("output", unknown("output", entry.output, outputs))
+    if isinstance(entry, RawSweep):
+        return sweep_of_sines(_named(section, entry.logs, logs), entry.input, entry.output)
+    columns = read_columns(base / entry.file, entry.table or None)
+    frequencies = _frequencies(section, entry.frequency, columns)
     if len(frequencies) < LEAST_POINTS:
-        entry.fail("file", f"{len(frequencies)} points: a sweep needs {LEAST_POINTS} at least")
-    gain = _gain(
-        entry.section("gain"), columns, f"({outputs[output].unit})/({inputs[source].unit})"
-    )
-    phase = _phase(entry.section("phase"), columns)
+        section.fail("file", f"{len(frequencies)} points: a sweep needs {LEAST_POINTS} at least")
+    unit = f"({outputs[entry.output].unit})/({inputs[entry.input].unit})"
+    gain = _gain(section, entry.gain, columns, unit)
+    phase = _phase(section, entry.phase, columns)
     return Sweep(
-        name=entry.text("file"),
-        source=source,
-        output=output,
+        name=entry.file,
+        source=entry.input,
+        output=entry.output,
         frequencies=frequencies,
         response=gain * np.exp(1j * phase),
         spread=np.ones(len(frequencies)),
-        held_out=np.full(len(frequencies), held_out),
+        held_out=np.full(len(frequencies), entry.held_out),
     )
 
 
-def _named(entry: Section, logs: Sequence[Log]) -> list[Log]:
+def _table(section: Section) -> SweepTable | RawSweep:
+    return section.read(RawSweep) if "logs" in section else section.read(SweepTable)
+
+
+def _named(section: Section, names: Sequence[str], logs: Sequence[Log]) -> list[Log]:
     known = {log.name: log for log in logs}
-    for name in entry.texts("logs"):
+    for name in names:
         if name not in known:
-            entry.fail("logs", unknown("log", name, known))
-    found = [known[name] for name in entry.texts("logs")]
-    if len(found) < LEAST_POINTS:
-        entry.fail("logs", f"{len(found)} records: a sweep needs {LEAST_POINTS} at least")
-    return found
+            section.fail("logs", unknown("log", name, known))
+    if len(names) < LEAST_POINTS:
+        section.fail("logs", f"{len(names)} records: a sweep needs {LEAST_POINTS} at least")
+    return [known[name] for name in names]
 
 
-def _frequencies(section: Section, columns: Columns) -> Array:
+def _frequencies(section: Section, given: Frequency, columns: Columns) -> Array:
     """[rad/s]."""
-    section.check_keys(("column", "unit"))
-    column, unit = column_key(section), section.text("unit", "Hz")
     try:
-        angular = "rad" in exponents(unit)[1]
-        scale = factor(unit, "rad/s") if angular else 2.0 * math.pi * factor(unit, "Hz")
+        angular = "rad" in exponents(given.unit)[1]
+        scale = factor(given.unit, "rad/s") if angular else 2.0 * math.pi * factor(given.unit, "Hz")
     except UserError as error:
-        section.fail("unit", error)
-    return scale * _positive(columns, column, columns.numbers(column))
+        section.fail("frequency.unit", error)
+    return scale * _positive(columns, given.column, columns.numbers(given.column))
 
 
-def _gain(section: Section, columns: Columns, unit: str) -> Array:
+def _gain(section: Section, given: Gain, columns: Columns, unit: str) -> Array:
     """SI output per SI input."""
-    section.check_keys(("column", "unit", "reference"))
-    column, given = column_key(section), section.text("unit", unit)
-    values = columns.numbers(column)
+    values = columns.numbers(given.column)
     try:
-        if given == "dB":
-            return np.asarray(parse(section.text("reference", "1"), unit) * 10.0 ** (values / 20.0))
-        return _positive(columns, column, factor(given, unit) * values)
+        if given.unit == "dB":
+            return np.asarray(parse(given.reference, unit) * 10.0 ** (values / 20.0))
+        return _positive(columns, given.column, factor(given.unit or unit, unit) * values)
     except UserError as error:
-        section.fail("unit", error)
+        section.fail("gain.unit", error)
 
 
-def _phase(section: Section, columns: Columns) -> Array:
+def _phase(section: Section, given: Phase, columns: Columns) -> Array:
     """[rad], lag negative."""
-    section.check_keys(("column", "unit", "sign"))
-    column = column_key(section)
-    sign = section.number("sign") if "sign" in section else 1.0
     try:
-        scale = factor(section.text("unit", "rad"), "rad")
+        scale = factor(given.unit, "rad")
     except UserError as error:
-        section.fail("unit", error)
-    return sign * scale * columns.numbers(column)
+        section.fail("phase.unit", error)
+    return given.sign * scale * columns.numbers(given.column)
 
 
 def _positive(columns: Columns, column: str | int, values: Array) -> Array:

@@ -1,6 +1,6 @@
 """A measured log in SI, ready to be compared with a simulation.
 
-Readers of files (``logs/``) and log descriptions (``description/``) make it;
+Readers of files (``readers/``) and log descriptions (``description.py``) make it;
 the audit, the identification and the diagnosis only know this.
 """
 

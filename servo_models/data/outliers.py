@@ -8,8 +8,8 @@ import numpy as np
 
 from servo_models.core.plant import Wire
 from servo_models.core.types import Array, Mask
-from servo_models.data.audit.steps import reading_step
-from servo_models.data.recording import Log
+from servo_models.data.log import Log
+from servo_models.data.reading_steps import reading_step
 from servo_models.units import factor
 
 WINDOW = 5

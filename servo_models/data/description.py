@@ -6,37 +6,63 @@ A description is a TOML file beside the logs; ``docs/description.md`` shows ever
 from __future__ import annotations
 
 import functools
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.own_actuator import check_trust, is_file
 from servo_models.core.plant import Actuator, unknown
 from servo_models.core.simulate import Model, model
-from servo_models.data.description.log import read_log
-from servo_models.data.description.values import named, quantity, setting
-from servo_models.data.parameters import ParameterSet, read_parameters
-from servo_models.data.readers import read_columns
-from servo_models.data.recording import Log
-from servo_models.data.toml_file import Section, read_toml
-from servo_models.errors import UserError, did_you_mean
-
-KEYS = (
-    "actuator",
-    "variant",
-    "params",
-    "free",
-    "method",
-    "parameters",
-    "uncertainty",
-    "bounds",
-    "logs",
+from servo_models.data.log import Log
+from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
+from servo_models.data.readers import Columns, read_columns
+from servo_models.data.schema import (
+    Quantity,
+    Section,
+    Table,
+    named,
+    quantity,
+    read_toml,
+    setting,
 )
-RECORDS = ("sweeps", "elements")
-"""Records other than logs, which those who use them read from ``Description.document``."""
-SIMULATION, TRANSFER_FUNCTION, ELEMENTS = METHODS = ("simulation", "transfer_function", "elements")
+from servo_models.data.signals import read_log
+from servo_models.errors import UserError
+
+SIMULATION, TRANSFER_FUNCTION, ELEMENTS = "simulation", "transfer_function", "elements"
 """Ways of an identification."""
+
+
+class DescriptionTable(Table):
+    """A description; who uses ``sweeps`` and ``elements`` reads them from its document.
+
+    Written as::
+
+        actuator = "torque_motor"
+        variant = "measured"
+        params = "identified.toml"
+        free = ["torque_constant", "inductance"]
+        method = "simulation"
+        parameters = { resistance = "3650 Ohm" }
+        uncertainty = { torque_constant = "25 %" }
+        bounds = { inductance = ["25 H", "40 H"] }
+        [[logs]]
+        [[sweeps]]
+        [elements]
+    """
+
+    actuator: str | None = None
+    variant: str | None = None
+    params: str | None = None
+    free: list[str] = []
+    method: Literal["simulation", "transfer_function", "elements"] | None = None
+    parameters: dict[str, Any] = {}
+    uncertainty: dict[str, Any] = {}
+    bounds: dict[str, Any] = {}
+    logs: list[dict[str, Any]] = []
+    sweeps: list[dict[str, Any]] = []
+    elements: dict[str, Any] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +109,33 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
             that does not convert; a value out of bounds; a log that cannot be read or used,
             see ``description.log.read_log``.  It names the file, and the key or row and column.
+
+    Example:
+        >>> import servo_models as sm
+        >>> description = sm.read_description("gimbal.toml")
+        >>> description.logs[0].outputs["reading"].shape  # rad
+        (400,)
     """
     document = read_toml(Path(path))
-    document.check_keys((*KEYS, *RECORDS))
-    document.sections("sweeps")  # of a wrong type they are refused even where nobody uses them
-    document.section("elements")
-    method = _method(document)
-    chosen, parameters = _model(document, trust)
+    table = document.read(DescriptionTable)
+    chosen, parameters = _model(document, table, trust)
+    return described(document, chosen, parameters)
+
+
+def described(
+    document: Section,
+    chosen: Model,
+    parameters: Mapping[str, float],
+    tables: Mapping[str, Columns] | None = None,
+) -> Description:
+    """Return what a document says beside its nominal model, which has these overrides [SI].
+
+    ``tables`` are in memory, by the name that the document has as their file.
+
+    Raises:
+        UserError: see ``read_description``.
+    """
+    table = document.read(DescriptionTable)
     uncertainty = _uncertainty(document.section("uncertainty"), chosen)
     return Description(
         path=document.file,
@@ -97,19 +143,21 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         model=chosen,
         parameters=parameters,
         uncertainty=uncertainty,
-        logs=_logs(document, chosen),
-        free=_free(document, chosen),
-        method=method,
+        logs=_logs(document, chosen, tables or {}),
+        free=_free(document, table.free, chosen),
+        method=table.method,
         bounds=_bounds(document.section("bounds"), chosen, uncertainty),
     )
 
 
-def _model(document: Section, trust: bool) -> tuple[Model, dict[str, float]]:
+def _model(
+    document: Section, table: DescriptionTable, trust: bool
+) -> tuple[Model, dict[str, float]]:
     """The nominal model, and the overrides that made it of its variant."""
-    known = _known_before(document, trust)
-    actuator = _actuator(document, known, trust)
+    known = None if table.params is None else _known_before(document, table.params, trust)
+    actuator = _actuator(document, table.actuator, known, trust)
     own = known.variant if known else actuator.default_variant
-    given = document.text("variant", own)
+    given = own if table.variant is None else table.variant
     if known and (actuator.key, given) != (known.actuator, own):
         document.fail(
             "params",
@@ -128,12 +176,10 @@ def _model(document: Section, trust: bool) -> tuple[Model, dict[str, float]]:
     return model(actuator, variant, overrides), overrides
 
 
-def _known_before(document: Section, trust: bool) -> ParameterSet | None:
-    if "params" not in document:
-        return None
-    path = document.file.parent / document.text("params")
+def _known_before(document: Section, params: str, trust: bool) -> ParameterSet:
+    path = document.file.parent / params
     try:
-        actuator = read_toml(path).text("actuator")
+        actuator = read_toml(path).read(ParameterFile).actuator
         if is_file(actuator):
             check_trust(path.parent / actuator, document.file, trust)
         return read_parameters(path, trust)
@@ -141,13 +187,15 @@ def _known_before(document: Section, trust: bool) -> ParameterSet | None:
         document.fail("params", error)
 
 
-def _actuator(document: Section, known: ParameterSet | None, trust: bool) -> Actuator:
-    if known and "actuator" not in document:
+def _actuator(
+    document: Section, name: str | None, known: ParameterSet | None, trust: bool
+) -> Actuator:
+    if known and name is None:
         return find_actuator(known.actuator)
-    if "actuator" not in document:
+    if name is None:
         document.fail("actuator", "missing; name the actuator that made the logs")
     try:
-        return find_actuator(document.text("actuator"), document.file, trust)
+        return find_actuator(name, document.file, trust)
     except UserError as error:
         document.fail("actuator", error)
 
@@ -187,9 +235,9 @@ def _bounds(
     known = chosen.plant.parameters
     section, found = named(given, "parameter", known), {}
     for name in section:
-        pair = section.content[name]
-        if not isinstance(pair, list) or len(pair) != 2:
-            section.fail(name, 'no pair; write a least and a largest value, ["1 V", "2 V"]')
+        unit = known[name].param.unit
+        example = f'{name} = ["1 {unit}", "2 {unit}"]'
+        pair = section.at(name).read(tuple[Quantity, Quantity], example)
         ends = [Section(section.file, section.name, {name: end}) for end in pair]
         low, high = (setting(end, name, known[name]) for end in ends)
         if not low < high:
@@ -197,7 +245,6 @@ def _bounds(
         value = chosen.values[name]
         off = known[name].param.switch and not value and name not in uncertain
         if not (off or low <= value <= high):
-            unit = known[name].param.unit
             section.fail(
                 name, f"the nominal value, {value:g} {unit}, lies outside these; give wider ones"
             )
@@ -205,29 +252,22 @@ def _bounds(
     return found
 
 
-def _method(document: Section) -> str | None:
-    given = document.text("method")
-    if given and given not in METHODS:
-        document.fail("method", f"'{given}' is unknown; {did_you_mean(given, METHODS)}")
-    return given or None
-
-
-def _free(document: Section, chosen: Model) -> tuple[str, ...]:
+def _free(document: Section, free: Sequence[str], chosen: Model) -> tuple[str, ...]:
     known = {**chosen.plant.parameters, **chosen.plant.placements}
-    for name in document.texts("free"):
+    for name in free:
         if name not in known:
             document.fail("free", unknown("parameter or effect", name, known))
-    return document.texts("free")
+    return tuple(free)
 
 
-def _logs(document: Section, chosen: Model) -> tuple[Log, ...]:
+def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tuple[Log, ...]:
     entries = document.sections("logs")
-    if not entries and not any(key in document for key in RECORDS):
+    if not entries and "sweeps" not in document and "elements" not in document:
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read = functools.cache(read_columns)
     logs: list[Log] = []
     for entry in entries:
-        log = read_log(entry, chosen, read)
+        log = read_log(entry, chosen, read, tables)
         if log.name in (other.name for other in logs):
             entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
         logs.append(log)

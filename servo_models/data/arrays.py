@@ -1,0 +1,143 @@
+"""A description of tables in memory: what a TOML file says, said in Python."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servo_models.core.plant import TIME_AXIS, unknown
+from servo_models.core.simulate import Model, model
+from servo_models.data.description import Description, described
+from servo_models.data.readers import Columns
+from servo_models.data.schema import Section
+from servo_models.errors import UserError
+
+Column = str | int | tuple[str | int, str] | Mapping[str, Any]
+"""A header in SI, or a header and its unit, or all keys of a signal in ``docs/description.md``."""
+
+WHERE = Path("describe")
+"""Stands in messages where those about a file name it."""
+
+
+def describe(
+    actuator: str | Model,
+    logs: Mapping[str, Any],
+    columns: Mapping[str, Column],
+    *,
+    each: Mapping[str, Mapping[str, Any]] | None = None,
+    uncertainty: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, Sequence[float | str]] | None = None,
+    free: Sequence[str] = (),
+    method: str | None = None,
+) -> Description:
+    """Describe logs that are in memory, for ``check``, ``identify`` and ``diagnose``.
+
+    Args:
+        actuator: its name, for the default variant, or a model from ``model``.
+        logs: by name, each a polars or pandas DataFrame or a mapping of arrays of shape (n,).
+            Errors count its rows from 0.
+        columns: of every log, by ``"time"`` and the names of inputs and outputs: a header, in SI;
+            a header with its unit; or a mapping with the keys of a signal in a TOML file, such
+            as ``{"column": "u", "unit": "V", "sign": -1}``.
+        each: further keys of single logs, by the log's name, as ``[[logs]]`` has them:
+            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``.
+        uncertainty: standard deviations by parameter, a share ``"10 %"`` or a size.
+        bounds: least and largest value by parameter.
+        free: parameters or effects that ``identify`` estimates.
+        method: of ``identify``, ``"simulation"`` or ``"transfer_function"``.
+
+    Raises:
+        UserError: an unknown signal, parameter or key; a column that is missing, not of numbers
+            or of another length; a unit that does not convert; see ``read_description``.
+
+    Example:
+        >>> import numpy as np
+        >>> import servo_models as sm
+        >>> times = np.arange(0.0, 1.0, 0.01)
+        >>> log = {"t": 1e3 * times, "u": np.where(times < 0.1, 0.0, 20.0), "deg": 5.0 * times}
+        >>> description = sm.describe(
+        ...     sm.model("torque_motor", "measured"),
+        ...     logs={"step": log},
+        ...     columns={"time": ("t", "ms"), "voltage": "u", "angle": ("deg", "deg")},
+        ...     uncertainty={"torque_constant": "10 %"},
+        ... )
+        >>> round(float(description.logs[0].outputs["angle"].max()), 3)  # rad
+        0.086
+    """
+    chosen = model(actuator) if isinstance(actuator, str) else actuator
+    own = chosen.actuator.values(chosen.variant)
+    changed = {name: value for name, value in chosen.values.items() if value != own[name]}
+    further = each or {}
+    for name in further:
+        if name not in logs:
+            raise UserError(unknown("log", name, logs, "each"))
+    signals = _signals(chosen, columns)
+    entries = [{**further.get(name, {}), **signals, "name": name, "file": name} for name in logs]
+    content = {
+        "uncertainty": uncertainty or {},
+        "bounds": bounds or {},
+        "free": free,
+        "method": method,
+        "logs": entries,
+    }
+    tables = {name: _read(name, table) for name, table in logs.items()}
+    return described(Section(WHERE, "", _plain(content)), chosen, changed, tables)
+
+
+def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:
+    """The same columns as the keys ``time``, ``inputs`` and ``outputs`` of a ``[[logs]]``."""
+    plant = chosen.plant
+    inputs, outputs = {wire.name for wire in plant.inputs}, set(plant.outputs)
+    keys: dict[str, Any] = {"inputs": {}, "outputs": {}}
+    for name, given in columns.items():
+        column = given
+        if isinstance(given, tuple):
+            if len(given) != 2:
+                raise UserError(f"columns, '{name}': give a header and a unit, ('u', 'V')")
+            column = {"column": given[0], "unit": given[1]}
+        if name == TIME_AXIS:
+            keys["time"] = column
+        elif name in inputs | outputs:
+            keys["inputs" if name in inputs else "outputs"][name] = column
+        else:
+            known = dict.fromkeys([TIME_AXIS, *sorted(inputs), *plant.outputs])
+            raise UserError(unknown("signal", name, known, "columns"))
+    return keys
+
+
+def _read(name: str, table: Any) -> Columns:
+    """A table in memory as if it had been read from a file of this name."""
+    import polars as pl
+
+    headers = list(getattr(table, "columns", table))
+    cells: list[pl.Series] = []
+    for header in headers:
+        values = table[header]
+        if not isinstance(values, pl.Series):
+            array = np.asarray(values)
+            if array.ndim != 1:
+                raise UserError(
+                    f"log '{name}', column '{header}' has shape {array.shape}: give one of"
+                    " shape (n,)"
+                )
+            values = pl.Series(array)
+        cells.append(values.alias(str(header)))
+    if not any(map(len, cells)):
+        raise UserError(f"log '{name}' has no rows: give a table with some")
+    digest = hashlib.sha256()
+    for column in cells:
+        digest.update(f"{column.name} {column.dtype} {column.to_list()}".encode())
+    return Columns(Path(name), tuple(cells), first_row=0, sha256=digest.hexdigest())
+
+
+def _plain(value: Any) -> Any:
+    """A value as TOML would have it: lists for tuples, Python's numbers for those of numpy."""
+    if isinstance(value, Mapping):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,429 @@
+"""Audit a measured log before any model sees it: sampling, readings, commands, noise floor.
+
+Everything here is read off the log alone; what it can determine about a model is told by
+``identifiability``.  All figures are SI.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servo_models.core.plant import Plant, Wire
+from servo_models.core.types import Array
+from servo_models.data.log import Log
+from servo_models.data.outliers import about_outliers
+from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
+from servo_models.data.sensor import (
+    clipped_share,
+    noise_under_steps,
+    spread_of_repeats,
+    stale_share,
+)
+
+EXACT = 1e-6
+"""A reading without steps or noise counts as exact to this share of its range."""
+NO_NOISE = "millionth of the range, no noise"
+"""The origin of such a floor."""
+ODD = 3.0
+"""Medians of all logs above which the floor of one is its own: of two logs both always count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """What a log is worth.
+
+    ``at_rest`` is the share of samples in which nothing moves; ``outliers`` names single readings
+    far from their neighbours, one sentence an output.
+    """
+
+    log: Log
+    sampling: Sampling
+    commands: tuple[Command, ...]
+    readings: tuple[Reading, ...]
+    at_rest: float
+    outliers: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes the log doubtful, one sentence each with its cure."""
+        return (
+            *self.outliers,
+            *_about_time(self.sampling),
+            *_about_commands(self.commands),
+            *(text for reading in self.readings for text in _about_reading(reading)),
+        )
+
+
+def audit(log: Log, plant: Plant) -> Audit:
+    """Audit a log of an actuator with this plant, by itself.
+
+    The high-frequency residual supposes samples that are almost evenly spaced.
+    """
+    return audits([log], plant)[0]
+
+
+def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
+    """Audit logs of an actuator with this plant; those of one sensor share its reading step.
+
+    A sensor is an output from a column of one name, unit and scale.
+    """
+    steps = _steps(logs, plant)
+    return tuple(_audit(log, plant, found) for log, found in zip(logs, steps))
+
+
+def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
+    """The reading step of each output, by log."""
+    sensors: dict[tuple[str, str, str, float], list[int]] = {}
+    for i, log in enumerate(logs):
+        for name in log.outputs:
+            channel = log.channels[name]
+            sensor = (name, channel.column, channel.unit, channel.scale)
+            sensors.setdefault(sensor, []).append(i)
+    found: list[dict[str, Step]] = [{} for _ in logs]
+    for (name, *_), members in sensors.items():
+        if plant.wire[name].flag:
+            steps = [NO_STEP] * len(members)
+        else:
+            steps = reading_steps([logs[i].outputs[name] for i in members])
+        for i, step in zip(members, steps):
+            found[i][name] = step
+    return found
+
+
+def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
+    clock = _sampling(log)
+    readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
+    commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
+    odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
+    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
+
+
+def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
+    """Return the noise floor [SI] of each output, above 0.
+
+    It is the largest of its logs, but for those that are far above most (``ODD``).
+    """
+    return {name: floor for name, (floor, _) in _floors(audits).items()}
+
+
+def noise_origins(audits: Iterable[Audit]) -> dict[str, str]:
+    """Return what the noise floor of each output comes from, in the log that gives it."""
+    return {name: origin for name, (_, origin) in _floors(audits).items()}
+
+
+def _floors(audits: Iterable[Audit]) -> dict[str, tuple[float, str]]:
+    readings: dict[str, list[Reading]] = {}
+    for reading in (reading for found in audits for reading in found.readings):
+        readings.setdefault(reading.name, []).append(reading)
+    return {name: _floor(logs) for name, logs in readings.items()}
+
+
+def _floor(readings: Sequence[Reading]) -> tuple[float, str]:
+    least = EXACT * max(reading.high - reading.low for reading in readings)
+    noisy = [reading.floor for reading in readings if reading.floor.value > least]
+    if not noisy:
+        return least, NO_NOISE
+    usual = ODD * float(np.median([floor.value for floor in noisy]))
+    largest = max((floor for floor in noisy if floor.value <= usual), key=lambda it: it.value)
+    return largest.value, largest.origin
+
+
+def _at_rest(log: Log, readings: Sequence[Reading]) -> float:
+    still = np.ones(len(log.times) - 2, dtype=bool)
+    for values in log.inputs.values():
+        still &= values[2:] == values[:-2]
+    for reading in readings:
+        values = log.outputs[reading.name]
+        still &= np.abs(values[2:] - values[:-2]) <= max(4.0 * reading.floor.value, reading.step)
+    return float(still.mean())
+
+
+# The clock
+
+NANOSECOND = 9
+"""Decimals of a time stamp [s] below which its digits are rounding."""
+GAP = 1.5
+"""A step longer than this many usual ones has lost samples."""
+STAMPS = 3
+"""Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples are missing after ``row`` of the file: nothing for ``length`` [s]."""
+
+    row: int
+    time: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The clock of a log, all in seconds.
+
+    Attributes:
+        samples: how many.
+        duration: from the first to the last.
+        step: mean of the steps that are no gaps.
+        jitter: their standard deviation.
+        stamp: smallest common step of the time stamps, 0 for none.
+        gaps: steps longer than 1.5 usual ones.
+    """
+
+    samples: int
+    duration: float
+    step: float
+    jitter: float
+    stamp: float
+    gaps: tuple[Gap, ...]
+
+
+def _sampling(log: Log) -> Sampling:
+    """Return the clock of a log."""
+    steps = np.diff(log.times)
+    lost = np.flatnonzero(steps > GAP * np.median(steps))
+    kept = np.delete(steps, lost)
+    gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
+    return Sampling(
+        samples=len(log.times),
+        duration=log.duration,
+        step=float(kept.mean()),
+        jitter=float(kept.std()),
+        stamp=reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size,
+        gaps=gaps,
+    )
+
+
+# Outputs and inputs
+
+QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
+FLAG = 1.0 / math.sqrt(12.0)
+"""Noise floor of a reading that says yes or no."""
+SAME_CLOCK = 1.5
+"""Intervals below this many shortest ones are one period of a command's clock."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Noise floor of an output [SI]: how far readings are from the motion, root mean square.
+
+    A reading is off by noise and, independently, by the rounding to its step: their squares add.
+    Repeats show both together, and count where they show more.
+
+    Attributes:
+        quantum: reading step over the root of 12 (Widrow, Kollar, Quantization Noise, 2008,
+            ch. 5), 0 for none.
+        repeats: spread of the responses to repeated identical commands, None without any.
+        residual: noise before the rounding, from the differences of neighbouring samples.
+    """
+
+    quantum: float
+    repeats: float | None
+    residual: float
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Each method's figure by name."""
+        return {QUANTUM: self.quantum, REPEATS: self.repeats or 0.0, RESIDUAL: self.residual}
+
+    @property
+    def value(self) -> float:
+        return max(math.hypot(self.quantum, self.residual), self.repeats or 0.0)
+
+    @property
+    def origin(self) -> str:
+        """Name of the method that gave the floor, or most of it."""
+        if self.repeats and self.repeats >= self.value:
+            return REPEATS
+        return QUANTUM if self.quantum >= self.residual else RESIDUAL
+
+
+@dataclass(frozen=True)
+class Reading:
+    """An output as it was read.
+
+    Attributes:
+        low, high: range.
+        step: smallest common step of the readings, 0 where they have none.
+        between: share of the readings between those steps: not 0 if they were resampled.
+        clipped: share of the samples held at an extreme while the command moved on.
+        stale: share of the moving samples that repeat the one before.
+        floor: noise floor.
+    """
+
+    name: str
+    low: float
+    high: float
+    step: float
+    between: float
+    clipped: float
+    stale: float
+    floor: Floor
+
+
+@dataclass(frozen=True)
+class Command:
+    """An input as it was commanded.
+
+    Attributes:
+        low, high: range.
+        levels: number of different values.
+        changes: how often it changes.
+        reversals: how often its direction of change turns.
+        clock: shortest time between changes if the others are multiples of it, else None.
+        at_limit: share of the samples at a limit of the actuator's input; 0 for one that says yes
+            or no.
+        band: lowest and highest frequency [Hz] at which it would move an output above its
+            noise floor, or None.
+    """
+
+    name: str
+    low: float
+    high: float
+    levels: int
+    changes: int
+    reversals: int
+    clock: float | None
+    at_limit: float
+    band: tuple[float, float] | None
+
+
+def _reading(log: Log, wire: Wire, found: Step) -> Reading:
+    """Return how an output was read, in these steps.
+
+    One that says yes or no has the floor of its step, 1.
+    """
+    name, values = wire.name, log.outputs[wire.name]
+    if wire.flag:
+        floor, ends = Floor(FLAG, None, 0.0), (float(values.min()), float(values.max()))
+        return Reading(name, *ends, step=0.0, between=0.0, clipped=0.0, stale=0.0, floor=floor)
+    step = found.size
+    quantum, residual = step / math.sqrt(12.0), noise_under_steps(values, step)
+    command = np.column_stack([np.zeros(len(values)), *log.inputs.values()])
+    floor = Floor(quantum, spread_of_repeats(values, command), residual)
+    return Reading(
+        name=name,
+        low=float(values.min()),
+        high=float(values.max()),
+        step=step,
+        between=found.between,
+        clipped=clipped_share(values, command, floor.value),
+        stale=stale_share(values, floor.value),
+        floor=floor,
+    )
+
+
+def _command(log: Log, wire: Wire, step: float, readings: Sequence[Reading]) -> Command:
+    """Return how an input was commanded, sampled every ``step`` [s] on the whole."""
+    values = log.inputs[wire.name]
+    change = np.diff(values)
+    moves = np.sign(change[change != 0.0])
+    limited = np.ptp(values) and not wire.flag
+    low, high = (np.nan if bound is None else bound for bound in (wire.low, wire.high))
+    return Command(
+        name=wire.name,
+        low=float(values.min()),
+        high=float(values.max()),
+        levels=len(np.unique(values)),
+        changes=len(moves),
+        reversals=int(np.count_nonzero(np.diff(moves))),
+        clock=_clock(log.times[1:][change != 0.0], step),
+        at_limit=float(np.mean((values <= low) | (values >= high))) if limited else 0.0,
+        band=_band(log, values, step, readings),
+    )
+
+
+def _clock(changes: Array, step: float) -> float | None:
+    """Shortest interval between changes if nearly all are multiples of it within a sample."""
+    intervals = np.diff(changes)
+    if len(intervals) < 3:
+        return None
+    shortest = float(np.percentile(intervals, 5.0))
+    base = float(np.median(intervals[intervals < SAME_CLOCK * shortest]))
+    off = np.abs(intervals - base * np.round(intervals / base))
+    return base if np.mean(off <= 1.01 * step) > 0.9 else None
+
+
+def _band(
+    log: Log, values: Array, step: float, readings: Sequence[Reading]
+) -> tuple[float, float] | None:
+    """Where the input's power density, brought to the scale of an output, is above its floor.
+
+    Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967); the floor is taken as white.
+    """
+    from scipy.signal import welch
+
+    if not np.ptp(values):
+        return None
+    grid = np.arange(0.0, log.duration + 0.5 * step, step)
+    held = values[np.searchsorted(log.times, grid + 1e-9 * step, side="right") - 1]
+    rate, length = 1.0 / step, min(len(grid), 2048)
+    frequencies, power = welch(held, rate, nperseg=length)
+    above = np.zeros(len(frequencies), dtype=bool)
+    for reading in readings:
+        gain = np.var(log.outputs[reading.name]) / np.var(values)
+        above |= power * gain > 2.0 * reading.floor.value**2 / rate
+    covered = frequencies[above & (frequencies > 0.0)]
+    return (float(covered[0]), float(covered[-1])) if len(covered) else None
+
+
+# What makes a log doubtful, each with its cure
+
+JITTERY = 0.2  # standard deviation of the sampling step over its mean
+STALE = 0.2  # share of the moving samples
+CLIPPED = 0.01  # share of the samples
+COARSE = 10.0  # reading steps in the range
+
+
+def _about_time(sampling: Sampling) -> Iterator[str]:
+    if sampling.gaps:
+        first = sampling.gaps[0]
+        many = f"{len(sampling.gaps)} gaps, the first" if len(sampling.gaps) > 1 else "a gap"
+        yield (
+            f"{many} of {first.length:.3g} s after row {first.row}: what happened there is unknown;"
+            " cut the log with 'window' or log again"
+        )
+    if sampling.jitter > max(JITTERY * sampling.step, sampling.stamp):
+        yield (
+            f"the sampling step jitters by {sampling.jitter / sampling.step:.0%}: time stamps must"
+            " come from where the signals are read"
+        )
+
+
+def _about_commands(commands: Sequence[Command]) -> Iterator[str]:
+    if not any(command.changes for command in commands):
+        yield "no input ever changes: nothing can be determined; log a moving command"
+    for command in commands:
+        if command.at_limit > CLIPPED:
+            yield (
+                f"'{command.name}' is at the actuator's limit in {command.at_limit:.1%} of the"
+                " samples: the real command may have gone on; log what was sent, or less of it"
+            )
+
+
+def _about_reading(reading: Reading) -> Iterator[str]:
+    name = reading.name
+    if reading.clipped > CLIPPED:
+        yield (
+            f"'{name}' stays at an extreme in {reading.clipped:.1%} of the samples while the"
+            " command moves on: clipped reading or end stop; log smaller moves"
+        )
+    if reading.stale > STALE:
+        yield (
+            f"'{name}' repeats the value before in {reading.stale:.0%} of the moving samples: it is"
+            " read less often than logged; keep one row per reading"
+        )
+    if reading.between > CLIPPED and reading.step > reading.floor.residual:  # else: few digits
+        yield (
+            f"'{name}' lies between its steps in {reading.between:.0%} of the samples: the file was"
+            " resampled, so its time stamps and noise are not those of the sensor"
+        )
+    if reading.high - reading.low < COARSE * reading.step:
+        yield (
+            f"'{name}' moves by only {(reading.high - reading.low) / reading.step:.0f} reading"
+            " steps: log larger moves or a finer sensor"
+        )

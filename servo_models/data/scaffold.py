@@ -1,0 +1,622 @@
+"""Begin a log description: guess what the columns of a file are, and say what was guessed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from servo_models.core.catalogue import actuator as find_actuator
+from servo_models.core.catalogue import actuators
+from servo_models.core.own_actuator import key_from
+from servo_models.core.plant import Actuator, Wire
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.readers import Columns, read_columns
+from servo_models.data.sensor import difference_noise
+from servo_models.errors import UserError, printable
+from servo_models.files import write_whole
+from servo_models.units import WRITTEN_IN, exponents, factor
+
+CHECK = "# guessed"
+LONGEST_SENTENCE = 4000
+"""Characters of a sentence about columns, whose names are anybody's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A first description.
+
+    Attributes:
+        path: the log.
+        actuator: what is thought to have made it, ``given`` if that was told.
+        time: its column and unit, None if no column rises.
+        matches: columns and their signals, all in the table of the time or an input's.
+        unused: columns left over, of all tables.
+        left_out: columns that are not numbers throughout.
+    """
+
+    path: Path
+    actuator: Actuator
+    given: bool
+    time: tuple[Column, str] | None
+    matches: tuple[Match, ...]
+    unused: tuple[Column, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Columns that seem to be measured but cannot be used, one sentence each."""
+        return tuple(
+            printable(f"not used: {column.why}", LONGEST_SENTENCE)
+            for column in self.left_out
+            if column.damaged
+        )
+
+    @property
+    def table(self) -> str | None:
+        """The table of the time and the outputs, None where the file has but one."""
+        return self.time[0].table if self.time else None
+
+    @property
+    def not_used(self) -> tuple[str, ...]:
+        """Columns left out that are not damaged, a sentence for each reason."""
+        names: dict[str, list[str | int]] = {}
+        for column in self.unused:
+            if column.table == self.table:
+                why = _why_not(column, self.matches, self.actuator)
+                names.setdefault(why, []).append(column.key)
+            else:
+                names.setdefault("what else is in other tables", []).append(column.table or "")
+        words = [column.key for column in self.left_out if not column.damaged]
+        if words:
+            names["not numbers throughout"] = words
+        return tuple(
+            printable(
+                f"not used, {why}: {', '.join(map(_quoted, dict.fromkeys(keys)))}", LONGEST_SENTENCE
+            )
+            for why, keys in names.items()
+        )
+
+    def text(self, folder: Path) -> str:
+        """Return the description as TOML, to stand in ``folder``."""
+        return "\n".join(_lines(self, folder)) + "\n"
+
+
+def draft(path: Path, actuator: str | None = None) -> Draft:
+    """Look at the columns of a measured file and guess what they are.
+
+    Args:
+        path: the file, of any format that can be read.
+        actuator: name of what made it; None chooses the one that the columns fit best.
+
+    Raises:
+        UserError: a file that cannot be read or has no numbers, an unknown actuator, or
+            columns that fit several equally well.
+    """
+    columns, left_out = _columns_of(path)
+    asked = [find_actuator(actuator)] if actuator else list(actuators().values())
+    drafts = [_draft(path, columns, candidate, bool(actuator)) for candidate in asked]
+    best = max(drafts, key=_score)
+    if [_score(made) for made in drafts].count(_score(best)) > 1:
+        names = ", ".join(candidate.name for candidate in asked)
+        raise UserError(f"'{path}' does not tell what made it: give --actuator, one of {names}")
+    return replace(best, left_out=tuple(left_out))
+
+
+def _score(made: Draft) -> float:
+    return sum(match.score for match in made.matches if match.converts)
+
+
+def _draft(path: Path, columns: Sequence[Column], actuator: Actuator, given: bool) -> Draft:
+    """The draft with the table whose columns fit best as outputs; inputs may be in others."""
+    tables = list(dict.fromkeys(column.table for column in columns))
+    made = [_draft_on(path, columns, actuator, given, table) for table in tables]
+    return max(made, key=_score)
+
+
+def _draft_on(
+    path: Path, columns: Sequence[Column], actuator: Actuator, given: bool, table: str | None
+) -> Draft:
+    own = [column for column in columns if column.table == table]
+    time = _time_of(own)
+    times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
+    stamps = [found[0] for found in times if found]
+    rest = [c for c in columns if c.moves and c not in stamps]
+    found = tuple(
+        match
+        for match in _matches(rest, actuator)
+        if match.column.table == table or match.wire in actuator.plant.inputs
+    )
+    used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
+    unused = tuple(column for column in columns if id(column) not in used)
+    return Draft(path, actuator, given, time, found, unused)
+
+
+def write_draft(made: Draft, path: Path) -> None:
+    """Write a draft as TOML.
+
+    Raises:
+        UserError: there is a file of that name already, or it cannot be written.
+    """
+    if os.path.exists(path):
+        raise UserError(f"'{path}' exists: edit it, remove it, or name another with --out")
+    write_whole(path, made.text(path.parent).encode())
+
+
+def _lines(made: Draft, folder: Path) -> Iterator[str]:
+    others = ", ".join(name for name in actuators() if name != made.actuator.name)
+    yield "# First description of a log. Lines marked 'guessed' are to be checked."
+    doubt = "" if made.given else f"  {CHECK}; there are also {others}"
+    yield f"actuator = {_quoted(key_from(made.actuator, folder))}{doubt}"
+    yield f"# variant = {_quoted(made.actuator.default_variant)}  # others: servo-models list"
+    yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'
+    yield ""
+    yield "[[logs]]"
+    relative = os.path.relpath(made.path.resolve(), folder.resolve())
+    yield f"file = {_quoted(Path(relative).as_posix())}"
+    if made.table:
+        yield f"table = {_quoted(made.table)}"
+    yield from _time_lines(made)
+    for match in made.matches:
+        yield from _signal_lines(match, made)
+    yield from _open_ends(made)
+
+
+def _time_lines(made: Draft) -> Iterator[str]:
+    if not made.time:
+        yield "# no column rises as a time does: write it here"
+        yield '# time = { column = "...", unit = "s" }'
+        return
+    column, unit = made.time
+    repeats = ', repeats = "drop"' if (np.diff(column.values) == 0.0).any() else ""
+    doubt = f"  {CHECK}: the unit" if column.unit != unit else ""
+    yield f"time = {{ column = {_quoted(column.key)}, unit = {_quoted(unit)}{repeats} }}{doubt}"
+
+
+def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
+    plant = made.actuator.plant
+    role = "inputs" if match.wire in plant.inputs else "outputs"
+    entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(match.unit)}"
+    doubts = [] if match.told else ["the unit"]
+    if not match.converts:
+        unit, scale, offset = _through_the_model(match, made.actuator)
+        entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(unit)}"
+        entry += f", scale = {scale:.6g}, offset = {offset:.6g}"
+        doubts = [f"scale and offset from {match.unit} to {unit} by the model's static gain"]
+    if match.column.table != made.table:
+        entry += f", table = {_quoted(match.column.table or '')}"
+    if not _tells(match.column):
+        doubts = ["the signal", *doubts]
+    low, high = match.column.values.min(), match.column.values.max()
+    doubt = f"  {CHECK}: {' and '.join(doubts)}" if doubts else ""
+    yield f"# {match.wire.about}; in the file from {low:.6g} to {high:.6g}"
+    yield f"{role}.{match.wire.name} = {{ {entry} }}{doubt}"
+
+
+def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, float]:
+    """Unit, scale and offset of a command that was logged in the unit of an output.
+
+    The scale is the step of the input over the change of the output that it makes in the
+    end; the first number is taken for rest.
+    """
+    plant, wire = actuator.plant, match.wire
+    name, size = actuator.step
+    unit = wire.display or wire.unit
+    to_unit, rest = factor(wire.unit, unit), float(wire.rest)
+    quantity = {out: exponents(plant.wire[out].unit)[1] for out in plant.outputs}
+    follower = next((o for o in quantity if quantity[o] == exponents(match.unit)[1]), None)
+    if follower is None:
+        return unit, 1.0, rest * to_unit
+    chosen = model(actuator)
+    times = np.linspace(0.0, chosen.stop_time, 1001)
+    reached = simulate(chosen, times, {name: size})[follower]
+    gain = (reached[-1] - reached[0]) / (size - rest)
+    scale = factor(match.unit, plant.wire[follower].unit) / gain
+    return unit, scale * to_unit, (rest - scale * float(match.column.values[0])) * to_unit
+
+
+def _open_ends(made: Draft) -> Iterator[str]:
+    plant = made.actuator.plant
+    matched = [match.wire.name for match in made.matches]
+    missing = [wire for wire in plant.inputs if wire.name not in matched]
+    main = made.actuator.step[0]
+    assumed = [wire for wire in missing if wire.rest and wire.name != main]
+    others = [wire.name for wire in missing if wire not in assumed]
+    if not any(name in plant.outputs for name in matched):
+        yield '# no column fits an output: write outputs.NAME = { column = "...", unit = "..." }'
+    yield f"# outputs there are: {', '.join(plant.outputs)}"
+    if assumed:
+        values = ", ".join(f"{wire.name} = {_resting(wire)}" for wire in assumed)
+        variant = made.actuator.default_variant
+        yield f"constants = {{ {values} }}  {CHECK}: those of variant '{variant}'"
+    if others:
+        yield f"# at rest, or give them in constants = {{ ... }}: {', '.join(others)}"
+    for sentence in (*made.not_used, *made.warnings):
+        yield f"# {sentence}"
+
+
+def _resting(wire: Wire) -> str:
+    """The value at which an input rests, as TOML."""
+    if wire.flag:
+        return "true" if wire.rest else "false"
+    unit = wire.display or wire.unit
+    return _quoted(f"{float(wire.rest) * factor(wire.unit, unit):.6g} {unit}")
+
+
+def _quoted(value: str | int) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+# Which column is which signal
+
+TIME = {"t", "time", "times", "timestamp", "stamp", "zeit", "temps", "clock"}
+COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", "setpoint"}
+COMMAND |= {"desired", "sp", "demand", "soll", "u", "input"}
+MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
+QUANTITIES = {
+    "angle theta phi position pos horn tilt": "rad",
+    "rate speed velocity vel omega gyro gyr": "rad/s",
+    "voltage volt volts drive": "V",
+    "current amp amps": "A",
+    "torque tau": "N.m",
+    "force": "N",
+    "pulse pwm servo": "s",
+    "position pos displacement stroke": "m",
+}
+"""Words that tell a quantity, and its SI unit."""
+SIDE_SCORE = 4.0
+"""Score from which a column is taken for another input than the command."""
+NEAR_REST = 1.2
+"""Full scales by which an input may be away from its rest."""
+LEAST_SCORE = 2.0
+"""Score from which a column is taken for the command or a reading."""
+LONGEST_STEP = 0.5
+"""A log is not sampled more slowly than this [s]; decides the unit of times without one."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """A column for a signal.
+
+    Attributes:
+        wire: the signal.
+        unit: of the column.
+        told: the column's name tells its unit, and it is one of the signal.
+        converts: whether the unit is one of the signal's at all.
+        score: how well both fit, above 0.
+    """
+
+    wire: Wire
+    column: Column
+    unit: str
+    told: bool
+    converts: bool
+    score: float
+
+
+def _time_of(columns: Sequence[Column]) -> tuple[Column, str] | None:
+    """Return the column that is the time, and its unit; None if there is none."""
+    rising = [column for column in columns if column.rising and column.moves]
+    if not rising:
+        return None
+    best = max(rising, key=lambda column: 2 * bool(TIME & set(column.words)) + _is_time(column))
+    return best, best.unit if best.unit and _is_time(best) else _time_unit(best)
+
+
+def _is_time(column: Column) -> bool:
+    return column.unit is not None and exponents(column.unit)[1] == {"s": 1}
+
+
+def _time_unit(column: Column) -> str:
+    step = float(np.median(np.diff(column.values)))
+    return next((u for u in ("s", "ms", "us") if step * factor(u, "s") <= LONGEST_STEP), "ns")
+
+
+def _matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
+    """Return a column for each signal that one fits, best first; a column serves one signal.
+
+    Where the names tell no reading, columns are told by their numbers: the command is the one
+    that stands still most often, or else the one with the least noise.
+    """
+    by_name = _chosen(columns, actuator, None, blind=False)
+    if any(match.wire.name in actuator.plant.outputs for match in by_name):
+        return by_name
+    nameless = [column for column in columns if not _tells(column)]
+    named = any(COMMAND & set(column.words) for column in columns)
+    command = None if named else max(nameless, key=_calm, default=None)
+    return _chosen(columns, actuator, command, blind=True)
+
+
+def _why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
+    """Say why a column is taken for no signal."""
+    if not column.moves:
+        return "constant"
+    if not _tells(column):
+        return "the name does not tell what it is"
+    plant, main = actuator.plant, actuator.step[0]
+    best = max(
+        (
+            _match(plant.wire[name], column, name in plant.outputs, name == main, command=False)
+            for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
+        ),
+        key=lambda match: match.score,
+    )
+    for match in chosen:
+        if match.wire is best.wire and best.score >= LEAST_SCORE:
+            return f'{match.wire.name} is taken from "{match.column.key}"'
+    return f"it fits no signal of {actuator.name}"
+
+
+def _chosen(
+    columns: Sequence[Column], actuator: Actuator, command: Column | None, blind: bool
+) -> list[Match]:
+    plant, main = actuator.plant, actuator.step[0]
+    offered = [
+        _match(plant.wire[name], column, name in plant.outputs, name == main, column is command)
+        for column in columns
+        if blind or _tells(column)
+        for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
+    ]
+    chosen: list[Match] = []
+    for match in sorted(offered, key=lambda match: -match.score):
+        side = match.wire in plant.inputs and match.wire.name != main
+        unlike = command is not None and _is_unlike_rate(match, command)
+        taken = any(match.wire is other.wire or match.column is other.column for other in chosen)
+        if match.score >= (SIDE_SCORE if side else LEAST_SCORE) and not unlike and not taken:
+            chosen.append(match)
+    return chosen
+
+
+def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) -> Match:
+    """How well a column fits a wire; ``command`` if its numbers are those of a command."""
+    words, own = set(column.words), set(wire.name.split("_"))
+    told = column.unit is not None and _dimension(column.unit) == _dimension(wire.unit)
+    unit = column.unit or _likely_unit(wire, column)
+    converts = told or (column.unit is None and _near_rest(wire, column, unit))
+    is_command, is_measured = command or bool(words & COMMAND), bool(words & MEASURED)
+    score = 4.0 * (words == own) + 1.5 * len(words & own)
+    score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
+    if output:
+        score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column))
+    else:
+        score += 3.0 * (main and is_command) - 1.5 * is_measured
+    if not converts:
+        score = LEAST_SCORE if main and is_command else 0.0
+        unit = column.unit or "deg"
+    return Match(wire, column, unit, told, converts, 0.0 if wire.flag else score)
+
+
+def _tells(column: Column) -> bool:
+    """Return whether the name of a column says anything about what is in it."""
+    known = {word for text in QUANTITIES for word in text.split()} | COMMAND | MEASURED
+    return column.unit is not None or bool(known & set(column.words))
+
+
+def _dimension(unit: str) -> dict[str, int]:
+    return exponents(unit)[1]
+
+
+def _is_of_quantity(words: Iterable[str], wire: Wire) -> bool:
+    found = [unit for text, unit in QUANTITIES.items() if set(text.split()) & set(words)]
+    return any(_dimension(unit) == _dimension(wire.unit) for unit in found)
+
+
+def _likely_unit(wire: Wire, column: Column) -> str:
+    """The unit in which the column's range comes nearest to the full scale of the signal."""
+    reach = float(np.abs(column.values).max()) or 1.0
+
+    def distance(unit: str) -> float:
+        return abs(math.log(reach * factor(unit, wire.unit) / wire.scale))
+
+    return min(WRITTEN_IN.get(wire.unit, (wire.unit,)), key=distance)
+
+
+def _near_rest(wire: Wire, column: Column, unit: str) -> bool:
+    """Whether an input that rests at some value other than 0 is in its neighbourhood."""
+    if not isinstance(wire.rest, float) or wire.rest == 0.0:
+        return True
+    away = column.values * factor(unit, wire.unit) - wire.rest
+    return bool(np.abs(away).max() <= NEAR_REST * wire.scale)
+
+
+def _calm(column: Column) -> tuple[float, float]:
+    if not column.moves:
+        return -1.0, 0.0
+    still = float(np.mean(np.diff(column.values) == 0.0))
+    return round(still, 1), -difference_noise(column.values) / float(np.ptp(column.values))
+
+
+def _is_unlike_rate(match: Match, command: Column) -> bool:
+    """Whether a nameless column, set beside the command, is a rate and the signal is none.
+
+    A rate follows the command only once it is added up.
+    """
+    column = match.column
+    if _tells(column) or column is command or len(column.values) != len(command.values):
+        return False
+    if not column.moves:
+        return True
+    plain = np.corrcoef(column.values, command.values)[0, 1]
+    added = np.corrcoef(np.cumsum(column.values - np.median(column.values)), command.values)[0, 1]
+    return bool((abs(added) > abs(plain)) != ("/s" in match.wire.unit))
+
+
+# What the columns of a file are
+
+UNIT_SUFFIXES = {
+    "s": "s",
+    "sec": "s",
+    "ms": "ms",
+    "us": "us",
+    "ns": "ns",
+    "rad": "rad",
+    "mrad": "mrad",
+    "deg": "deg",
+    "rad_s": "rad/s",
+    "radps": "rad/s",
+    "deg_s": "deg/s",
+    "dps": "deg/s",
+    "rpm": "rpm",
+    "m": "m",
+    "mm": "mm",
+    "um": "um",
+    "m_s": "m/s",
+    "mm_s": "mm/s",
+    "v": "V",
+    "mv": "mV",
+    "volts": "V",
+    "a": "A",
+    "ma": "mA",
+    "n": "N",
+    "nm": "N.m",
+    "mnm": "mN.m",
+}
+"""How authors write units behind an underscore, in lower case."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of numbers.
+
+    Attributes:
+        key: name, or number from 1 where the file names none.
+        table: topic, None where the file has but one table.
+        words: of its name, in lower case, without the unit.
+        unit: as the name tells it, None where it does not.
+        values: shape (n,).
+    """
+
+    key: str | int
+    table: str | None
+    words: tuple[str, ...]
+    unit: str | None
+    values: Array
+
+    @cached_property
+    def rising(self) -> bool:
+        """Whether it never falls, and repeats at most now and then: as times do."""
+        steps = np.diff(self.values)
+        return bool(len(steps) and (steps >= 0.0).all() and np.mean(steps > 0.0) > 0.5)
+
+    @property
+    def moves(self) -> bool:
+        return bool(np.ptp(self.values))
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A column that is not numbers throughout.
+
+    Attributes:
+        key, table: as of a ``Column``.
+        why: file, row and cell in words, with the cure.
+        damaged: most of its cells are numbers, so it was meant to be one of them.
+    """
+
+    key: str | int
+    table: str | None
+    why: str
+    damaged: bool
+
+
+def _columns_of(path: Path) -> tuple[list[Column], list[LeftOut]]:
+    """Return the columns of a file that are numbers throughout, and the others, table by table.
+
+    Raises:
+        UserError: see ``readers.read_columns``; or there is no column of numbers.
+    """
+    every = [
+        _column(columns, place, table)
+        for table, columns in _tables(path)
+        for place in range(len(columns.names))
+    ]
+    found = [column for column in every if isinstance(column, Column)]
+    left_out = [column for column in every if isinstance(column, LeftOut)]
+    if not found:
+        why = next((f": {column.why}" for column in left_out if column.damaged), "")
+        raise UserError(
+            f"'{path}' has no column of numbers throughout: repair one, then --init{why}"
+        )
+    return found, left_out
+
+
+def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
+    """Tables of a file; where it has several, their columns are called ``table.column``."""
+    every = read_columns(path)
+    tables: dict[str, Columns] = {}
+    for name in every.names:
+        if any(name.startswith(f"{table}.") for table in tables):
+            continue
+        for dot in re.finditer(r"\.", name):
+            try:
+                tables[name[: dot.start()]] = read_columns(path, name[: dot.start()])
+                break
+            except UserError:
+                continue
+    if tables:
+        yield from tables.items()
+    else:
+        yield None, every
+
+
+def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut:
+    name = columns.names[place]
+    key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
+    try:
+        values = columns.numbers(key)
+    except UserError as error:
+        return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))
+    if not len(values):
+        return LeftOut(key, table, f"{columns.where(key)} has no rows: record it again", False)
+    words, unit = heading(name)
+    own = () if isinstance(key, int) and name.isdigit() else words
+    return Column(key, table, own, unit, values)
+
+
+def _is_mostly_numbers(columns: Columns, place: int) -> bool:
+    import polars as pl
+
+    cells = columns.cells[place]
+    if not (cells.dtype.is_numeric() or cells.dtype == pl.String):
+        return False
+    values = cells.cast(pl.Float64, strict=False)
+    return 2 * int(values.is_finite().sum()) > len(values)
+
+
+def heading(name: str) -> tuple[tuple[str, ...], str | None]:
+    """Return the words of a column's name, in lower case, and its unit if it tells one.
+
+    ``angle [deg]``, ``angle (deg)`` and ``angle_deg`` tell one, the index of ``angle[0]`` does not.
+    """
+    bracket = re.fullmatch(r"\s*(.*?)\s*[\[(]\s*([^\])]+?)\s*[\])]\s*", name)
+    if bracket:
+        return _words(bracket[1]), _known(bracket[2])
+    parts = re.split(r"[_\s]+", name.strip())
+    for count in (2, 1):
+        suffix = "_".join(parts[-count:]).lower()
+        if len(parts) > count and suffix in UNIT_SUFFIXES:
+            return _words("_".join(parts[:-count])), UNIT_SUFFIXES[suffix]
+    return _words(name), None
+
+
+def _known(unit: str) -> str | None:
+    if not re.search("[^\\W\\d]|[%°]", unit):  # an index
+        return None
+    try:
+        exponents(unit)
+    except UserError:
+        return None
+    return unit
+
+
+def _words(name: str) -> tuple[str, ...]:
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return tuple(word for word in re.split(r"[^A-Za-z]+", spaced.lower()) if word)

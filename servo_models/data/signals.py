@@ -1,0 +1,600 @@
+"""One log of a description: from the columns of its file to signals in SI."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from msgspec import field
+from numpy.typing import NDArray
+
+from servo_models.core.bounds import is_outside, outside
+from servo_models.core.plant import Parameter, Wire, unknown
+from servo_models.core.simulate import LONGEST_RUN, Model
+from servo_models.core.types import Array, Mask
+from servo_models.data.log import Channel, Log, regular
+from servo_models.data.readers import Columns
+from servo_models.data.schema import (
+    Column,
+    Number,
+    Quantity,
+    Seconds,
+    Section,
+    Table,
+    named,
+    quantity,
+    setting,
+)
+from servo_models.errors import UserError
+from servo_models.units import factor, other_units
+
+Read = Callable[[Path, str | None, bool | None], Columns]
+
+LEAST_SAMPLES = 16
+LARGEST, LEAST = 1e100, 1e-100
+"""Sizes [SI] of a signal outside of which its square is none that a number holds."""
+SAME_TIME = 1e-9
+"""Instants closer than this [s] are one: times and shifts are rounded."""
+AT_REST = 1e-3
+"""An input within this share of its scale from rest counts as at rest."""
+MOST_EMPTY = 1000.0
+"""Usual steps in a log for each of its rows: more is a clock that has jumped."""
+MOST_PER_ROW = 3e3
+"""Internal steps of the model between two rows: more is a wrong unit."""
+SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
+SHORTER = ("ms", "us", "ns")
+SHORTEST = 1e-12
+"""Usual step [s] below which no clock of a log has ticked."""
+
+
+# The schema: docs/description.md says what every key means
+
+
+class Signal(Table):
+    """A column as a signal, in SI and from the table of the time unless it says.
+
+    Written as::
+
+        unit = "deg"
+        scale = 0.1
+        offset = "2 deg"
+        sign = -1
+        shift = "2 ms"
+        table = "joint_states"
+    """
+
+    column: Column
+    unit: str | None = None
+    scale: Number = 1.0
+    offset: Quantity = 0.0
+    sign: Number = 1.0
+    shift: Seconds = Seconds(0.0)
+    table: str = ""
+
+
+class Time(Table):
+    """The column with the times."""
+
+    column: Column
+    unit: str = "s"
+    repeats: Literal["drop"] | None = None
+    table: str = ""
+
+
+class HeldOut(Table):
+    """A span of time, or every second level of an input."""
+
+    begin: Seconds | None = field(name="from", default=None)
+    end: Seconds | None = field(name="to", default=None)
+    input: str = ""
+    levels: Literal["odd", "even"] | None = None
+
+
+class Judged(Table):
+    """The samples that count: those soon after a change of an input."""
+
+    input: str
+    after_change: Seconds
+
+
+SIGNAL: Any = Column | Signal
+"""What stands at the name of an input or an output."""
+
+
+class LogTable(Table):
+    """A ``[[logs]]``.
+
+    Written as::
+
+        file = "log.csv"
+        name = "steps"
+        table = "joint_states"
+        header = true
+        time = { column = "t", unit = "ms" }
+        inputs.voltage = { column = "u", unit = "V" }
+        outputs.angle = { column = "angle", unit = "deg" }
+        constants = { load_torque = "5 mN.m" }
+        window = ["8 s", "20 s"]
+        held_out = { from = "12 s", to = "20 s" }
+        judged = { input = "voltage", after_change = "0.8 s" }
+        settle = "0.5 s"
+    """
+
+    file: str
+    time: Column | Time
+    outputs: dict[str, Any]
+    name: str = ""
+    table: str = ""
+    header: bool | None = None
+    inputs: dict[str, Any] = {}
+    constants: dict[str, Any] = {}
+    window: tuple[Seconds, Seconds] | None = None
+    held_out: bool | HeldOut = False
+    judged: Judged | None = None
+    settle: Seconds | None = None
+
+
+# A log
+
+
+def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, Columns]) -> Log:
+    """Read a log as a description's ``[[logs]]`` says.
+
+    Args:
+        section: the description of the log.
+        chosen: the model of the actuator that made it.
+        read: ``readers.read_columns``, which may remember what it has read.
+        tables: in memory, by the name that stands as their file.
+
+    Raises:
+        UserError: an unknown signal, parameter, table or column; a unit that does not
+            convert; cells that are empty, no number or not finite; time that runs backward
+            or repeats; an input out of its bounds; no output, or one that never changes;
+            fewer than ``LEAST_SAMPLES`` samples.  It names the file, and the key or row and
+            column.
+    """
+    entry = section.read(LogTable)
+    given = tables.get(entry.file)
+    path = given.path if given else section.file.parent / entry.file
+    if not (given or (entry.file and os.path.exists(path))):  # a text that is no name has none
+        section.fail("file", f"no file '{path}'; name it as seen from the description")
+    main, plant = _time_table(entry), chosen.plant
+    wires = {wire.name: wire for wire in plant.inputs}
+    readings = {name: plant.wire[name] for name in plant.outputs}
+    inputs = _mapped(section.section("inputs"), "input", wires, main)
+    outputs = _outputs(section.section("outputs"), readings, main)
+
+    def table(name: str | None) -> Columns:
+        return given or read(path, name, entry.header)
+
+    columns = table(main)
+    apart = dict.fromkeys(mapped.table for mapped in inputs.values() if mapped.table != main)
+    others = {name: _read_clock(section, entry.time, table(name), held=True) for name in apart}
+    clock = _cut_window(section, entry.window, _read_clock(section, entry.time, columns))
+    clock = _begun(clock, others.values(), path)
+    _check_duration(clock, chosen.values["internal_step"])
+    times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
+    fed = {
+        name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
+        for name, m in inputs.items()
+    }
+    measured = {
+        name: _moved(m.shift, times, _output(m, clock, readings[name]), readings[name].flag)
+        for name, m in outputs.items()
+    }
+    constants = _constants(section.section("constants"), chosen, inputs)
+    origin = -float(clock.stamps[0]) * clock.scale
+    time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
+    return Log(
+        name=entry.name or path.stem,
+        path=path,
+        sha256=columns.sha256,
+        times=times,
+        inputs=fed,
+        outputs=measured,
+        channels={"time": time} | {n: m.channel for n, m in (inputs | outputs).items()},
+        rows=clock.rows + columns.first_row,
+        held_out=_held_out(section, entry.held_out, clock.since, fed),
+        constants=constants,
+        settle=_settle(section, entry.settle, chosen, fed, constants, float(times[-1])),
+        skipped=_skipped(section, entry.judged, times, fed) if entry.judged else None,
+        begin=float(clock.since[0]),
+    )
+
+
+def _time_table(entry: LogTable) -> str | None:
+    """The name of the table that the log's times are in, None if there is but one."""
+    own = entry.time.table if isinstance(entry.time, Time) else ""
+    return own or entry.table or None
+
+
+def _begun(clock: _Clock, others: Iterable[_Clock], path: Path) -> _Clock:
+    """The clock of a log from where every other table has begun."""
+    firsts = (int(np.searchsorted(clock.stamps, other.stamps[0])) for other in others)
+    clock = clock.cut(max(firsts, default=0), len(clock.stamps))
+    if len(clock.stamps) < LEAST_SAMPLES:
+        raise UserError(
+            f"'{path}' has {len(clock.stamps)} samples to use: at least {LEAST_SAMPLES} are"
+            " needed; record longer or widen the window"
+        )
+    return clock
+
+
+def _constants(given: Section, chosen: Model, inputs: Mapping[str, Mapped]) -> dict[str, float]:
+    known: dict[str, Parameter | Wire] = {wire.name: wire for wire in chosen.plant.inputs}
+    known |= chosen.plant.parameters
+    section = named(given, "parameter or input", known)
+    for name in section:
+        if name in inputs:
+            section.fail(name, "also an input with a column; keep one")
+    return {name: setting(section, name, known[name]) for name in section}
+
+
+def _settle(
+    section: Section,
+    given: float | None,
+    chosen: Model,
+    inputs: Mapping[str, Array],
+    constants: Mapping[str, float],
+    duration: float,
+) -> float:
+    """Time to hold the first row [s]: none from rest, else what the actuator needs to settle.
+
+    It is then no longer than the log, so that it at most doubles the cost of a run.
+    """
+    if given is not None:
+        if given < 0.0:
+            section.fail("settle", "below 0; give a time to hold the first row for")
+        if given > LONGEST_RUN * chosen.values["internal_step"]:
+            section.fail(
+                "settle", f"{given:g} s is too long to simulate; give what it needs to rest"
+            )
+        return float(given)
+    first = {name: values[0] for name, values in inputs.items()}
+    for wire in chosen.plant.inputs:
+        value = first.get(wire.name, constants.get(wire.name, wire.rest))
+        if abs(float(value) - float(wire.rest)) > AT_REST * wire.scale:
+            return min(chosen.stop_time, duration)
+    return 0.0
+
+
+# Columns that become signals
+
+
+class Mapped(NamedTuple):
+    """A signal with the column and the table it is in; ``shift`` [s] is added to its times."""
+
+    channel: Channel
+    column: str | int
+    table: str | None
+    shift: float = 0.0
+
+
+def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
+    """Return how a column becomes the signal ``name``, by that key of a description.
+
+    Raises:
+        UserError: no column, a unit that does not convert, a scale or sign that is none.
+    """
+    given = section.at(name).read(SIGNAL, f'{name} = {{ column = "...", unit = "{wire.unit}" }}')
+    if not isinstance(given, Signal):
+        return Mapped(Channel(name, str(given), wire.unit), given, table)
+    unit = wire.unit if given.unit is None else given.unit
+    try:
+        to_si = factor(unit, wire.unit)
+    except UserError as error:
+        section.fail(f"{name}.unit", error)
+    if given.scale == 0.0:
+        section.fail(f"{name}.scale", "0 makes every number the same; give the size of one")
+    if given.sign not in (1.0, -1.0):
+        complaint = f"{given.sign:g} is no sign; write 1 or -1, and a size in scale"
+        section.fail(f"{name}.sign", complaint)
+    at = section.at(name)
+    offset = quantity(at, "offset", unit) if "offset" in at else 0.0
+    words = unit if given.scale == 1.0 else f"{given.scale:g} {unit}"
+    scale = given.sign * given.scale * to_si
+    channel = Channel(name, str(given.column), words, scale, offset * to_si)
+    return Mapped(channel, given.column, given.table or table, float(given.shift))
+
+
+def in_si(mapped: Mapped, numbers: Array) -> Array:
+    """Return numbers of the file as the signal, SI."""
+    return mapped.channel.scale * numbers + mapped.channel.offset
+
+
+def check_size(
+    mapped: Mapped, columns: Columns, rows: NDArray[np.int64], values: Array, wire: Wire
+) -> None:
+    """Refuse values [SI], shape (n,), whose squares no number holds; ``rows`` says where they are.
+
+    Raises:
+        UserError: one that is too large, with its row.
+    """
+    bad = np.flatnonzero(np.abs(values) > LARGEST)
+    if len(bad):
+        place = columns.where(mapped.column, int(rows[bad[0]]))
+        raise UserError(
+            f"{place}: {values[bad[0]]:.4g} {wire.unit} is more than any signal has: correct the"
+            " number, or the column's unit and scale"
+        )
+
+
+def _mapped(
+    section: Section, kind: str, wires: Mapping[str, Wire], table: str | None
+) -> dict[str, Mapped]:
+    """How the columns become signals, by name of the signal."""
+    for name in section:
+        if name not in wires:
+            section.fail(name, unknown(kind, name, wires))
+    return {name: map_signal(section, name, wires[name], table) for name in section}
+
+
+def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -> dict[str, Mapped]:
+    """How columns become outputs, which have to be in the table of the time."""
+    outputs = _mapped(section, "output", readings, main)
+    if not outputs:
+        raise UserError(f"'{section.file}', {section.name}: empty; name a column of an output")
+    for name, mapped in outputs.items():
+        if mapped.table != main:
+            section.fail(
+                name,
+                f"it is in table '{mapped.table}', the time in '{main or ''}'; take the time from"
+                " the output's table (only inputs can be held over from another)",
+            )
+    return outputs
+
+
+def _input(mapped: Mapped, clock: _Clock, other: _Clock | None, wire: Wire) -> Array:
+    """An input in SI at the times of the log; from another table each value is held."""
+    if other is None:
+        own, held = clock, np.arange(len(clock.rows))
+    else:
+        own = other
+        held = np.searchsorted(other.stamps, clock.stamps, side="right") - 1
+    values = in_si(mapped, own.numbers(mapped.column))
+    bad = held[is_outside(values[held], wire)]
+    if len(bad):
+        place = own.columns.where(mapped.column, int(own.rows[bad[0]]))
+        raise UserError(
+            f"{place}: {outside('input', wire.name, float(values[bad[0]]), wire)}, or correct the"
+            f" column's unit and scale{_unit_inside(mapped, values[held], wire)}"
+        )
+    check_size(mapped, own.columns, own.rows, values, wire)
+    return values[held]
+
+
+def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
+    """A unit in which all values [SI] of a column would be inside the bounds, as a clause."""
+    given = mapped.channel.unit.split(" ", 1)[-1]
+    units = [
+        unit
+        for unit, ratio in other_units(wire.unit, given)
+        if not is_outside(ratio * values, wire).any()
+    ]
+    return f": in {units[0]} it would fit" if units else ""
+
+
+def _output(mapped: Mapped, clock: _Clock, wire: Wire) -> Array:
+    values = in_si(mapped, clock.numbers(mapped.column))
+    check_size(mapped, clock.columns, clock.rows, values, wire)
+    if not wire.flag and np.ptp(values) < LEAST:
+        raise UserError(
+            f"{clock.columns.where(mapped.column)} is constant over the log: output"
+            f" '{wire.name}' says nothing; leave it out or record one that moves"
+        )
+    return values
+
+
+def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
+    """A column whose stamps are ``shift`` [s] early, at the times of the log.
+
+    What is held stays a staircase, a measured quantity is linear between samples; the ends
+    go on as they are.
+    """
+    if shift == 0.0:
+        return values
+    if hold:
+        before = np.searchsorted(times, times - shift + SAME_TIME, side="right") - 1
+        return values[np.maximum(before, 0)]
+    return np.interp(times - shift, times, values)
+
+
+# Which rows of a file belong to a log, and when they were sampled
+
+
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    """The rows kept of a table, with their times.
+
+    Attributes:
+        columns: the table; its column ``column`` holds the times in ``unit``.
+        stamps: times of the rows kept as they stand in the file, shape (n,).
+        rows: their places in the table, counted from 0, shape (n,).
+        begin: time in the file's first row, in ``unit``.
+    """
+
+    columns: Columns
+    column: str | int
+    unit: str
+    stamps: Array
+    rows: NDArray[np.int64]
+    begin: float
+
+    @property
+    def scale(self) -> float:
+        return factor(self.unit, "s")
+
+    @property
+    def since(self) -> Array:
+        """Times since the file's first row [s], shape (n,)."""
+        return (self.stamps - self.begin) * self.scale
+
+    def cut(self, first: int, last: int) -> _Clock:
+        """Keep rows ``first`` to ``last`` - 1 of the ones kept."""
+        return replace(self, stamps=self.stamps[first:last], rows=self.rows[first:last])
+
+    def numbers(self, column: str | int) -> Array:
+        """Return a column of the table in the rows kept, shape (n,).
+
+        Raises:
+            UserError: see ``Columns.numbers``; or a column not as long as that of the times.
+        """
+        lengths = [len(self.columns.cells[self.columns.index(c)]) for c in (column, self.column)]
+        if lengths[0] != lengths[1]:
+            raise UserError(
+                f"{self.columns.where(column)} has {lengths[0]} rows, the time {lengths[1]}: name"
+                " columns that were sampled together, or the table of each"
+            )
+        first = int(self.rows[0])
+        found = self.columns.numbers(column, slice(first, int(self.rows[-1]) + 1))
+        return found[self.rows - first]
+
+
+def _read_clock(
+    section: Section, given: str | int | Time, columns: Columns, held: bool = False
+) -> _Clock:
+    """The times of a table, from the column ``given`` in the description of a log.
+
+    Where the values of the table are ``held``, a time may repeat: the last row counts.
+    """
+    time = given if isinstance(given, Time) else Time(column=given)
+    try:
+        scale = factor(time.unit, "s")
+    except UserError as error:
+        section.fail("time.unit", error)
+    stamps = columns.numbers(time.column)
+    if not len(stamps):
+        raise UserError(f"{columns.where(time.column)} has no rows: name another column")
+    columns.check_order(time.column, scale * stamps)
+    again = np.diff(stamps, prepend=-np.inf) == 0.0
+    if again.any() and not (held or time.repeats):
+        row = int(np.argmax(again))
+        raise UserError(
+            f"{columns.where(time.column, row)}: time {scale * stamps[row]:.9g} s repeats; remove"
+            ' the row or set time.repeats = "drop"'
+        )
+    rows = np.arange(len(stamps)) if held else np.flatnonzero(~again)
+    return _Clock(columns, time.column, time.unit, stamps[rows], rows, float(stamps[0]))
+
+
+def _cut_window(section: Section, window: tuple[float, float] | None, clock: _Clock) -> _Clock:
+    """The rows inside the log's window [s], ends included; all where it has none."""
+    if window is None:
+        return clock
+    inside = _between(section, "window", window, clock.since)
+    if not inside.any():
+        section.fail("window", f"no row inside; the file lasts {clock.since[-1]:g} s")
+    kept = np.flatnonzero(inside)
+    return clock.cut(int(kept[0]), int(kept[-1]) + 1)
+
+
+def _between(
+    section: Section, key: str, ends: tuple[float | None, float | None], since: Array
+) -> Mask:
+    """Mark times [s] between two ends, which are included; either may be open."""
+    begin, end = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
+    if begin >= end:
+        section.fail(key, f"{end:g} s is not after {begin:g} s; correct one of the two")
+    marked: Mask = (since >= begin) & (since <= end)
+    return marked
+
+
+def _check_duration(clock: _Clock, internal_step: float) -> None:
+    """Refuse times that no run of the actuator has, before anything is simulated.
+
+    The steps of the times are shorter than those of any clock; one is longer than a thousand
+    logs; or they hold so many internal steps [s] of the model that a simulation would hardly end.
+    """
+    since = clock.since
+    steps = np.diff(since)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    lasts = float(since[-1] - since[0]) if len(since) else 0.0
+    if not usual:
+        return
+    where = clock.columns.where
+    if usual < SHORTEST:
+        raise UserError(
+            f"{where(clock.column)} in {clock.unit}: rows are {usual:.3g} s apart, which no clock"
+            " tells apart; correct the unit or the column"
+        )
+    if lasts > MOST_EMPTY * len(since) * usual:
+        row = int(np.argmax(steps)) + 1
+        raise UserError(
+            f"{where(clock.column, int(clock.rows[row]))}: time jumps by {steps[row - 1]:.3g} s,"
+            f" where rows are {usual:.3g} s apart; correct the row, remove it, or leave it out by a"
+            " window"
+        )
+    if max(usual / MOST_PER_ROW, lasts / LONGEST_RUN) > internal_step:
+        ratios = {unit: factor(unit, clock.unit) for unit in SHORTER}
+        cures = [
+            f'in {unit} it lasts {ratio * lasts:.3g} s: write unit = "{unit}"'
+            for unit, ratio in ratios.items()
+            if ratio * usual <= SENSIBLE_PER_ROW * internal_step
+        ]
+        cure = cures[0] if cures else "correct the unit, or set a longer internal_step"
+        raise UserError(
+            f"{where(clock.column)} in {clock.unit}: rows are {usual:.3g} s apart and the log lasts"
+            f" {lasts:.3g} s, which is {lasts / internal_step:.2g} internal steps of the model, too"
+            f" many to simulate; {cure}"
+        )
+
+
+# Which samples no fit may see, and which count at all
+
+
+def _held_out(
+    section: Section, chosen: bool | HeldOut, since: Array, inputs: Mapping[str, Array]
+) -> Mask:
+    """The samples that a log holds out, shape (n,), at times ``since`` its first row [s]."""
+    if isinstance(chosen, bool):
+        return np.full(len(since), chosen)
+    if chosen.levels or chosen.input:
+        if chosen.begin is not None or chosen.end is not None:
+            section.fail("held_out", "both a time and levels; keep one")
+        return _levels(section, chosen, inputs)
+    marked = _between(section, "held_out", (chosen.begin, chosen.end), since)
+    if not marked.any():
+        lasts = f"the log lasts from {since[0]:g} to {since[-1]:g} s"
+        section.fail("held_out", f"no row inside; {lasts}")
+    return marked
+
+
+def _levels(section: Section, chosen: HeldOut, inputs: Mapping[str, Array]) -> Mask:
+    """Every second level, from where it is commanded to where the next excursion starts.
+
+    The level of the first row is where excursions come from and belongs to none.
+    """
+    name = chosen.input
+    if name not in inputs:
+        section.fail("held_out.input", unknown("input with a column", name, inputs))
+    if chosen.levels is None:
+        section.fail("held_out.levels", 'missing; write levels = "even" or levels = "odd"')
+    values = inputs[name]
+    levels = np.unique(values[values != values[0]])
+    if len(levels) < 2:
+        section.fail(
+            "held_out.input", f"'{name}' has {len(levels)} levels to choose from; use from and to"
+        )
+    starts = (np.diff(values, prepend=values[0]) != 0.0) & (values != values[0])
+    latest = np.maximum.accumulate(np.where(starts, np.arange(len(values)), -1))
+    first = {"odd": 0, "even": 1}[chosen.levels]
+    marked: Mask = (latest >= 0) & np.isin(values, levels[first::2])[latest]
+    return marked
+
+
+def _skipped(section: Section, judged: Judged, times: Array, inputs: Mapping[str, Array]) -> Mask:
+    """The samples that do not count, shape (n,): those long after a change of the input."""
+    name = judged.input
+    if name not in inputs:
+        section.fail("judged.input", unknown("input with a column", name, inputs))
+    changes = np.flatnonzero(np.diff(inputs[name]) != 0.0) + 1
+    if not len(changes):
+        section.fail("judged.input", f"'{name}' never changes; leave out judged")
+    latest = np.searchsorted(times[changes], times, side="right") - 1
+    since = times - times[changes][np.maximum(latest, 0)]
+    counted: Mask = (latest >= 0) & (since < judged.after_change)
+    return ~counted

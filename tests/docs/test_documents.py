@@ -1,0 +1,99 @@
+"""What the documents point to is there, and what they show is true."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import Run
+from tests.support.document import ROOT, code_blocks, follow
+
+FmuFile = Callable[[str], Path]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/*.md")],
+    key=str,
+)
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+
+
+def anchors(page: Path) -> set[str]:
+    """The headings of a page as links name them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in headings}
+
+
+@every_page
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if "://" in link:
+            continue
+        path, _, heading = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not heading or heading in anchors(target), link
+
+
+@every_page
+def test_named_files_of_the_package_exist(page: Path) -> None:
+    for name in re.findall(
+        r"`((?:servo_models|tests|benchmarks|fmu_src)/[\w/.]*)`", page.read_text(encoding="utf-8")
+    ):
+        assert (ROOT / name).exists(), name
+
+
+def test_the_architecture_names_folders_and_modules_that_exist() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    package = ROOT / "servo_models"
+    folders = {path.name for path in package.iterdir() if (path / "__init__.py").exists()}
+    assert {name for name in folders if f"`{name}/" in text} == folders
+    whole, steps = text.split("## How a diagnosis works")
+    for name in re.findall(r"`([\w/]+(?:\.py|/))`", whole):
+        assert (package / name).exists() or (ROOT / name).exists(), name
+    for name in re.findall(r"`([\w/]+(?:\.py|/))`", steps.split("## Validation")[0]):
+        assert (package / "diagnosis" / name).exists() or (package / name).exists(), name
+
+
+def test_the_readme_is_short_and_begins_with_the_two_commands() -> None:
+    assert len(README.splitlines()) <= 200
+    commands = [line.split("  #")[0].strip() for line in code_blocks(README, "")[0].splitlines()]
+    assert commands == ["python build_fmu.py", "python -m tests"]
+
+
+def test_the_diagnosis_of_the_readme(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
+) -> None:
+    """Which is that of the example, whose page shows it as well."""
+    for name in ("gimbal.py", "log.csv"):
+        (tmp_path / name).write_bytes((ROOT / "examples" / "gimbal" / name).read_bytes())
+    (tmp_path / "gimbal.toml").write_text(code_blocks(README, "toml")[0])
+    monkeypatch.chdir(tmp_path)
+    commands = follow(README, run, doubted="diagnose")  # which finds a gap
+    page = (ROOT / "examples" / "gimbal" / "README.md").read_text(encoding="utf-8")
+    (shown,) = code_blocks(page, "")
+    assert commands[0] in shown
+    assert set(shown.splitlines()[1:]) <= set(README.splitlines())
+
+
+def test_the_python_of_the_readme(
+    tmp_path: Path, fmu_file: FmuFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_log, of_fmu, of_model = code_blocks(README, "python")
+    times = np.arange(0.0, 1.0, 0.01)
+    log = {"times": 1e3 * times, "command": np.full(100, 1600.0), "angle": 10.0 * times}
+    names: dict[str, Any] = dict(log)
+    exec(of_log.split("result =")[0], names)
+    assert names["description"].logs[0].outputs["angle"] == pytest.approx(np.radians(log["angle"]))
+    exec(of_model, names)
+    assert names["response"]["angle"].shape == (1000,)
+    (tmp_path / "fmus").mkdir()
+    shutil.copy(fmu_file("torque_motor"), tmp_path / "fmus")
+    monkeypatch.chdir(tmp_path)
+    exec(of_fmu, names)
+    assert set(names["result"].dtype.names) == {"time", "angle", "current"}

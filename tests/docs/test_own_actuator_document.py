@@ -1,0 +1,64 @@
+"""``docs/own_actuator.md`` does what it says: its files, its commands, its refusals."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servo_models.core.catalogue import actuator
+from servo_models.errors import UserError
+from tests.conftest import Run
+from tests.support.document import ROOT, code_blocks, follow
+
+PAGE = (ROOT / "docs" / "own_actuator.md").read_text(encoding="utf-8")
+LISTING, LOG = (text for text in code_blocks(PAGE, "python") if text.startswith('"""'))
+(DESCRIPTION,) = code_blocks(PAGE, "toml")
+FILES = {"gimbal.py": LISTING, "make_log.py": LOG, "gimbal.toml": DESCRIPTION}
+REFUSED = re.findall(r"^\| `(.*?)` \| `(.*?)` \| `(.*?)` \|$", PAGE, re.M)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder with the files that the page says to save there."""
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_example_is_what_the_page_shows() -> None:
+    for name, text in FILES.items():
+        assert (ROOT / "examples" / "gimbal" / name).read_text(encoding="utf-8") == text
+
+
+def test_the_script_makes_the_log_of_the_example(folder: Path) -> None:
+    runpy.run_path("make_log.py")
+    made, kept = (
+        np.loadtxt(place / "log.csv", delimiter=",", skiprows=1)
+        for place in (folder, ROOT / "examples" / "gimbal")
+    )
+    np.testing.assert_allclose(made, kept, atol=0.0011)  # a last digit
+
+
+@pytest.mark.thorough
+def test_commands_print_what_the_page_shows(folder: Path, run: Run) -> None:
+    runpy.run_path("make_log.py")
+    commands = follow(PAGE, run, doubted="diagnose")  # which finds a gap
+    assert {command.split()[0] for command in commands} == {
+        *("explain", "simulate", "build", "validate", "figures", "check", "identify", "diagnose")
+    }
+
+
+@pytest.mark.parametrize(("written", "instead", "message"), REFUSED)
+def test_what_is_refused(folder: Path, written: str, instead: str, message: str) -> None:
+    assert LISTING.count(written) >= 1
+    path = folder / "gimbal.py"
+    path.write_text(LISTING.replace(written, instead, 1), encoding="utf-8")
+    with pytest.raises(UserError) as caught:
+        actuator(str(path)).plant_of()
+    assert "gimbal.py'" in str(caught.value)
+    assert message in str(caught.value)

@@ -1,0 +1,47 @@
+"""Follow a document as its reader does: run its commands, compare what it shows of their output."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+COMMAND = re.compile(r"^```\n\$ servo-models (.*)\n((?:.*\n)*?)```", re.MULTILINE)
+
+
+def code_blocks(text: str, language: str) -> list[str]:
+    """Return the fenced blocks of one language."""
+    return re.findall(rf"^```{language}\n((?:.*\n)*?)```", text, re.MULTILINE)
+
+
+def follow(text: str, run: Callable[..., tuple[int, str, str]], doubted: str = "-") -> list[str]:
+    """Run the commands of a text and return them; the lines that it shows must be printed.
+
+    Commands that begin with ``doubted`` end with exit code 1: they ran and something is not well.
+    """
+    commands: list[tuple[str, str]] = COMMAND.findall(text)
+    assert commands
+    for command, shown in commands:
+        code, out, err = run(*command.split())
+        assert (code, err) == (int(command.startswith(doubted)), ""), command
+        for line in shown.splitlines():
+            assert line == "..." or any(alike(line, other) for other in out.splitlines()), line
+    return [command for command, _ in commands]
+
+
+def alike(shown: str, printed: str) -> bool:
+    """Whether a line begins as the one shown, numbers but for a few percent."""
+    pairs = list(zip(shown.split(), printed.split()))
+    return len(pairs) == len(shown.split()) and all(
+        one == two or near(one, two) for one, two in pairs
+    )
+
+
+def near(one: str, two: str) -> bool:
+    try:
+        return float(one) == pytest.approx(float(two), rel=0.05, abs=1e-9)
+    except ValueError:
+        return False
