@@ -100,7 +100,7 @@ def test_blocks_know_nothing_but_blocks() -> None:
 
 
 REFERENCES = [
-    *ROOT.glob("servo_models/validation/solvers/*.py"),
+    ROOT / "servo_models/validation/solvers.py",
     *ROOT.glob("servo_models/validation/*/*reference.py"),
 ]
 
@@ -108,7 +108,7 @@ REFERENCES = [
 def test_the_references_know_nothing_of_the_models() -> None:
     for path in REFERENCES:
         fellows = {".".join(p.relative_to(ROOT).with_suffix("").parts) for p in REFERENCES}
-        fellows |= {"servo_models.core.types", "servo_models.validation.solvers"}
+        fellows |= {"servo_models.core.types"}
         own = {name for name in imported(path) if name.startswith("servo_models")}
         assert all({name, name.rpartition(".")[0]} & fellows for name in own), path
 
@@ -117,6 +117,25 @@ def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
     for path in ROOT.glob("servo_models/withheld/generator/*.py"):
         own = {name for name in imported(path) if name.startswith("servo_models")}
         assert all(name.startswith("servo_models.withheld.generator.") for name in own), path.name
+
+
+ACTUATORS = {path.parent.name for path in ROOT.glob("servo_models/actuators/*/__init__.py")}
+ABOUT_ONE = {"elements", "generator"}
+"""Folders about certain actuators: the elements of the SG90's loop, the rigs of withheld cases."""
+
+
+def test_an_actuator_is_named_in_its_own_folders_only() -> None:
+    """Adding one is adding folders."""
+    for path in SOURCES:
+        if path.parent.name in ACTUATORS | ABOUT_ONE:
+            continue
+        texts = {
+            node.value
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
+        assert not texts & ACTUATORS, path
+        assert not ACTUATORS & {step for name in imported(path) for step in name.split(".")}, path
 
 
 def test_the_tests_know_each_other_by_one_name() -> None:

@@ -21,13 +21,19 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.report.conditions import conditions
 from servo_models.validation.cases import Case, all_cases, grid, schedule
-from servo_models.validation.cost import cost_curve
+from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.implementation import LIMIT, excitation, implementation_rows, irregular
-from servo_models.validation.responses import response_rows
-from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, judged
-from servo_models.validation.runner import CostCurve, Validation, validate
+from servo_models.validation.responses import cost_curve, response_rows
+from servo_models.validation.rows import (
+    IMPLEMENTATION,
+    MODEL,
+    PAPER,
+    CostCurve,
+    Validation,
+    judged,
+)
+from servo_models.validation.runner import validate
 from servo_models.validation.sg90 import reference as sg90
-from servo_models.validation.subject import Subject
 from tests.conftest import Run
 from tests.support.archives import with_description
 from tests.support.own_actuators import WITH_A_FLAG, write
@@ -214,7 +220,7 @@ def test_an_fmu_that_stops_says_why(fmu_file: FmuFile) -> None:
 @pytest.mark.thorough
 def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("servo_models.validation.sg90.cases._steps", list)
-    monkeypatch.setattr("servo_models.validation.cost.FACTORS", (1.0,))
+    monkeypatch.setattr("servo_models.validation.responses.FACTORS", (1.0,))
     told: list[tuple[int, int, str]] = []
     result = validate([model("sg90")], lambda *now: told.append(now))
     jobs = told[-1][1]
@@ -224,8 +230,8 @@ def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPa
     assert {row.claim for row in result.rows} == {IMPLEMENTATION, MODEL, PAPER}
     assert result.passed
     assert all(row.seconds > 0.0 for row in result.rows)
-    assert "seconds" not in result.as_dict()["rows"][0]  # the same figures, the same document
-    again = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    assert "seconds" not in result.document()["rows"][0]  # the same figures, the same document
+    again = json.loads(json.dumps(result.document(), allow_nan=False))
     assert again["passed"] is True
     assert len(again["rows"]) == len(result.rows)
     assert {"numpy", "fmpy", "Python"} <= set(again["conditions"])
@@ -246,7 +252,7 @@ def test_rows_are_judged_and_failures_decide() -> None:
     assert [row.verdict for row in (good, none, bad)] == ["passed", "for information", "failed"]
     assert Validation((good, none)).passed
     assert Validation((good, bad, broken)).failures == (bad, broken)
-    shown = Validation((broken,)).as_dict()["rows"][0]
+    shown = Validation((broken,)).document()["rows"][0]
     assert shown["value"] is None
     assert conditions()["Python"]
 

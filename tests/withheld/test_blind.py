@@ -15,10 +15,9 @@ import servo_models.withheld as package
 from servo_models.cli import main
 from servo_models.data.description import read_description
 from servo_models.errors import UserError
-from servo_models.withheld.oracle import Question, _logs, rivals, seen
+from servo_models.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
 from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
-from servo_models.withheld.said import Said, diagnose_case
-from servo_models.withheld.sheet import BARS
+from servo_models.withheld.sections import BARS
 
 CASES, SEED = 3, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
@@ -82,7 +81,7 @@ def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
 @pytest.mark.thorough
 def test_the_oracle_reads_noise_free_logs_that_stand_still(copy: Path) -> None:
     """A coarse quantiser's reading may not move at all: what a user's log may not do."""
-    said = Said(**json.loads((copy / "results.jsonl").read_text().splitlines()[0]))
+    said = Diagnosed(**json.loads((copy / "results.jsonl").read_text().splitlines()[0]))
     answers = json.loads((copy / "answers.json").read_text())["cases"]
     answer = next(it for it in answers if it["case"] == said.case)
     noisy, clean = _logs(Question(copy, answer, said))
@@ -218,7 +217,7 @@ def test_tiers_are_named_once_and_rightly() -> None:
 
 
 def test_a_case_that_cannot_be_read_is_a_wrong_answer(tmp_path: Path) -> None:
-    said = Said(**diagnose_case(tmp_path))
+    said = Diagnosed(**diagnose_case(tmp_path))
     assert said.verdict == "failed"
     assert "description.toml" in said.why
 
@@ -241,7 +240,7 @@ def test_an_ideal_observer_sees_five_deviations(
 
 def test_rivals_are_the_nearest_that_are_not_the_truth() -> None:
     tried = [["a"], ["b"], ["a", "b"], ["c"], ["d"], ["e"], ["f"]]
-    said = Said("0", "effect", 1.0, tried=tried)
+    said = Diagnosed("0", "effect", 1.0, tried=tried)
     assert rivals(said, ["a"], []) == [["b"], ["c"], ["d"], ["e"]]
     assert rivals(said, ["a"], ["b"]) == [["c"], ["d"], ["e"], ["f"]]
     assert rivals(said, ["b", "a"], []) == [["a"], ["b"], ["c"], ["d"]]
