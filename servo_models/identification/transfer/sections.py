@@ -10,9 +10,9 @@ import numpy as np
 
 from servo_models.analysis.sine_test import hold
 from servo_models.core.types import Array, Complex
-from servo_models.identification.page.empirical import Record as Spectra
-from servo_models.identification.page.empirical import empirical
-from servo_models.identification.page.readings import words
+from servo_models.identification.measured_response import Record as Spectra
+from servo_models.identification.measured_response import empirical
+from servo_models.identification.readings import words
 from servo_models.identification.transfer.choose import COLOURED, Candidate
 from servo_models.identification.transfer.functions import TransferFunction
 from servo_models.identification.transfer.identify import TransferResult
