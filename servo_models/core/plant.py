@@ -234,11 +234,6 @@ class Plant:
         """Return the wire on which an effect acts, the first one where it acts on several."""
         return self.main(name).on[0]
 
-    def owner(self, parameter: str) -> Block | None:
-        """Return the effect that a parameter belongs to, None where it is the plant's own."""
-        place = self.parameters[parameter].owner
-        return self.main(place).effect if place else None
-
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """All parameters by name, plant first, in chain order.

@@ -14,9 +14,9 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
+from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.fitting.evidence import advantage
 from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.fitting.stepwise import shifted
 from servo_models.diagnosis.fitting.worth import LIKELY, earns
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.pairs_seen import pairs

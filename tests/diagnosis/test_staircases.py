@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.stepwise import shifted
+from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.looks import seen_beside
 from servo_models.diagnosis.search.pairing import stairs_seen
@@ -78,7 +78,7 @@ def test_an_effect_that_is_on_is_not_on_the_list() -> None:
 def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
     """Or they are as near each other as is worth it: with n stairs, n times the change."""
     plant = model("torque_motor").plant
-    grid = plant.main(name).effect.search.grid
+    grid = plant.main(name).effect.hints.grid
     assert grid
     (switch,) = [it for it in plant.parameters.values() if it.owner == name and it.param.switch]
     whole = stairs * switch.param.typical

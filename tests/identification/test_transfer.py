@@ -204,6 +204,7 @@ def chosen_for_the_motor() -> TransferResult:
     return identify_transfer(logs, model=MOTOR, structures=structures)
 
 
+@pytest.mark.thorough
 def test_third_order_with_delay_is_chosen_for_the_torque_motor(
     chosen_for_the_motor: TransferResult,
 ) -> None:
@@ -220,6 +221,7 @@ def test_third_order_with_delay_is_chosen_for_the_torque_motor(
     assert reasons["order 4 + delay"]
 
 
+@pytest.mark.thorough
 def test_sheet_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferResult) -> None:
     text = str(sheet(chosen_for_the_motor))
     assert "order 3 + delay: G(s) = " in text
@@ -234,6 +236,7 @@ def test_sheet_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferRe
     assert phase.lines
 
 
+@pytest.mark.thorough
 def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
     chosen_for_the_motor: TransferResult,
 ) -> None:
