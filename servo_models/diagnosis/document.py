@@ -1,0 +1,230 @@
+"""A diagnosis for other programs: as JSON by ``schema.json``, as GitHub's workflow commands, and
+as a parameter file, which closes the loop from log to FMU.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from servo_models.data.audit import Audit, Reading
+from servo_models.data.log import hashes
+from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.diagnosis import summary
+from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis.detectors import Codes, Detection, sentence
+from servo_models.diagnosis.experiments.experiment import Experiment
+from servo_models.diagnosis.gap import Reduction
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.imitated import Imitated
+from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
+from servo_models.report.conditions import conditions
+from servo_models.report.interchange import command
+
+VERSION = 1
+"""Of the schema: it counts up when a reader of the one before would go wrong."""
+FLOORS = "noise floor"
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis as what JSON is made of: figures in SI or noise floors, no date."""
+    confirmation = diagnosis.confirmation
+    return {
+        "schema_version": VERSION,
+        "actuator": diagnosis.model.actuator.name,
+        "variant": diagnosis.model.variant,
+        "verdict": diagnosis.verdict.kind,
+        "sentence": summary.sentence(diagnosis),
+        "tolerance": diagnosis.tolerance,
+        "gap": {**_reduction(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
+        "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
+        "effects": [_effect(diagnosis, claim) for claim in diagnosis.claims],
+        "ruled_out": [
+            {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
+        ],
+        "imitated": [_imitated(diagnosis, one) for one in diagnosis.imitated],
+        "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
+        "held_out": [asdict(one) for one in diagnosis.held_out],
+        "where": [asdict(breakdown) for breakdown in diagnosis.localisation],
+        "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
+        "warnings": list(summary.warnings(diagnosis)),
+        "seed": diagnosis.seed,
+        "versions": conditions(),
+        "logs": [_log(diagnosis, audit) for audit in diagnosis.audits],
+    }
+
+
+def github(diagnosis: Diagnosis) -> Iterator[str]:
+    """Return workflow commands: the verdict, an error where there is a gap, and all warnings."""
+    title, said = f"servo-models: {diagnosis.model.actuator.name}", summary.sentence(diagnosis)
+    yield command("notice" if diagnosis.within_tolerance else "error", title, said)
+    for text in summary.warnings(diagnosis):
+        yield command("warning", title, text)
+
+
+def _reduction(gap: Reduction, unit: str) -> dict[str, Any]:
+    closed = gap.closed or (None, None, None)
+    return {
+        **gap.rms,
+        "floor": gap.floor,
+        "unit": unit,
+        "held_out": True,
+        "intervals": {stage: list(interval) for stage, interval in gap.intervals.items()},
+        "closed": closed[0],
+        "closed_interval": list(closed[1:]),
+    }
+
+
+def _outputs(diagnosis: Diagnosis) -> dict[str, Any]:
+    return {
+        gap.output: {
+            **_reduction(gap, diagnosis.model.plant.wire[gap.output].unit),
+            "floor_origin": gap.origin,
+            "nrmse": gap.nrmse,
+            "delay": gap.delay,
+            "worst": {"log": gap.worst[0], "time": gap.worst[1]},
+        }
+        for gap in diagnosis.gaps
+    }
+
+
+def _confirmation(diagnosis: Diagnosis, confirmation: Confirmation) -> dict[str, Any]:
+    wires = diagnosis.model.plant.wire
+    return {
+        "difference": confirmation.difference,
+        "outputs": {
+            output: {
+                "unit": wires[output].unit,
+                "judged": _whole(confirmation.rows, output, FIT),
+                "held_out": _whole(confirmation.rows, output, HELD_OUT),
+            }
+            for output in dict.fromkeys(row.output for row in confirmation.rows)
+        },
+    }
+
+
+def _whole(rows: Sequence[Accuracy], output: str, part: str) -> dict[str, float]:
+    return {stage: overall(rows, output, part, stage) for stage in ("before", "after")}
+
+
+def _effect(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
+    return {
+        "name": claim.name,
+        "block": claim.wire,
+        "probability": claim.probability,
+        "in_set": claim.in_set,
+        "taken": claim.taken,
+        "parameters": [_value(diagnosis, value) for value in claim.parameters],
+        "gap_after": claim.gap_after,
+        "closed": claim.closed,
+        "converged": claim.converged,
+        "reach": claim.reach,
+        "beside": list(claim.beside),
+        "detected": None if claim.detected is None else _detected(claim.detected),
+    }
+
+
+def _imitated(diagnosis: Diagnosis, one: Imitated) -> dict[str, Any]:
+    wire = diagnosis.model.plant.main_wire(one.name)
+    return {"name": one.name, "block": wire, "up_to": one.moved}
+
+
+def _detected(seen: Detection) -> dict[str, Any]:
+    return {
+        "by": "codes" if isinstance(seen, Codes) else "clock",
+        "bunched": seen.bunched,
+        "by_chance": seen.chance,
+        "text": sentence(seen),
+    }
+
+
+def _parameter(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
+    moved, doubt = summary.moves(diagnosis), summary.doubts(diagnosis)
+    retuned = {one.name: one.value for one in diagnosis.moved}
+    return {
+        **_value(diagnosis, value),
+        "retuned": retuned.get(value.name),
+        "prior_deviations": moved.get(value.name),
+        "doubt": doubt.get(value.name, ""),
+    }
+
+
+def _value(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
+    unit = diagnosis.model.plant.parameters[value.name].param.unit
+    return {**asdict(value), "unit": unit}
+
+
+def _log(diagnosis: Diagnosis, audit: Audit) -> dict[str, Any]:
+    log, clock = audit.log, audit.sampling
+    return {
+        "name": log.name,
+        "file": log.path.name,
+        "sha256": log.sha256,
+        "samples": clock.samples,
+        "duration": clock.duration,
+        "step": clock.step,
+        "jitter": clock.jitter,
+        "gaps": len(clock.gaps),
+        "at_rest": audit.at_rest,
+        "readings": {one.name: _reading(diagnosis, one) for one in audit.readings},
+    }
+
+
+def _reading(diagnosis: Diagnosis, reading: Reading) -> dict[str, Any]:
+    floor = reading.floor
+    return {
+        "unit": diagnosis.model.plant.wire[reading.name].unit,
+        "low": reading.low,
+        "high": reading.high,
+        "step": reading.step,
+        "clipped": reading.clipped,
+        "stale": reading.stale,
+        "floor": {"quantum": floor.quantum, "repeats": floor.repeats, "residual": floor.residual},
+    }
+
+
+def _experiment(next_: Experiment) -> dict[str, Any]:
+    return {
+        "one": list(next_.one),
+        "other": list(next_.other),
+        "text": next_.text,
+        "input": next_.wire.name,
+        "unit": next_.wire.unit,
+        "constants": dict(next_.constants),
+        "duration": float(next_.times[-1]),
+        "separation": next_.separation,
+        "so_far": next_.so_far,
+        "file": next_.file or None,
+    }
+
+
+def parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
+    """Return ``diagnosis.fitted`` with standard errors, and what it is known from."""
+    model = diagnosis.fitted
+    tuned = () if diagnosis.within_tolerance else diagnosis.found  # without a gap nothing is
+    estimated = {
+        one.name: Estimate(one.name, one.value, known_error(one.standard_error), "diagnosed")
+        for one in tuned
+    }
+    wires = model.plant.wire
+    return ParameterSet(
+        actuator=model.actuator.key,
+        variant=model.variant,
+        estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        method=f"diagnosis, {diagnosis.verdict.kind}: {_causes(diagnosis)}",
+        logs={name: f"sha256:{digest}" for name, digest in hashes(diagnosis.logs).items()},
+        date=date,
+        figures={
+            f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)
+            for gap in diagnosis.gaps
+        },
+        warnings=summary.warnings(diagnosis),
+    )
+
+
+def _causes(diagnosis: Diagnosis) -> str:
+    taken = diagnosis.causes.taken.effects
+    return f"parameters and {summary.placed(diagnosis, taken)}" if taken else "parameters alone"

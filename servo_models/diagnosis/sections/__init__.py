@@ -1,0 +1,284 @@
+"""A diagnosis as people read it: the answer first, then what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from servo_models.analysis.explain import display_scale
+from servo_models.data.parameters import installed_version
+from servo_models.diagnosis import summary
+from servo_models.diagnosis.belief import COVERED
+from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.sections import pictures, tables
+from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.identification.readings import log_facts
+from servo_models.report.conditions import conditions
+from servo_models.report.numbers import ARROW, number, percent
+from servo_models.report.sections import Card, Report, Section
+
+ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
+EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
+
+
+def report(diagnosis: Diagnosis, date: str = "") -> Report:
+    """Return the report of a diagnosis."""
+    model = diagnosis.model
+    return Report(
+        title=f"{diagnosis.name}: {model.actuator.name}, variant {model.variant}",
+        sentence=summary.headline(diagnosis) + summary.rivals(diagnosis),
+        passed=judgement(diagnosis),
+        cards=tuple(_cards(diagnosis)),
+        sections=(
+            _answer(diagnosis),
+            Section(WARNINGS, items=tuple(_sentences(summary.warnings(diagnosis))), folded=True),
+            _errors(diagnosis),
+            _where(diagnosis),
+            _effects(diagnosis),
+            _detectors(diagnosis),
+            _ruled_out(diagnosis),
+            _imitated(diagnosis),
+            _parameters(diagnosis),
+            _next(diagnosis),
+            _provenance(diagnosis),
+        ),
+        date=date,
+    )
+
+
+def judgement(diagnosis: Diagnosis) -> bool | None:
+    """Return True if there is no gap, None if it is explained, False if it is not."""
+    if diagnosis.within_tolerance:
+        return True
+    return False if diagnosis.verdict.kind in (OUTSIDE, NOT_IDENTIFIABLE) else None
+
+
+def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
+    if not diagnosis.within_tolerance:
+        yield from _causes(diagnosis)
+        yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
+    yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
+    yield Card("do next", _to_do(diagnosis), None, NEXT if diagnosis.next_experiments else "")
+    count = len(summary.warnings(diagnosis))
+    if count:
+        many = f"{count} warnings" if count > 1 else "1 warning"
+        yield Card("mind", f"{many}, before using the values", False, WARNINGS)
+
+
+def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
+    """Effects with their sizes, or what re-tuning moved most."""
+    if diagnosis.verdict.kind == PARAMETERS:
+        moves = summary.moves(diagnosis)
+        most = sorted(moves, key=lambda name: -abs(moves[name]))[:FEW]
+        lines = [_moved(diagnosis, value) for value in diagnosis.found if value.name in most]
+        if lines:
+            yield Card("re-tuned most", "\n".join(lines), None, PARAMETER)
+        return
+    named = [claim for claim in diagnosis.claims if claim.taken or claim.in_set]
+    if not named:
+        return
+    lines = [_cause(diagnosis, claim) for claim in named[: FEW + 1]]
+    more = [f"and {len(named) - len(lines)} more"] if len(named) > len(lines) else []
+    title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(diagnosis.verdict.kind, "cause")
+    yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
+
+
+def _cause(diagnosis: Diagnosis, claim: Claim) -> str:
+    rival = not claim.taken and any(one.taken for one in diagnosis.claims)
+    sizes = ", ".join(
+        f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
+        for value in claim.parameters
+    )
+    told = diagnosis.verdict.chances and diagnosis.verdict.kind != OUTSIDE
+    chance = f", {tables.probability(claim)}" if told else ""
+    return f"{'or ' * rival}{claim.name} on '{claim.wire}'{chance}: {sizes}"
+
+
+def _moved(diagnosis: Diagnosis, value: Value) -> str:
+    parameter = diagnosis.model.plant.parameters[value.name]
+    nominal = number(display_scale(parameter) * value.nominal)
+    return f"{value.name} {nominal} {ARROW} {tables.size(diagnosis, value)}"
+
+
+def _before(diagnosis: Diagnosis) -> Iterator[str]:
+    for gap in diagnosis.gaps:
+        yield f"{gap.output} {tables.error(diagnosis, gap, gap.rms['before'])} RMS"
+    yield f"{number(diagnosis.gap.rms['before'], 3)} noise floors"
+
+
+def _left(diagnosis: Diagnosis) -> Iterator[str]:
+    for gap in diagnosis.gaps:
+        floor = tables.error(diagnosis, gap, gap.floor, 2)
+        yield f"{gap.output} {tables.error(diagnosis, gap, gap.rms['after'])} RMS, noise {floor}"
+    left = f"{number(diagnosis.gap.rms['after'], 3)} noise floors"
+    if diagnosis.gap.closed and not diagnosis.within_tolerance:
+        left += f"; {percent(diagnosis.gap.closed[0])} of the gap is closed"
+    yield left
+    if diagnosis.moved and diagnosis.causes.taken.effects:
+        yield f"{number(diagnosis.gap.rms['retuned'], 3)} noise floors with parameters alone"
+    for clause in (summary.rest(diagnosis), summary.elsewhere(diagnosis)):
+        if clause:
+            yield clause.removeprefix("; ")
+
+
+def _to_do(diagnosis: Diagnosis) -> str:
+    planned = [one for one in diagnosis.next_experiments if one.telling]
+    if diagnosis.within_tolerance:
+        return "Nothing: the model is as good as these logs can show."
+    if planned:
+        file = f" ({planned[0].file})" if planned[0].file else ""
+        return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
+    if diagnosis.verdict.kind == OUTSIDE:
+        return (
+            "Look where the rest lies, below; what acts there has no effect in the catalogue yet."
+        )
+    if diagnosis.verdict.kind == NOT_IDENTIFIABLE:
+        return "Record a log with other commands: more amplitudes, speeds and reversals."
+    return (
+        f"Use the diagnosed model: servo-models diagnose {diagnosis.name}.toml --out PARAMS.toml,"
+        " then servo-models build --params PARAMS.toml."
+    )
+
+
+def _answer(diagnosis: Diagnosis) -> Section:
+    return Section(
+        ANSWER, tables=(tables.gap(diagnosis),), pictures=pictures.responses(diagnosis)[:2]
+    )
+
+
+def _errors(diagnosis: Diagnosis) -> Section:
+    return Section(
+        ERRORS,
+        "RMS errors. Those of the gap are of stretches of time that the fit has not seen, with"
+        " 95 % intervals over the stretches.",
+        tables=(tables.nominal(diagnosis), tables.fmu(diagnosis), tables.held_out(diagnosis)),
+        pictures=pictures.responses(diagnosis)[2:],
+        folded=True,
+    )
+
+
+def _where(diagnosis: Diagnosis) -> Section:
+    return Section(
+        WHERE,
+        "RMS errors in noise floors, and above each pair of bars the share of the squared error,"
+        " before and after. Errors after are of stretches that no fit has seen, but for those by"
+        " block of the model.",
+        tables=(tables.places(diagnosis), *(tables.place(one) for one in diagnosis.localisation)),
+        pictures=tuple(pictures.place(one) for one in diagnosis.localisation if len(one.bins) > 1),
+        folded=True,
+    )
+
+
+def _effects(diagnosis: Diagnosis) -> Section:
+    causes = diagnosis.causes
+    groups = {
+        "Effects, fitted one at a time": causes.singles,
+        "Pairs of effects": causes.pairs,
+        "More effects together": causes.more,
+    }
+    return Section(
+        EFFECTS,
+        "Every effect was switched on and fitted, with the nominal parameters free inside their"
+        " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
+        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability. Read"
+        " probabilities as a ranking: they come out too sure."
+        f"{_refined(diagnosis)}",
+        tables=(
+            tables.effects(diagnosis),
+            *(tables.fits(diagnosis, fits, title) for title, fits in groups.items()),
+        ),
+        pictures=tuple(
+            pictures.fits(diagnosis, fits, title) for title, fits in groups.items() if fits
+        ),
+        folded=True,
+    )
+
+
+def _refined(diagnosis: Diagnosis) -> str:
+    """What fitting to the end made of the explanation that is told everywhere else."""
+    taken = diagnosis.causes.taken
+    left = {one.effects: number(one.evidence.rms, 3) for one in diagnosis.causes.alike}
+    now = number(taken.evidence.rms, 3)
+    then = left.get(taken.effects, now)
+    if now == then:
+        return ""
+    return (
+        f" All fits ended as soon as they could be compared; {tables.together(taken.effects)} was"
+        f" then fitted to the end, and leaves {now} instead of {then}."
+    )
+
+
+def _detectors(diagnosis: Diagnosis) -> Section:
+    return Section(
+        "Codes and ticks",
+        "A quantiser leaves codes in its reading, and a hold answers commands on its ticks. Both"
+        " show, or do not, whatever error a fit leaves.",
+        tables=(tables.detected(diagnosis),),
+        pictures=pictures.detectors(diagnosis),
+        folded=True,
+    )
+
+
+def _ruled_out(diagnosis: Diagnosis) -> Section:
+    return Section(
+        "Ruled out",
+        "An effect moves the outputs by what the largest size tried does, without what nominal"
+        " parameters can imitate. One that moves them by less than the noise floor may be there"
+        " all the same.",
+        tables=(tables.reasons(diagnosis), tables.ruled_out(diagnosis)),
+        folded=True,
+    )
+
+
+def _imitated(diagnosis: Diagnosis) -> Section:
+    return Section(
+        "Not ruled out",
+        "Effects that may be there all the same: with one of them in the model, parameters re-tuned"
+        " beside it leave no more than without. How far it moves the outputs is told at the largest"
+        " size found, with the experiment that would show it. One without an experiment is small,"
+        " or like another parameter under every command tried.",
+        tables=(tables.imitated(diagnosis),),
+        folded=True,
+    )
+
+
+def _parameters(diagnosis: Diagnosis) -> Section:
+    return Section(
+        PARAMETER,
+        "Standard errors count correlated residuals; they do not count what the model lacks.",
+        tables=tables.parameters(diagnosis),
+        pictures=pictures.moved(diagnosis),
+        folded=True,
+    )
+
+
+def _next(diagnosis: Diagnosis) -> Section:
+    planned = diagnosis.next_experiments
+    unwritten = not all(one.file for one in planned)
+    return Section(
+        NEXT,
+        "The command inside the actuator's limits on which the fitted models differ most, their"
+        " parameters re-fitted to imitate one another. Log it and diagnose it with the old logs.",
+        items=(
+            *(f"{k}: {one.instruction}" for k, one in enumerate(planned, start=1)),
+            *(("--json or --report writes the table to play.",) if unwritten else ()),
+        ),
+        pictures=tuple(pictures.experiment(diagnosis, one) for one in planned),
+        folded=True,
+    )
+
+
+def _provenance(diagnosis: Diagnosis) -> Section:
+    model = diagnosis.model
+    facts = [
+        ("actuator", f"{model.actuator.name}, variant {model.variant}"),
+        ("values from", model.provenance),
+        ("no gap", f"below {number(diagnosis.tolerance)} noise floors"),
+        *log_facts(diagnosis.logs),
+        *{"servo-models": installed_version(), **conditions()}.items(),
+    ]
+    return Section("Provenance", facts=tuple(fact for fact in facts if fact[1]), folded=True)
+
+
+def _sentences(texts: tuple[str, ...]) -> Iterator[str]:
+    yield from (f"{text[:1].upper()}{text[1:]}." for text in texts)

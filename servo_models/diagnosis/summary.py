@@ -1,0 +1,372 @@
+"""A diagnosis in sentences: the verdict, why an effect is ruled out, what to be careful with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from servo_models.analysis.experiment import display
+from servo_models.data.audit import EXACT, REPEATS
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
+from servo_models.diagnosis.gap import Reduction, not_followed
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.imitated import Imitated
+from servo_models.diagnosis.search.reach import Reach
+from servo_models.diagnosis.unseen import Unseen
+from servo_models.diagnosis.verdict import (
+    EFFECT,
+    EFFECTS,
+    NO_GAP,
+    NOT_IDENTIFIABLE,
+    OUTSIDE,
+    PARAMETERS,
+)
+from servo_models.identification.simulation import false_starts
+from servo_models.identification.uncertainty import doubt, together
+
+SEEN = 1.0
+"""Movement [noise floors] from which logs can show an effect."""
+ELSEWHERE = 2.0
+"""Error of a log that is held out over that of the others, from which something else acts there."""
+UNLIKE = 3.0
+"""Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
+MOTION = 0.5
+"""Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+SURPRISING = 3.0
+"""Prior standard deviations from which a nominal parameter has moved further than it should."""
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """Return the verdict in one sentence, with what only another experiment would show."""
+    kind, said = diagnosis.verdict.kind, headline(diagnosis)
+    before, retuned = diagnosis.gap.rms["before"], diagnosis.gap.rms["retuned"]
+    if kind == NO_GAP:
+        allowed = f"{diagnosis.tolerance:g} are allowed"
+        return (
+            f"{said}: the model leaves {before:.3g} noise floors, {allowed}{elsewhere(diagnosis)}."
+        )
+    if kind in (NOT_IDENTIFIABLE, OUTSIDE):
+        return f"{said}; {change(diagnosis)}{elsewhere(diagnosis)}."
+    alone = (
+        f", parameters alone leave {retuned:.3g}" if diagnosis.moved and kind != PARAMETERS else ""
+    )
+    ends = (
+        f"{alone}{rivals(diagnosis)}{rest(diagnosis)}{not_shown(diagnosis)}{elsewhere(diagnosis)}"
+    )
+    return f"{said}: {change(diagnosis)}{ends}."
+
+
+def rest(diagnosis: Diagnosis) -> str:
+    """Return a clause on errors that are left and are no noise, "" where something is missing
+    anyway."""
+    left = (
+        diagnosis.verdict.rest if diagnosis.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
+    )
+    return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
+
+
+def not_shown(diagnosis: Diagnosis) -> str:
+    """Return a clause on effects that another experiment shows and these logs do not, beside
+    parameters that explain the gap; "" for none."""
+    names = [name for one in diagnosis.next_experiments if not one.one for name in one.other]
+    if not names:
+        return ""
+    many = len(names) > 1
+    others = f"do in the next experiment{'s' * many}" if many else "does in the next experiment"
+    return f"; {listed(names)} would not show in these logs, and {others}"
+
+
+def shown_by(one: Imitated, diagnosis: Diagnosis) -> str:
+    """Return the numbers of experiments that would show an effect that parameters imitate."""
+    every = enumerate(diagnosis.next_experiments, start=1)
+    return ", ".join(str(k) for k, it in every if it.other == one.explanation.effects)
+
+
+def elsewhere(diagnosis: Diagnosis) -> str:
+    """Return a clause on the log that is held out and missed most, "" for none."""
+    most = max(missed(diagnosis), key=lambda one: one.after, default=None)
+    return (
+        f"; of log '{most.log}', held out, it leaves {most.after:.3g} noise floors" if most else ""
+    )
+
+
+def missed(diagnosis: Diagnosis) -> list[Unseen]:
+    """Return logs with samples held out of which much more is left than of those judged."""
+    least = max(diagnosis.tolerance, ELSEWHERE * diagnosis.gap.rms["after"])
+    return [one for one in diagnosis.held_out if one.after > least]
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Return the verdict in a clause, without figures and rivals."""
+    taken, kind = diagnosis.causes.taken.effects, diagnosis.verdict.kind
+    whole = "most of the gap" if diagnosis.verdict.rest else "the gap"
+    if kind == NO_GAP:
+        return "No gap"
+    if diagnosis.explained:
+        return f"Re-tuned parameters explain {whole}, no effect is needed"
+    if kind == PARAMETERS:
+        return f"{whole.capitalize()} cannot be told from noise, no effect is needed"
+    if kind == NOT_IDENTIFIABLE:
+        return _undecided(diagnosis)
+    if kind == OUTSIDE:
+        alone = "with parameters re-tuned" if diagnosis.moved else "with the nominal model"
+        best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
+        return f"Outside the catalogue: {best}, something is left"
+    return f"{placed(diagnosis, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+
+
+def _undecided(diagnosis: Diagnosis) -> str:
+    """What is not told apart; effects that every explanation left names are no part of it."""
+    left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
+    surely = [name for name in members if left and all(name in one.effects for one in left)]
+    others = ", ".join(name for name in members if name not in surely)
+    said = "These logs cannot tell which effect it is"
+    if not others:
+        others = ", ".join(members)
+    elif surely:
+        said = f"It is {placed(diagnosis, surely)}, and these logs cannot tell which other effect"
+    return f"{said}: {others} leave much the same"
+
+
+def rivals(diagnosis: Diagnosis) -> str:
+    """Return a clause on effects that do as well as the ones taken, "" for none."""
+    if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
+        return ""
+    others = [
+        name for name in diagnosis.verdict.members if name not in diagnosis.causes.taken.effects
+    ]
+    return f"; cannot be told apart from {', '.join(others)}" if others else ""
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as one reads them: "a", "a and b", "a, b and c"."""
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def placed(diagnosis: Diagnosis, effects: Iterable[str]) -> str:
+    """Return effects with the wires on which they act."""
+    plant = diagnosis.model.plant
+    return listed(f"{name} on '{plant.main_wire(name)}'" for name in effects)
+
+
+def change(diagnosis: Diagnosis) -> str:
+    """Return how far the gap closes, in noise floors and in the unit of each output."""
+    rms, outputs = diagnosis.gap.rms, []
+    for gap in diagnosis.gaps:
+        scale, unit = display(diagnosis.model.plant.wire[gap.output])
+        before, after = (f"{scale * gap.rms[stage]:.3g}" for stage in ("before", "after"))
+        outputs.append(f"{gap.output} {before} -> {after} {unit}".rstrip())
+    floors = f"{rms['before']:.3g} -> {rms['after']:.3g} noise floors held out"
+    return f"{floors} ({', '.join(outputs)}){_closing(diagnosis.gap)}"
+
+
+def _closing(gap: Reduction) -> str:
+    if gap.closed is None:
+        return ""
+    return f", which closes {closed(gap)} of what can be closed"
+
+
+def closed(gap: Reduction) -> str:
+    """Return the share of the reducible gap that is closed with its interval; "" for none."""
+    if gap.closed is None:
+        return ""
+    share, low, high = (f"{100.0 * value:.3g}" for value in gap.closed)
+    return f"{share} % ({low}..{high})"
+
+
+def ruled_out(diagnosis: Diagnosis) -> dict[str, str]:
+    """Return why each effect is not named, by its name, the nearest first.
+
+    What parameters imitate is not ruled out.
+    """
+    reach = diagnosis.causes.reach
+    named = {*diagnosis.verdict.members, *diagnosis.causes.taken.effects}
+    named |= {one.name for one in diagnosis.imitated}
+    fitted = diagnosis.causes.fitted
+    rest = [name for name in reach if name not in named and name not in fitted]
+    said = {name: _loses(diagnosis, name, one) for name, one in fitted.items() if name not in named}
+    for name in sorted(rest, key=lambda name: -reach[name].shown):
+        said[name] = "explains too little beside those that were fitted"
+    unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
+    return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
+
+
+def _unseen(reach: Reach) -> str:
+    if reach.moved == 0.0:
+        return "these logs cannot show it: no size that they suggest moves what is measured"
+    if reach.moved < SEEN:
+        most = f"{reach.moved:.1g}"
+        return f"these logs cannot show it: it moves the outputs by {most} noise floors at most"
+    return (
+        "these logs can hardly tell it from parameters: what these cannot imitate of it is"
+        f" {reach.shown:.1g} noise floors at most"
+    )
+
+
+def _loses(diagnosis: Diagnosis, name: str, fitted: Explanation) -> str:
+    others = [it for it in fitted.effects if it != name]
+    beside = f" beside {listed(others)}" if others else ""
+    left = f"leaves {fitted.evidence.rms:.3g} noise floors held out{beside}"
+    return ", ".join([left, *marks(diagnosis, fitted)])
+
+
+def marks(diagnosis: Diagnosis, fitted: Explanation) -> list[str]:
+    """Return what speaks against an explanation beside the error that it leaves."""
+    worse = fitted.evidence.rms >= diagnosis.gap.rms["retuned"]
+    said = {
+        "worse than parameters alone": worse,
+        "on a bound": fitted.disguised,
+        "its fit did not converge": not fitted.converged,
+    }
+    return [text for text, holds in said.items() if holds]
+
+
+def moves(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return how far nominal parameters moved, in prior standard deviations, by name."""
+    free = {one.name: one for one in diagnosis.causes.taken.problem.free}
+    return {
+        value.name: (value.value - value.nominal) / prior
+        for value in diagnosis.found
+        if (prior := free[value.name].prior) is not None
+    }
+
+
+def doubts(diagnosis: Diagnosis) -> dict[str, str]:
+    """Return in a few words why a parameter's value is doubtful, by name, if it is."""
+    free = {one.name: one for one in diagnosis.causes.taken.problem.free}
+    said = {
+        value.name: doubt(free[value.name], value.value, value.standard_error)
+        for value in diagnosis.found
+    }
+    return {name: text for name, text in said.items() if text}
+
+
+def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return what to be careful with: logs first, then noise, the model, and its parameters."""
+    return (
+        *_about_logs(diagnosis),
+        *_about_repeats(diagnosis),
+        *_about_motion(diagnosis),
+        *_about_fits(diagnosis),
+        *_about_held_out(diagnosis),
+        *_about_parameters(diagnosis),
+    )
+
+
+def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
+    for one in diagnosis.audits:
+        yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
+    taken = diagnosis.causes.taken
+    yield from false_starts(taken.problem.runs, taken.values)
+    yield from (
+        f"'{name}' is a flag, 0 or 1, and is left out of errors" for name in diagnosis.flags
+    )
+    short = [log.name for log in diagnosis.logs if 0 < log.fitted.sum() < LEAST_SAMPLES]
+    if short and diagnosis.verdict.kind != NO_GAP:
+        each = f"'{short[0]}'" if len(short) == 1 else f"each of {len(short)} logs"
+        yield (
+            f"fewer than {LEAST_SAMPLES} samples of {each} are fitted, too few to tell noise from"
+            " what is missing: what is left there counts as noise; log longer, or faster"
+        )
+
+
+def _about_repeats(diagnosis: Diagnosis) -> Iterator[str]:
+    """Noise floors from repeats that differ by more than samples scatter."""
+    floors = [(one.name, one.floor) for audit in diagnosis.audits for one in audit.readings]
+    for gap in diagnosis.gaps:
+        scatter = max(max(it.quantum, it.residual) for name, it in floors if name == gap.output)
+        if gap.origin == REPEATS and gap.floor > UNLIKE * scatter:
+            seen = scatter > EXACT * gap.full_scale  # readings of a simulation scatter by nothing
+            times = f"{gap.floor / scatter:.2g} times what" if seen else "far more than"
+            yield (
+                f"'{gap.output}' differs between repeats of a command by {times} it scatters by"
+                " from sample to sample: something that acts otherwise each time, such as a clock"
+                f" or heat, counts as noise{_sought(diagnosis)}"
+            )
+
+
+def _about_motion(diagnosis: Diagnosis) -> Iterator[str]:
+    """Noise floors that a simulation without noise has as well."""
+    for gap in diagnosis.gaps:
+        if gap.motion > MOTION * gap.floor:
+            yield (
+                f"the noise floor of '{gap.output}' contains motion that is fast for these samples:"
+                f" the simulation, which has no noise, gives {gap.motion / gap.floor:.2g} of it;"
+                f" log faster or repeat a command{_sought(diagnosis)}"
+            )
+
+
+def _sought(diagnosis: Diagnosis) -> str:
+    """What to do about a floor that is too high: nothing where a gap shows above it."""
+    return "; give a smaller --tolerance to look for it" if diagnosis.verdict.kind == NO_GAP else ""
+
+
+def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
+    taken = diagnosis.causes.taken
+    for name in not_followed(taken):
+        yield (
+            f"the model explains hardly anything of '{name}': check scale and sign of its"
+            f" column, and that the log is of '{diagnosis.model.actuator.name}'"
+        )
+    if diagnosis.unconfirmed:
+        yield f"the FMU of the diagnosed model {diagnosis.unconfirmed}"
+    if taken.effects and not taken.converged:
+        yield f"the fit with {listed(taken.effects)} did not converge"
+    if diagnosis.verdict.hunting:
+        yield (
+            "the simulated response has a limit cycle that does not repeat: parameters changed"
+            f" within their standard errors move it by {diagnosis.verdict.hunting:.3g} noise"
+            " floors, so a remaining error of that size does not count as a missing effect"
+        )
+
+
+def _about_held_out(diagnosis: Diagnosis) -> Iterator[str]:
+    effects = diagnosis.causes.taken.effects
+    for one in diagnosis.held_out:
+        if np.isnan(one.retuned):
+            helped = ", so it is not known there whether the effects help" if effects else ""
+            yield (
+                f"held out of log '{one.log}', the motion cannot be simulated with parameters"
+                f" alone{helped}"
+            )
+        elif np.isnan(one.after):
+            yield (
+                f"held out of log '{one.log}', the motion cannot be simulated with"
+                f" {listed(effects)}; there, something else is missing"
+            )
+        elif one.worse:
+            yield (
+                f"held out of log '{one.log}', the motion gets worse: parameters alone leave"
+                f" {one.retuned:.3g} noise floors, with {listed(effects)} it is"
+                f" {one.after:.3g}; there, something else is missing"
+            )
+        elif one in missed(diagnosis):
+            yield (
+                f"held out of log '{one.log}', {one.after:.3g} noise floors are left, of what is"
+                f" judged {diagnosis.gap.rms['after']:.3g}: something else acts there;"
+                " judge that log as well"
+            )
+
+
+def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
+    if not diagnosis.moved:
+        yield (
+            "no nominal parameter has an uncertainty: all are held fixed, and a wrong value looks"
+            " like an effect; add [uncertainty] to the description"
+        )
+    far = {name: by for name, by in moves(diagnosis).items() if abs(by) > SURPRISING}
+    if far:
+        each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in far.items())
+        yield (
+            f"moved further than their uncertainties allow, in prior deviations: {each}; either"
+            " these were too small, or the parameters stand in for an effect that is missing"
+        )
+    taken = diagnosis.causes.taken
+    own = [free.name for free in taken.problem.free if free.prior is None]
+    yield from (together(group, own) for group in taken.together)
+    for name, doubtful in doubts(diagnosis).items():
+        if name.rpartition(".")[0] in diagnosis.causes.taken.effects:
+            yield f"'{name}' is {doubtful}"
