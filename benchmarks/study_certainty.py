@@ -32,7 +32,7 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.identification.uncertainty import PRIOR_ONLY
-from servo_models.report.sheets import with_error
+from servo_models.report.numbers import Quantity, with_error
 
 SAMPLES = 500
 NORMAL_95 = 1.96
@@ -410,11 +410,12 @@ def by_identify(told: Description) -> Said:
     outcome = identify(told, jobs=1)
     found = outcome.result
     names = [free.name for free in found.free]
+    printed = outcome.report().titled_tables["Estimated parameters"].column(3)
     return Said(
         dict(zip(names, found.values.tolist())),
         dict(zip(names, found.standard_errors.tolist())),
         found.groups,
-        [(row[2], row[3]) for row in outcome.sheet.tables[0].rows],
+        [with_error(it.value, it.error) for it in printed if isinstance(it, Quantity)],
     )
 
 

@@ -25,15 +25,11 @@ import numpy as np
 from known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
 
 from servo_models.data.description import read_description
-from servo_models.diagnosis.confirm import confirm
+from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.search.causes import TOLERANCE
-from servo_models.diagnosis.telling import words
-from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.verdict import NO_GAP
-from servo_models.diagnosis.where import Breakdown, where
 from servo_models.files import write_whole
 
 PAGE = ROOT / "docs" / "studies" / "real_logs.md"
@@ -48,8 +44,6 @@ class Told:
     """All that ``servo-models diagnose`` works out, and how long that took [s]."""
 
     found: Diagnosis
-    breakdowns: tuple[Breakdown, ...]
-    experiments: tuple[Experiment, ...]
     seconds: float
     usual: Diagnosis
     """With the usual tolerance."""
@@ -66,12 +60,11 @@ def diagnosed(case: Case) -> Told:
         path.write_text(text.replace('"../logs/', f'"{folder_of_logs().as_posix()}/'))
         told = read_description(path)
     begin = time.perf_counter()
-    found = diagnose(told, case.tolerance)
-    confirm(found)
-    experiments, breakdowns = next_experiments(found.undecided), tuple(where(found.causes))
+    found = diagnose(told, case.tolerance, fmu=True)
+    found.document()
     seconds = time.perf_counter() - begin
     usual = found if case.tolerance == TOLERANCE else diagnose(told)
-    return Told(found, breakdowns, experiments, seconds, usual)
+    return Told(found, seconds, usual)
 
 
 def named(found: Diagnosis) -> tuple[str, ...]:
@@ -126,7 +119,7 @@ def bars(case: Case, found: Diagnosis) -> list[str]:
 
 
 def parameters(found: Diagnosis) -> list[str]:
-    known, doubts = found.model.plant.parameters, words.doubts(found)
+    known, doubts = found.model.plant.parameters, summary.doubts(found)
     rows = [
         (
             f"`{one.name}`",
@@ -157,7 +150,7 @@ def effects(found: Diagnosis) -> list[str]:
 
 def places(told: Told) -> list[str]:
     """Where the error lies, and motions held out and regimes that the model makes worse."""
-    breakdowns = told.breakdowns
+    breakdowns = told.found.localisation
     lines = [f"- Along {one.dimension}: {one.sentence}" for one in breakdowns if len(one.bins) > 1]
     lines += [
         f"- Worse than by parameters alone, held out of log '{one.log}': {one.retuned:.3g} ->"
@@ -176,7 +169,7 @@ def places(told: Told) -> list[str]:
 
 
 def _usual(found: Diagnosis) -> Iterator[str]:
-    yield f"With the usual tolerance it claims `{found.verdict.kind}`: {words.sentence(found)}"
+    yield f"With the usual tolerance it claims `{found.verdict.kind}`: {summary.sentence(found)}"
 
 
 def section(case: Case, told: Told) -> list[str]:
@@ -187,19 +180,19 @@ def section(case: Case, told: Told) -> list[str]:
         f"## {case.title}",
         "",
         f"**Claimed** (`{found.verdict.kind}`, {told.seconds:.0f} s{asked}):"
-        f" {words.sentence(found)}",
+        f" {summary.sentence(found)}",
         "",
         f"**Known:** {case.known}",
         "",
         f"**Wrong:** {'; '.join(wrong) if wrong else 'nothing'}.",
-        *(f"\n*Warning:* {text}." for text in cautions(found)),
+        *(f"\n*Warning:* {text}." for text in summary.warnings(found)),
         *([] if told.usual is found else ["", *_usual(told.usual)]),
         *(["", f"*Looked into by hand:* {case.remark}"] if case.remark else []),
         *bars(case, found),
         *effects(found),
         *parameters(found),
         *places(told),
-        *(f"\n*Next experiment:* {one.text}" for one in told.experiments),
+        *(f"\n*Next experiment:* {one.text}" for one in told.found.next_experiments),
         "",
     ]
 

@@ -30,7 +30,7 @@ def index_html(model: Model) -> str:
         f"The default experiment lasts {model.stop_time:g} s, in steps of {model.step_size:g} s."
         " The model's own step is a parameter, internal_step.",
         "The host's process needs a Python library, 3.10 or newer, and no packages.",
-        *sheet.texts,
+        *sheet.remarks,
     )
     body = [f"<h1>{escape(sheet.title)}</h1>", *(f"<p>{escape(text)}</p>" for text in texts)]
     body += [_table(table) for table in sheet.tables if table.rows]

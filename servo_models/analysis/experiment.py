@@ -1,4 +1,4 @@
-"""A step or a table of inputs on a model, and what came out in figures."""
+"""A step on a model; units in which a person reads its signals."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.analysis.compare import StepMetrics, step_metrics
 from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model, Result, simulate
 from servo_models.errors import UserError
-from servo_models.report.sheets import Sheet, Table
 from servo_models.units import factor, parse
 
 LONGEST = 10_000_000
@@ -50,27 +48,6 @@ def step(
     return simulate(chosen, _grid(end, size), values)
 
 
-def summary(result: Result, chosen: Model, stepped: bool) -> Sheet:
-    """Return the signals of a run in figures, and for a step the measures of its response."""
-    wires = [chosen.plant.wire[name] for name in (*result.inputs, *result.outputs)]
-    signals = Table(
-        "Signals",
-        ("signal", "first", "last", "least", "largest", "unit"),
-        tuple(_range(wire, result[wire.name]) for wire in wires),
-    )
-    end = f"{len(result.times)} points, {result.times[0]:g} to {result.times[-1]:g} s"
-    main = chosen.plant.wire[chosen.plant.outputs[0]]
-    metrics = step_metrics(result.times, result[main.name])
-    title = f"Step response of {main.name}"
-    texts = [("Warning", chosen.warning), ("Parameters changed by", chosen.provenance)]
-    texts += [("Warning", text) for text in result.warnings]
-    return Sheet(
-        f"{chosen.actuator.name}, variant {chosen.variant}: {end}",
-        tuple(f"{key}: {text}." for key, text in texts if text),
-        (signals, measures(main, metrics, title)) if stepped else (signals,),
-    )
-
-
 def _input(wire: Wire, value: float | str) -> float:
     try:
         number = parse(value, wire.unit)
@@ -103,34 +80,6 @@ def _grid(stop: float, dt: float) -> NDArray[np.float64]:
     if count > LONGEST:
         raise UserError(f"{count:.2g} steps are too many: choose a longer dt or a shorter stop")
     return np.append(dt * np.arange(math.ceil(count - 1e-9)), stop)
-
-
-def _range(wire: Wire, values: NDArray[np.float64]) -> tuple[str, ...]:
-    scale, unit = display(wire)
-    figures = (values[0], values[-1], values.min(), values.max())
-    return (wire.name, *(f"{scale * figure:.6g}" for figure in figures), unit)
-
-
-def measures(wire: Wire, metrics: StepMetrics, title: str) -> Table:
-    """Return the measures of a step response [SI] in the unit that a person reads."""
-    scale, unit = display(wire)
-    share = None if metrics.overshoot is None else 100.0 * metrics.overshoot
-    rows = (
-        ("final value, the last one", scale * metrics.final, unit),
-        ("delay to 50 %", metrics.delay, "s"),
-        ("rise from 10 % to 90 %", metrics.rise, "s"),
-        ("overshoot", share, "%"),
-        ("settling to +-5 %", metrics.settling_5, "s"),
-        ("settling to +-2 %", metrics.settling_2, "s"),
-    )
-    return Table(
-        title,
-        ("measure", "value", "unit"),
-        tuple(
-            (name, "not reached" if figure is None else f"{figure:.4g}", unit)
-            for name, figure, unit in rows
-        ),
-    )
 
 
 def display(wire: Wire) -> tuple[float, str]:

@@ -16,11 +16,11 @@ from servo_models.core.catalogue import actuators, effects
 from servo_models.core.own_actuator import is_file
 from servo_models.core.plant import Actuator, Parameter, Placement, Plant, unknown
 from servo_models.errors import UserError
-from servo_models.report.sheets import Sheet, Table
+from servo_models.report.sections import Report, Table, data_sheet
 from servo_models.units import factor
 
 
-def explain(name: str, variant: str | None = None) -> Sheet:
+def explain(name: str, variant: str | None = None) -> Report:
     """Return the data sheet of an actuator, an effect, or an effect at its place.
 
     Args:
@@ -49,7 +49,7 @@ def is_actuator(name: str) -> bool:
     return name in actuators() or is_file(name)
 
 
-def overview() -> Sheet:
+def overview() -> Report:
     """Return what there is: actuators with their variants, and effects.
 
     Example:
@@ -70,7 +70,7 @@ def overview() -> Sheet:
         )
         for name in effects()
     )
-    return Sheet(
+    return data_sheet(
         "Actuators and effects",
         (),
         (
@@ -151,7 +151,7 @@ def display_unit(parameter: Parameter) -> str:
     return "" if unit == "1" else unit
 
 
-def _effect_sheet(name: str) -> Sheet:
+def _effect_sheet(name: str) -> Report:
     found = places(name)
     where = tuple(
         (place.actuator.name, place.name, ", ".join(link.on))
@@ -163,7 +163,7 @@ def _effect_sheet(name: str) -> Sheet:
         for place in found
         for row in _parameter_rows(place.parameters, place.actuator.values())
     )
-    return Sheet(
+    return data_sheet(
         name,
         (_about(name), *(_block_text(block) for block in effects()[name])),
         (
@@ -179,7 +179,7 @@ def _effect_sheet(name: str) -> Sheet:
 
 def actuator_sheet(
     actuator: Actuator, variant: str | None = None, values: Mapping[str, float] | None = None
-) -> Sheet:
+) -> Report:
     """Return the data sheet of an actuator.
 
     Args:
@@ -197,7 +197,7 @@ def actuator_sheet(
     )
     whose = "start values" if values else f"values of variant '{actuator.variant(variant).name}'"
     shown = values or actuator.values(variant)
-    return Sheet(
+    return data_sheet(
         f"{actuator.name}: {actuator.title}",
         (actuator.about, f"Source: {actuator.source}.", *warnings(actuator)),
         (

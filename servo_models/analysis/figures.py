@@ -8,9 +8,15 @@ and backlash make an actuator another one for every size of command.
 from __future__ import annotations
 
 import cmath
+import io
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from servo_models.analysis.compare import StepMetrics, rise_time, step_metrics
 from servo_models.analysis.experiment import step as standard_step
@@ -20,7 +26,12 @@ from servo_models.analysis.sine_test import STEP_POINTS, SineTest
 from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
+from servo_models.files import write_whole
+from servo_models.report.result import Result
+from servo_models.report.sections import Report
 from servo_models.units import parse
+
+SUFFIXES = (".json", ".mat", ".npz")
 
 HALF_POWER = math.sqrt(0.5)
 RATIO = 10.0 ** (1.0 / 12.0)
@@ -60,8 +71,8 @@ class FrequencyFigures:
     points: tuple[Point, ...]
 
 
-@dataclass(frozen=True)
-class Figures:
+@dataclass(frozen=True, eq=False, repr=False)
+class Figures(Result):
     """Figures of merit of ``model``.
 
     Attributes:
@@ -87,6 +98,97 @@ class Figures:
     missing: tuple[str, ...]
     step: StepMetrics
     slew_rate: float | None
+
+    def report(self, date: str = "") -> Report:
+        from servo_models.analysis.sections import figures_report
+
+        return figures_report(self, date)
+
+    def document(self) -> dict[str, Any]:
+        """Return everything as nested dictionaries of numbers and texts, in SI."""
+        model, wires, linear = self.model, self.model.plant.wire, self.linear
+        return {
+            "actuator": model.actuator.name,
+            "variant": model.variant,
+            "provenance": model.provenance,
+            "input": {"name": self.input, "unit": wires[self.input].unit},
+            "output": {"name": self.output, "unit": wires[self.output].unit},
+            "at": dict(self.at),
+            "amplitude": self.amplitude,
+            "slew_rate": self.slew_rate,
+            "small_signals": asdict(self.small) if self.small else None,
+            "at_amplitude": asdict(self.large) if self.large else None,
+            "missing": list(self.missing),
+            "step": asdict(self.step),
+            "state_space": linear
+            and {
+                **{name: matrix.tolist() for name, matrix in _matrices(linear).items()},
+                "states": list(linear.states),
+                "inputs": list(linear.inputs),
+                "outputs": list(linear.outputs),
+                "delays": dict(linear.delays),
+                "period": linear.period,
+                "left_out": dict(linear.left_out),
+                "point": dict(linear.point),
+            },
+            "parameters": dict(model.values),
+        }
+
+    def write(self, path: str | Path) -> None:
+        """Write figures and A, B, C, D in SI: ``.json``, ``.mat`` for MATLAB, ``.npz`` for numpy.
+
+        Raises:
+            UserError: another kind of file, or a folder that cannot be written.
+        """
+        path = Path(path)
+        check_suffix(path)
+        content = io.BytesIO()
+        match path.suffix.lower():
+            case ".json":
+                content.write(
+                    (json.dumps(self.document(), indent=2, allow_nan=False) + "\n").encode()
+                )
+            case ".mat":
+                from scipy.io import savemat
+
+                savemat(content, _for_matlab(self.document()), long_field_names=True)
+            case _:
+                text = json.dumps(self.document(), allow_nan=False)
+                arrays = _matrices(self.linear) if self.linear else {}
+                np.savez(content, figures=text, **arrays)
+        write_whole(path, content.getvalue())
+
+
+def check_suffix(path: Path) -> None:
+    """Raise UserError unless ``path`` names a kind of file that ``Figures.write`` writes."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise UserError(f"'{path}': figures go to a file that ends in {', '.join(SUFFIXES)}")
+
+
+def _matrices(linear: LinearModel) -> dict[str, Any]:
+    return dict(zip("ABCD", linear.matrices()))
+
+
+def _for_matlab(tree: dict[str, Any]) -> dict[str, Any]:
+    """What MATLAB can load: None is [], names have no dots, lists of texts are cells."""
+
+    def converted(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key.replace(".", "_"): converted(inner) for key, inner in value.items()}
+        if isinstance(value, (list, tuple)):
+            simple = not value or isinstance(value[0], (float, list))
+            return np.array(value) if simple else _cells([converted(inner) for inner in value])
+        return np.empty((0, 0)) if value is None else value
+
+    space = tree["state_space"] or {}
+    made: dict[str, Any] = converted(tree)
+    return made | {name: np.array(space[name]) for name in "ABCD" if space}
+
+
+def _cells(values: list[Any]) -> Any:
+    cells = np.empty(len(values), dtype=object)
+    cells[:] = values
+    return cells
 
 
 def figures(

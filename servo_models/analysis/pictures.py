@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from servo_models.analysis.experiment import display
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Result
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.files import write_with
+from servo_models.report.curves import shade
 from servo_models.report.style import colour, drawing
-from servo_models.units import factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +73,7 @@ def response(result: Result, plant: Plant, title: str) -> Figure:
     with _page(title, len(shown)) as (figure, panels):
         for axes, wire in zip(panels, shown):
             values, label = _display(result[wire.name], wire)
-            _heading(axes, wire, label)
+            _heading(axes, wire.name, label)
             if wire in moving:
                 rest, _ = _display(np.array([float(wire.rest)]), wire)
                 _input(axes, np.array([lead, *time]), np.array([*rest, *values]))
@@ -102,16 +103,16 @@ def comparison(
     time = scale * without.times
     with _page(title, 3, heights=(1.0, 2.2, 1.0)) as (figure, (top, middle, bottom)):
         values, shown = _display(without[source.name], source)
-        _heading(top, source, shown)
+        _heading(top, source.name, shown)
         _input(top, time, values)
         before, shown = _display(without[output.name], output)
         after, _ = _display(changed[output.name], output)
-        _heading(middle, output, shown)
+        _heading(middle, output.name, shown)
         middle.plot(time, before, color=colour("muted"), lw=2.4, alpha=0.55)
         middle.plot(time, after, color=colour("orange"))
         middle.text(0.2, 1.03, "without", transform=middle.transAxes, color=colour("muted"), size=9)
         middle.set_title(f"with {label}", loc="right", color=colour("orange"), size=9)
-        bottom.set_title(f"difference [{shown}]", loc="left", size=9)
+        _heading(bottom, "difference", shown)
         bottom.fill_between(time, after - before, color=colour("orange"), alpha=0.25, lw=0)
         bottom.plot(time, after - before, color=colour("orange"), lw=1.0)
         _time_axis(bottom, time[0], time[-1], unit)
@@ -132,15 +133,15 @@ def _page(title: str, rows: int, heights: Sequence[float] = ()) -> Iterator[tupl
         yield figure, panels
 
 
-def _heading(axes: Axes, wire: Wire, unit: str) -> None:
-    shown = "" if unit == "1" else f" [{unit}]"
-    axes.set_title(f"{wire.name.replace('_', ' ')}{shown}", loc="left", size=9)
+def _heading(axes: Axes, name: str, unit: str) -> None:
+    shown = f" [{unit}]" if unit else ""
+    axes.set_title(f"{name.replace('_', ' ')}{shown}", loc="left", size=9)
 
 
 def _display(values: Array, wire: Wire) -> tuple[Array, str]:
     """Values in the unit that a person reads, and that unit."""
-    unit = wire.display or wire.unit
-    return values * (factor(wire.unit, unit) if wire.display else 1.0), unit
+    scale, unit = display(wire)
+    return scale * values, unit
 
 
 def _time_scale(times: Array) -> tuple[float, str]:
@@ -160,17 +161,7 @@ def _room(axes: Axes, values: Array, wire: Wire) -> None:
 
 def _shade(panels: Sequence[Axes], time: Array, flag: Array, wire: Wire) -> None:
     for axes in panels:
-        axes.fill_between(
-            time,
-            0.0,
-            1.0,
-            where=list(flag > 0.0),
-            transform=axes.get_xaxis_transform(),
-            color=colour("grid"),
-            alpha=0.6,
-            lw=0,
-            zorder=0,
-        )
+        shade(axes, time, flag > 0.0)
     name = wire.name.replace("_", " ")
     panels[0].set_title(f"shaded: {name}", loc="right", color=colour("muted"), size=9)
 

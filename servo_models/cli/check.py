@@ -52,11 +52,10 @@ def check(
     from servo_models.cli.console import progress, show
     from servo_models.data.description import read_description
     from servo_models.identification.check import check as run
-    from servo_models.identification.check import check_sheet
 
     with progress("checking"):
         found = run(read_description(file, trust))
-    show(check_sheet(found))
+    show(found.report())
     return 1 if found.warnings else 0
 
 

@@ -43,15 +43,15 @@ def explain(
     """
     from servo_models.analysis.explain import explain as sheet_of
     from servo_models.cli.console import progress, show
-    from servo_models.data.parameter_sheet import parameter_sheet
     from servo_models.data.parameters import read_parameters
+    from servo_models.data.sections import parameter_report
 
     if params:
         if name or variant or picture:
             raise UserError(
                 "--params is explained alone: leave out the name, --variant and --picture"
             )
-        show(parameter_sheet(read_parameters(params, trust)))
+        show(parameter_report(read_parameters(params, trust)))
         return
     if not name:
         raise UserError("nothing to explain: name an actuator or an effect, see 'list'")

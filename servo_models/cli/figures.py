@@ -62,8 +62,8 @@ def figures(
 
     servo-models figures --params identified.toml
     """
+    from servo_models.analysis.figures import check_suffix
     from servo_models.analysis.figures import figures as measure
-    from servo_models.analysis.figures_sheet import check_suffix, figures_sheet, write_figures
     from servo_models.cli.console import progress, show
 
     if out:
@@ -71,6 +71,6 @@ def figures(
     chosen = chosen_model(actuator, variant, set_, params, trust)
     with progress(f"measuring {chosen.actuator.name}"):
         found = measure(chosen, assignments("--at", at or ()), amplitude, frequency or ())
-    show(figures_sheet(found))
+    show(found.report())
     if out:
-        write_figures(found, out)
+        found.write(out)

@@ -59,9 +59,10 @@ def identify(
     where a search did not converge, or where a warning says that values are not
     to be believed; 2 where it could not run.
     """
+    import datetime
+
     from servo_models.cli.console import progress, show
     from servo_models.data.description import read_description
-    from servo_models.data.parameters import write_parameters
     from servo_models.identification.identify import identify as run
 
     check_outputs((out, ".toml"), (report, ".html"), description=description)
@@ -72,13 +73,13 @@ def identify(
     written = []
     try:  # files come first: whoever reads the text may have seen enough and go
         if out and found.parameters:
-            write_parameters(found.parameters, out)
+            found.write_parameters(out)
             written.append(f"parameters: {out}")
         if report:
-            found.write_report(report)
+            found.write_report(report, datetime.date.today().isoformat())
             written.append(f"report: {report}")
     finally:
-        show(found.sheet)
+        show(found.report())
         for line in written:
             print(line)
     if out and not found.parameters:

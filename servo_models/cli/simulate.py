@@ -67,6 +67,7 @@ def simulate(
     servo-models simulate sg90 --inputs pulses.csv --out angles.parquet
     """
     from servo_models.analysis import experiment
+    from servo_models.analysis.sections import run_report
     from servo_models.cli.console import progress, show
     from servo_models.core.simulate import simulate as run
     from servo_models.data import tables
@@ -95,5 +96,5 @@ def simulate(
     if plot:
         title = f"{chosen.actuator.name}, variant {chosen.variant}"
         pictures.save(pictures.response(result, chosen.plant, title), plot)
-    show(experiment.summary(result, chosen, stepped=not inputs))
+    show(run_report(result, chosen, stepped=not inputs))
     return 1 if result.warnings else 0

@@ -168,6 +168,28 @@ class ParameterSet:
         chosen = model(self.actuator, self.variant, {**self.settings(), **changes})
         return replace(chosen, provenance=self.provenance(changes))
 
+    def document(self) -> dict[str, Any]:
+        """Return it as what JSON is made of, figures in SI."""
+        known = find_actuator(self.actuator).plant_of(self.variant).parameters
+        return {
+            "actuator": self.actuator,
+            "variant": self.variant,
+            "method": self.method,
+            "date": self.date and self.date.isoformat(),
+            "servo_models": self.version,
+            "logs": dict(self.logs),
+            "parameters": {
+                e.name: {
+                    "value": e.value,
+                    "unit": known[e.name].param.unit,
+                    "standard_error": e.standard_error,
+                    "origin": e.origin,
+                }
+                for e in self.estimates
+            },
+            "figures": {name: figure._asdict() for name, figure in self.figures.items()},
+        }
+
     def provenance(self, overrides: Mapping[str, object]) -> str:
         """Return in words where the values come from."""
         parts = [self.file, self.method, self.date.isoformat() if self.date else ""]

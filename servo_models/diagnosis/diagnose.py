@@ -9,6 +9,7 @@ from pathlib import Path
 from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
+from servo_models.diagnosis import confirm
 from servo_models.diagnosis.claims import claims, estimates
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.fitting.nominal import nominal_parameters
@@ -18,6 +19,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.causes import TOLERANCE, find_causes
 from servo_models.diagnosis.search.fits import Tell
 from servo_models.diagnosis.verdict import decide
+from servo_models.errors import UserError
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -29,16 +31,18 @@ def diagnose(
     jobs: int | None = None,
     left_out: Iterable[str] = (),
     tell: Tell | None = None,
+    fmu: bool = False,
 ) -> Diagnosis:
     """Find out where a gap lies, what causes it and how far it closes.
 
     Args:
         description: model, uncertainties of its parameters and logs; or its TOML file.
         tolerance: gap in noise floors that counts as none.
-        seed: of the bootstrap.
+        seed: of intervals and random commands.
         jobs: simulations at once, by default the processors there are.
         left_out: effects that are not considered.
         tell: is told what goes on.
+        fmu: run the diagnosed model as an FMU as well; where that cannot be, the result says why.
 
     Raises:
         UserError: see ``read_description`` and ``preconditions``.
@@ -46,8 +50,10 @@ def diagnose(
     Example:
         >>> import servo_models as sm
         >>> found = sm.diagnose("gimbal.toml")
-        >>> [claim.name for claim in found.claims if claim.taken]
-        ['drive_dead_zone']
+        >>> found.verdict.kind, found.causes.taken.effects
+        ('effect', ('drive_dead_zone',))
+        >>> found.write_report("gap.html")
+        >>> sm.write_parameters(found.parameter_set(), "GAP.toml")
     """
     told = description if isinstance(description, Description) else read_description(description)
     logs, flags = without_flags(told.logs, told.model.plant)
@@ -55,7 +61,20 @@ def diagnose(
     check_logs(told.path, told.model, told.logs)
     with Workers(jobs) as workers:
         found = _diagnose(told, tolerance, seed, workers, left_out, tell)
-    return replace(found, flags=flags)
+    found = replace(found, flags=flags)
+    return _confirmed(found, tell) if fmu else found
+
+
+def _confirmed(found: Diagnosis, tell: Tell | None) -> Diagnosis:
+    """The diagnosis with its model run as an FMU; what took minutes is kept where that fails."""
+    if tell:
+        tell("running the FMU with the diagnosed parameters")
+    try:
+        confirmation = confirm.confirm(found)
+    except UserError as error:
+        why = f"cannot be run here: all figures are those of the simulation without one ({error})"
+        return replace(found, unconfirmed=why)
+    return replace(found, confirmation=confirmation, unconfirmed=confirmation.doubt)
 
 
 def _diagnose(
@@ -72,6 +91,7 @@ def _diagnose(
     causes = find_causes(bench, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
     return Diagnosis(
+        name=told.path.stem,
         model=told.model,
         logs=told.logs,
         audits=audited,
@@ -83,4 +103,5 @@ def _diagnose(
         claims=claims(causes, verdict),
         moved=estimates(causes.retuned),
         tolerance=tolerance,
+        seed=seed,
     )

@@ -1,9 +1,13 @@
-"""What a diagnosis found."""
+"""What a diagnosis found, complete: printed, saved and drawn from here."""
 
 from __future__ import annotations
 
+import datetime
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
@@ -15,6 +19,14 @@ from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.search.imitated import Imitated
 from servo_models.diagnosis.unseen import Unseen, unseen
 from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
+from servo_models.report.result import Result
+from servo_models.report.sections import Report
+
+if TYPE_CHECKING:
+    from servo_models.data.parameters import ParameterSet
+    from servo_models.diagnosis.confirm import Confirmation
+    from servo_models.diagnosis.experiments.experiment import Experiment
+    from servo_models.diagnosis.where import Breakdown
 
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""
@@ -22,11 +34,15 @@ MUCH = 0.5
 """Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Result):
     """What a diagnosis found.
 
+    Printing it, ``to_json``, ``write_report``, ``tables`` and ``plot`` tell it; where the gap lies
+    and what to record next is worked out when it is first asked for.
+
     Attributes:
+        name: of the description.
         model: as it was given.
         logs: as they were measured.
         audits: one a log.
@@ -39,9 +55,13 @@ class Diagnosis:
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
         flags: outputs of the logs that say yes or no, which are not judged.
-        unconfirmed: what is amiss with the FMU of the diagnosed model, "" for nothing.
+        seed: of intervals and random commands.
+        confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
+        unconfirmed: what is amiss with that FMU, "" for nothing.
+        written: the next experiments with their tables, None before ``with_commands``.
     """
 
+    name: str
     model: Model
     logs: tuple[Log, ...]
     audits: tuple[Audit, ...]
@@ -54,7 +74,15 @@ class Diagnosis:
     moved: tuple[Value, ...]
     tolerance: float
     flags: tuple[str, ...] = ()
+    seed: int = 0
+    confirmation: Confirmation | None = None
     unconfirmed: str = ""
+    written: tuple[Experiment, ...] | None = None
+
+    def __repr__(self) -> str:
+        gap = f"{self.gap.rms['before']:.3g} to {self.gap.rms['after']:.3g} noise floors"
+        effects = ", ".join(self.causes.taken.effects) or "no effect"
+        return f"<Diagnosis of {self.name}: {self.verdict.kind}, {effects}, {gap}>"
 
     @property
     def within_tolerance(self) -> bool:
@@ -94,3 +122,66 @@ class Diagnosis:
     def held_out(self) -> tuple[Unseen, ...]:
         """What the model leaves of samples that the description holds out, by log."""
         return unseen(self.causes)
+
+    @cached_property
+    def localisation(self) -> tuple[Breakdown, ...]:
+        """Where the gap lies: by output, block, time, frequency, amplitude, speed, position."""
+        from servo_models.diagnosis.where import where
+
+        return where(self.causes)
+
+    @cached_property
+    def next_experiments(self) -> tuple[Experiment, ...]:
+        """Commands that would tell apart what these logs cannot."""
+        from servo_models.diagnosis.experiments.experiment import next_experiments
+
+        return next_experiments(self.undecided, self.seed) if self.written is None else self.written
+
+    def with_commands(self, *folders: Path) -> Diagnosis:
+        """Write the command of each next experiment as a table, ready to play.
+
+        An earlier table that was played and filled stays: it is a log by now, or holds more than a
+        command.
+
+        Args:
+            folders: where the tables are written; without any, none is.
+
+        Returns:
+            The same diagnosis, which names the tables.
+
+        Raises:
+            UserError: a table cannot be written.
+        """
+        from servo_models.diagnosis.experiments.experiment import is_filled
+
+        logs = {log.path.name for log in self.logs}
+        names = (f"{self.name}_next_{k}.csv" for k in count(1))
+        free = (
+            name
+            for name in names
+            if name not in logs and not any(is_filled(folder / name) for folder in folders)
+        )
+        planned = self.next_experiments
+        if folders:
+            planned = tuple(replace(one, file=file) for one, file in zip(planned, free))
+        for experiment in planned:
+            for folder in folders:
+                experiment.write(folder)
+        return replace(self, written=planned)
+
+    def report(self, date: str = "") -> Report:
+        from servo_models.diagnosis.sections import report
+
+        return report(self, date)
+
+    def document(self) -> dict[str, Any]:
+        from servo_models.diagnosis.document import document
+
+        return document(self)
+
+    def parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
+        """Return ``fitted`` with standard errors, and what it is known from, to be written by
+        ``write_parameters``."""
+        from servo_models.diagnosis.document import parameter_set
+
+        return parameter_set(self, date)

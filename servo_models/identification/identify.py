@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servo_models.core.simulate import Model
 from servo_models.data.description import (
     ELEMENTS,
     SIMULATION,
@@ -25,46 +24,86 @@ from servo_models.data.description import (
     read_description,
 )
 from servo_models.data.log import hashes
-from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.data.parameters import (
+    Estimate,
+    Figure,
+    ParameterSet,
+    known_error,
+    with_given,
+    write_parameters,
+)
 from servo_models.errors import UserError
-from servo_models.files import write_whole
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.sheet import identification_sheet
-from servo_models.report.sheets import Sheet
+from servo_models.report.result import Result
+from servo_models.report.sections import Report
+
+if TYPE_CHECKING:
+    from servo_models.analysis.figures import Figures
 
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which a fit does not follow it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Result):
     """What an identification found, ready to be shown and written.
 
     Attributes:
-        result: ``Identification``, ``TransferResult`` or ``Elements``, by the method.
-        sheet: for the terminal.
-        parameters: for a parameter file; None where nothing became a parameter.
-        page: makes the report of a date.
+        result: by the method.
+        parameters: with standard errors, the date of today and hashes of the files; None where
+            nothing became a parameter.
         converged: False for a search that was stopped, or has not found a best value.
         believable: False where it says itself that values are not to be believed.
     """
 
     result: Any
-    sheet: Sheet
     parameters: ParameterSet | None
-    page: Callable[[str], str] = field(repr=False)
     converged: bool = True
     believable: bool = True
 
-    def write_report(self, path: Path) -> None:
-        """Write the report as one HTML file.
+    def report(self, date: str = "") -> Report:
+        report: Report = self.result.report(date)
+        return report
+
+    def document(self) -> dict[str, Any]:
+        """Return the parameters and what the method found beside; figures in SI."""
+        return {
+            "converged": self.converged,
+            "believable": self.believable,
+            "parameters": self.parameters and self.parameters.document(),
+            "result": self.result.document(),
+        }
+
+    def write_report(self, path: str | Path, date: str = "") -> None:
+        self.result.write_report(path, date)
+
+    def write_parameters(self, path: str | Path) -> None:
+        """Write the parameters as a TOML file, which every command reads with ``--params``.
 
         Raises:
-            UserError: the folder cannot be written.
+            UserError: nothing became a parameter, another suffix than ``.toml``, or a folder that
+                cannot be written.
         """
-        write_whole(path, self.page(_today().isoformat()).encode())
+        if self.parameters is None:
+            raise UserError(
+                f"'{path}' is not written: no parameter of this actuator was found this way,"
+                " see the report"
+            )
+        write_parameters(self.parameters, Path(path))
+
+    def figures(self) -> Figures:
+        """Measure the identified model.
+
+        Raises:
+            UserError: nothing became a parameter, or see ``analysis.figures.figures``.
+        """
+        from servo_models.analysis.figures import figures
+
+        if self.parameters is None:
+            raise UserError("no parameter of this actuator was found this way, so no model")
+        return figures(self.parameters.model())
 
 
 def identify(
@@ -128,9 +167,8 @@ def identify(
     )
     odd = tuple(_not_followed(found))
     said = (*found.warnings, *odd)
-    return _by_simulation(
-        told, replace(found, warnings=said, believable=found.believable and not odd)
-    )
+    found = replace(found, warnings=said, believable=found.believable and not odd)
+    return Outcome(found, _of_simulation(found), found.converged, found.believable)
 
 
 def method_of(told: Description) -> str:
@@ -154,49 +192,9 @@ def _not_followed(found: Identification) -> Iterator[str]:
             )
 
 
-def _by_simulation(told: Description, found: Identification) -> Outcome:
-    from servo_models.data.audit import audits, noise_floors
-    from servo_models.identification.page import identification_page
-    from servo_models.report.conditions import conditions
-
-    def page(date: str) -> str:
-        return identification_page(
-            f"Identification of {told.actuator.name}",
-            found,
-            _figures_of_merit(replace(found.fitted, provenance="this identification")),
-            floors=noise_floors(audits(found.logs, found.fitted.plant)),
-            conditions=conditions(),
-            date=date,
-        )
-
-    return Outcome(
-        result=found,
-        sheet=identification_sheet(found),
-        parameters=_of_simulation(found),
-        page=page,
-        converged=found.converged,
-        believable=found.believable,
-    )
-
-
-def _figures_of_merit(fitted: Model) -> Sheet:
-    """Figures of the fitted model, or why it has none."""
-    from servo_models.analysis.figures import figures
-    from servo_models.analysis.figures_sheet import figures_sheet
-
-    try:
-        found = figures_sheet(figures(fitted))
-        return Sheet("Figures of merit", found.texts, found.tables)
-    except UserError as error:
-        return Sheet("Figures of merit", (f"None of the fitted model: {error}.",), ())
-
-
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
     from servo_models.identification.transfer.identify import identify_transfer
-    from servo_models.identification.transfer.pictures import bode, responses
-    from servo_models.identification.transfer.sheet import sheet
     from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
-    from servo_models.report.sheet import sheet_page
 
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
@@ -207,43 +205,23 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
         known_errors=told.uncertainty,
         progress=progress or (lambda _: None),
     )
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        drawn = {"Bode plot with the data": bode(found), **responses(found)}
-        return sheet_page(table.title, table, drawn, date)
-
     files = hashes(told.logs) | _sweep_hashes(told)
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
     parameters = constants and _of_tables(told, constants, method, files, found.warnings)
     physical = found.constants.constants.values() if found.constants else ()
-    return Outcome(
-        found,
-        table,
-        parameters or None,
-        page,
-        converged=not found.interrupted,
-        believable=all(constant.determined for constant in physical),
-    )
+    determined = all(constant.determined for constant in physical)
+    return Outcome(found, parameters or None, not found.interrupted, determined)
 
 
 def _by_elements(told: Description) -> Outcome:
-    from servo_models.identification.elements import identify_elements, sheet
-    from servo_models.identification.elements.pictures import synthesis_picture
-    from servo_models.report.sheet import sheet_page
+    from servo_models.identification.elements import identify_elements
 
     found = identify_elements(told)
-    table = sheet(found)
-
-    def page(date: str) -> str:
-        picture = synthesis_picture(found)
-        return sheet_page(table.title, table, {"Feedback coefficient K_f": picture}, date)
-
     parameters = _of_tables(
         told, found.parameters, "element by element", found.files, found.warnings
     )
-    return Outcome(found, table, parameters, page)
+    return Outcome(found, parameters)
 
 
 def _of_simulation(found: Identification) -> ParameterSet:

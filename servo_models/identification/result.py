@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +17,8 @@ from servo_models.errors import UserError
 from servo_models.identification.optimise import Found
 from servo_models.identification.problem import Free, Problem
 from servo_models.identification.uncertainty import Spread
+from servo_models.report.result import Result, write_page
+from servo_models.report.sections import Report
 
 FIT = "fit"
 HELD_OUT = "held out"
@@ -42,9 +47,9 @@ class Accuracy:
     column_scale: float
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """Outcome of ``identify``; vectors in the order of ``free``.
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
+    """What a fit by simulation found; vectors in the order of ``free``.
 
     Attributes:
         nominal, fitted: models before and after.
@@ -93,6 +98,38 @@ class Identification:
         ``stage`` is ``"before"`` or ``"after"`` the fit.
         """
         return overall(self.accuracy, output, part, stage)
+
+    def report(self, date: str = "") -> Report:
+        return replace(self._report, date=date)
+
+    @cached_property
+    def _report(self) -> Report:
+        """It costs a frequency response; so it is made once."""
+        from servo_models.data.audit import audits, noise_floors
+        from servo_models.identification.sections import identification_report
+
+        return identification_report(self, noise_floors(audits(self.logs, self.fitted.plant)))
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "method": self.method,
+            "free": [free.name for free in self.free],
+            "values": self.values.tolist(),
+            "standard_errors": self.standard_errors.tolist(),
+            "correlations": self.correlations.tolist(),
+            "condition": self.condition,
+            "only_together": [list(names) for names in self.groups],
+            "accuracy": [asdict(row) for row in self.accuracy],
+            "warnings": list(self.warnings),
+            "costs": list(self.costs),
+            "evaluations": self.evaluations,
+        }
+
+    def write_report(self, path: str | Path, date: str = "") -> None:
+        """Write the report with figures of merit of the fitted model; see ``Result``."""
+        from servo_models.identification.sections import with_figures
+
+        write_page(with_figures(self.report(date), self.fitted), path)
 
 
 def overall(rows: Sequence[Accuracy], output: str, part: str, stage: str) -> float:

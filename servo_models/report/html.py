@@ -19,7 +19,7 @@ JUDGEMENTS = {True: "pass", False: "fail", None: "open"}
 def page(report: Report) -> str:
     """Return a report as one HTML page; every text is escaped, only our own figures are markup."""
     sheet = files("servo_models.report").joinpath("report.css").read_text("utf-8")
-    return _template(report).page(Markup(f"{style.variables()}\n{sheet}"))  # type: ignore[attr-defined,no-any-return]
+    return str(_template(report).page(Markup(f"{style.variables()}\n{sheet}")))  # type: ignore[attr-defined]
 
 
 def notebook(report: Report) -> str:

@@ -14,6 +14,9 @@ NONE, MINUS, TIMES = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 ERROR, ARROW = "\N{PLUS-MINUS SIGN}", "\N{RIGHTWARDS ARROW}"
 MOST_DIGITS = 10
 """Digits that a value is worth, however small its error."""
+PREFIXES = ((1e-4, "u", 1e6), (0.1, "m", 1e3))
+"""Figures below the first number are told with this prefix, of which so many make one."""
+PREFIXED = ("m", "rad", "V", "A", "N", "s")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LOWERED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _POWER = re.compile(f"{TIMES}10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
@@ -64,13 +67,24 @@ def number(value: float | None, digits: int = 4) -> str:
         if "e" not in text:
             return printed(text)
         return printed(f"{float(text):.0f}")  # 1.2e+03 is 1200
-    mantissa, power = f"{value:.{max(digits - 2, 0)}e}".split("e")
+    mantissa, power = f"{value:.{max(digits - 2, 1)}e}".split("e")
     return printed(f"{float(mantissa):.{digits}g}e{power}")
 
 
 def with_unit(text: str, unit: str) -> str:
     """Return a text of numbers with a unit behind it."""
     return text if unit in ("1", "") else f"{text} {unit}"
+
+
+def prefix(size: float, unit: str) -> tuple[float, str]:
+    """Return the unit in which figures of about a size [unit] read best, and how many make one.
+
+    0.0123 V is told in mV; units without prefixes of their own, such as deg, stay.
+    """
+    for below, name, factor in PREFIXES if unit in PREFIXED else ():
+        if abs(size) < below:
+            return factor, name + unit
+    return 1.0, unit
 
 
 def percent(share: float | None) -> str:

@@ -57,10 +57,7 @@ class Result(ABC):
         Raises:
             UserError: the folder cannot be made or written.
         """
-        from servo_models.files import write_whole
-        from servo_models.report.html import page
-
-        write_whole(Path(path), page(self.report(date)).encode())
+        write_page(self.report(date), path)
 
     def tables(self) -> dict[str, pl.DataFrame]:
         """Return every table of the report by its title, as polars DataFrames.
@@ -88,3 +85,15 @@ class Result(ABC):
         else:
             pictures[0].draw([ax])
         return ax
+
+
+def write_page(report: Report, path: str | Path) -> None:
+    """Write a report as one HTML file, whole or not at all.
+
+    Raises:
+        UserError: the folder cannot be made or written.
+    """
+    from servo_models.files import write_whole
+    from servo_models.report.html import page
+
+    write_whole(Path(path), page(report).encode())

@@ -170,8 +170,8 @@ class Section:
         title: heading, and by ``anchor`` its place on the page.
         lead: how to read what follows, in a sentence or two.
         items: sentences, as a list.
-        facts: pairs of a name and what is said about it.
-        tables, pictures: in their order; a terminal draws none.
+        facts: pairs of a name and what is said about it, such as versions; no terminal has them.
+        tables, pictures: in their order; no terminal has pictures.
         folded: on the page behind a click on its title.
     """
 
@@ -251,6 +251,11 @@ class Report:
         from servo_models.report.terminal import text
 
         return text(self)
+
+
+def data_sheet(title: str, texts: Sequence[str], tables: Sequence[Table]) -> Report:
+    """Return a report without a verdict: paragraphs, then tables that name themselves."""
+    return Report(title, "", remarks=tuple(texts), sections=(Section("", tables=tuple(tables)),))
 
 
 def anchor(title: str) -> str:

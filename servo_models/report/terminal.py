@@ -54,15 +54,10 @@ def _parts(report: Report) -> Iterator[RenderableType]:
 
 def _section(section: Section) -> Iterator[RenderableType]:
     tables = [table for table in section.tables if table.rows and not table.folded]
-    if not (tables or section.items or section.facts):
-        return
-    first = tables[0].title if len(tables) == 1 else ""
-    if section.title and not (first and not section.items and not section.facts):
+    if section.title and (section.items or not all(table.title for table in tables)):
         yield _paragraph(f"\n{section.title}", "bold")
     for item in section.items:
         yield _paragraph(f"- {item}")
-    if section.facts:
-        yield _pairs(section.facts)
     for table in tables:
         if table.title:
             yield _paragraph(f"\n{table.title}", "bold")

@@ -14,12 +14,12 @@ from scipy.io import loadmat
 
 from servo_models.actuators.torque_motor.variants import TABLE_1
 from servo_models.analysis.figures import figures, frequency_figures
-from servo_models.analysis.figures_sheet import figures_sheet, write_figures
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import SineTest
 from servo_models.cli import main
 from servo_models.core.simulate import model
 from servo_models.errors import UserError
+from tests.support.html_page import Page
 from tests.support.papers import MEASURED, SG90, equation_12, equations_1_to_9
 
 
@@ -95,14 +95,14 @@ def test_inside_the_dead_zone_nothing_is_reached() -> None:
     assert found.large is not None
     assert found.small.bandwidth is found.large.bandwidth is None
     assert found.step.delay is None
-    assert "not reached" in str(figures_sheet(found))
+    assert "not reached" in str(found)
 
 
 def test_a_loop_that_swings_says_why_there_are_no_figures() -> None:
     found = figures(model("sg90", "oscillatory_motor"))
     assert found.small is found.large is None
     assert "unstable" in found.missing[0]
-    assert "unstable" in str(figures_sheet(found))
+    assert "unstable" in str(found)
 
 
 def test_the_slew_rate_of_a_rate_limited_output_is_the_limit() -> None:
@@ -192,10 +192,28 @@ def test_a_file_holds_the_state_space(
 
 @pytest.mark.parametrize("suffix", [".json", ".mat", ".npz"])
 def test_what_is_missing_does_not_stop_the_file(suffix: str, tmp_path: Path) -> None:
-    write_figures(figures(model("sg90", "oscillatory_motor")), tmp_path / f"a{suffix}")
+    figures(model("sg90", "oscillatory_motor")).write(tmp_path / f"a{suffix}")
     assert (tmp_path / f"a{suffix}").stat().st_size > 0
 
 
 def test_a_model_that_drifts_has_no_working_point() -> None:
     with pytest.raises(UserError, match="does not come to rest"):
         linearise(model("sg90", "oscillatory_motor"), {"pulse_width": 1.7e-3})
+
+
+def test_figures_offer_what_every_result_does(tmp_path: Path) -> None:
+    found = figures(model(*MEASURED), amplitude="1 deg", frequencies=["10 Hz"])
+    assert found.small is not None
+    assert found.small.bandwidth is not None
+    assert repr(found).startswith("<Figures of torque_motor, variant measured")
+    (matrix,) = (t for title, t in found.tables().items() if title.startswith("A and B"))
+    want = equations_1_to_9()
+    assert matrix["load_torque"].to_list() == pytest.approx(want.B[:, 1].tolist(), rel=1e-9)
+    axes = found.plot()
+    hertz, gain = axes.lines[0].get_data()
+    half_power = np.interp(found.small.bandwidth, np.asarray(hertz), np.asarray(gain))
+    assert half_power == pytest.approx(20.0 * math.log10(math.sqrt(0.5)), abs=0.01)
+    found.write_report(tmp_path / "figures.html")
+    page = Page((tmp_path / "figures.html").read_text("utf-8"))
+    page.assert_stands_alone()
+    assert page.count("svg") == 1

@@ -23,7 +23,7 @@ from servo_models.data.readers import read_columns
 from servo_models.data.schema import read_toml
 from servo_models.errors import LONGEST, UserError, printable
 from servo_models.files import largest_input
-from servo_models.report.sheets import Sheet, Table
+from servo_models.report.sections import Table, data_sheet
 from servo_models.report.terminal import text
 from tests.conftest import Run
 
@@ -220,7 +220,7 @@ def test_escapes_of_a_column_do_not_reach_the_terminal(tmp_path: Path, run: Run)
         _, out, err = run(*words)
         for sign in ("\x1b", "\x07", "\u202e"):
             assert sign not in out + err
-    sheet = Sheet(name, (name,), (Table(name, ("a", "b"), ((name, "x" * 10_000),)),))
+    sheet = data_sheet(name, (name,), (Table(name, ("a", "b"), ((name, "x" * 10_000),)),))
     assert "\x1b" not in text(sheet, 100)
     assert len(text(sheet, 100)) < 2000
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servo_models.core.simulate import model
 from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import DOUBTFUL, Codes, detection, sentence
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.page import detectors as page
+from servo_models.diagnosis.sections import pictures
+from servo_models.report.style import figure
 from tests.support.diagnoses import made, with_hold
 
 STEP, NOISE = 4e-3, 5e-4
@@ -60,20 +60,19 @@ def test_the_page_draws_what_each_detector_sees() -> None:
     codes = detection(with_codes({f"{QUANTISER}.step": STEP}, STEP), QUANTISER)
     ticks = detection(with_hold({"sample_hold.period": 2.43e-3}, 2.43e-3), "sample_hold")
     found: Any = SimpleNamespace(
-        model=model("torque_motor"),
-        claims=[SimpleNamespace(detected=it) for it in (codes, ticks, None)],
+        claims=[SimpleNamespace(detected=it) for it in (codes, ticks, None)]
     )
-    section = page.section(found)
-    assert section is not None
-    assert [it.title for it in section.pictures] == [
+    shown = pictures.detectors(found)
+    assert [it.title for it in shown] == [
         "angle, folded at the step",
         "When steps of the command are answered, period 2.43 ms",
     ]
-    for drawn, seen in zip(section.pictures, (codes, ticks)):
+    for drawn, seen in zip(shown, (codes, ticks)):
         assert seen is not None
         assert sentence(seen) in drawn.text
+        assert figure(drawn).axes[0].has_data()
     found.claims = [SimpleNamespace(detected=None)]
-    assert page.section(found) is None
+    assert pictures.detectors(found) == ()
 
 
 @pytest.mark.parametrize("seed", range(5))

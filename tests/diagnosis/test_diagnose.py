@@ -20,14 +20,12 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.workers import Workers
 from servo_models.data.audit import Floor
 from servo_models.data.description import read_description
+from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.fitting.evidence import Evidence, blocks
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import slowest_time_constant
-from servo_models.diagnosis.telling import words
-from servo_models.diagnosis.telling.cautions import cautions
-from servo_models.diagnosis.telling.parameters import parameter_set
 from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
@@ -63,7 +61,7 @@ def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
     told = read_description(case[0].logs[0].path.parent / "rig.toml")
     found = diagnose(told, left_out=["transport_delay"])
     assert "transport_delay" not in {claim.name for claim in found.claims}
-    assert "transport_delay" not in words.ruled_out(found)
+    assert "transport_delay" not in summary.ruled_out(found)
 
 
 def test_a_confirmation_does_not_hang_on_the_effects_alone(case: tuple[Diagnosis, Told]) -> None:
@@ -95,7 +93,7 @@ SAID = {
 @pytest.mark.parametrize("kind", SAID)
 def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) -> None:
     verdict = Verdict(kind, {}, ("transport_delay", "backlash"), ())
-    text = words.sentence(replace(case[0], verdict=verdict))
+    text = summary.sentence(replace(case[0], verdict=verdict))
     assert text.startswith(SAID[kind])
     assert text.endswith(".")
     assert "\n" not in text
@@ -123,10 +121,10 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     assert missed.after > 3.0 * told.gap.rms["after"]
     assert (
         f"; of log 'rubbing', held out, it leaves {missed.after:.3g} noise floors."
-        in words.sentence(told)
+        in summary.sentence(told)
     )
-    assert any("'rubbing'" in text and "judge that log" in text for text in cautions(told))
-    assert "held out, it leaves" not in words.sentence(found)
+    assert any("'rubbing'" in text and "judge that log" in text for text in summary.warnings(told))
+    assert "held out, it leaves" not in summary.sentence(found)
 
 
 @pytest.mark.parametrize("after", [math.nan, 3.0])
@@ -135,7 +133,7 @@ def test_no_effect_is_blamed_where_parameters_alone_cannot_be_simulated(
 ) -> None:
     found = replace(case[0])
     found.__dict__["held_out"] = (Unseen("light", math.nan, after, worse=False),)
-    (text,) = [text for text in cautions(found) if "'light'" in text]
+    (text,) = [text for text in summary.warnings(found) if "'light'" in text]
     assert "with parameters alone" in text
     assert "something else is missing" not in text
 
@@ -146,11 +144,11 @@ def test_parameters_that_close_little_are_not_said_to_explain_a_gap(
     found = replace(case[0], verdict=Verdict("parameters", {}, (), ()))
     little = replace(found.gap, closed=(0.49, 0.0, 0.6))
     text = "The gap cannot be told from noise, no effect is needed"
-    assert words.headline(replace(found, gap=little)) == text
-    assert words.headline(replace(found, moved=())) == text
+    assert summary.headline(replace(found, gap=little)) == text
+    assert summary.headline(replace(found, moved=())) == text
     outside = replace(found, verdict=Verdict("outside-catalogue", {}, (), ()), moved=())
     bare = replace(found.causes, taken=found.causes.retuned)
-    assert "with the nominal model" in words.headline(replace(outside, causes=bare))
+    assert "with the nominal model" in summary.headline(replace(outside, causes=bare))
 
 
 def test_an_effect_that_every_explanation_names_is_told_as_sure(
@@ -160,7 +158,7 @@ def test_an_effect_that_every_explanation_names_is_told_as_sure(
     taken = found.causes.taken
     pair = [replace(taken, effects=("transport_delay", it)) for it in ("backlash", "sensor_lag")]
     members = ("transport_delay", "backlash", "sensor_lag")
-    text = words.headline(
+    text = summary.headline(
         replace(found, verdict=Verdict("not-identifiable", {}, members, tuple(pair)))
     )
     assert text == (
@@ -171,14 +169,14 @@ def test_an_effect_that_every_explanation_names_is_told_as_sure(
 
 def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) -> None:
     found, _ = case
-    assert not any("prior deviations" in text for text in cautions(found))
+    assert not any("prior deviations" in text for text in summary.warnings(found))
     value = found.found[0]
     spread = {one.name: one.prior for one in found.causes.taken.problem.free}[value.name]
     assert spread
     found.__dict__["found"] = (replace(value, value=value.nominal + 5.0 * spread),)
     try:
-        assert words.moves(found) == {value.name: pytest.approx(5.0)}
-        (text,) = [it for it in cautions(found) if "prior deviations" in it]
+        assert summary.moves(found) == {value.name: pytest.approx(5.0)}
+        (text,) = [it for it in summary.warnings(found) if "prior deviations" in it]
         assert f"'{value.name}' by +5" in text
     finally:
         del found.__dict__["found"]
@@ -192,7 +190,7 @@ def test_motion_that_counts_as_noise_is_warned_of(
     (gap,) = found.gaps
     assert gap.motion < 0.1 * gap.floor
     seen = replace(found, gaps=(replace(gap, motion=share * gap.floor),))
-    assert any("contains motion" in text for text in cautions(seen)) == warned
+    assert any("contains motion" in text for text in summary.warnings(seen)) == warned
 
 
 @pytest.mark.parametrize(
@@ -213,7 +211,7 @@ def test_repeats_that_differ_by_more_than_noise_are_warned_of(
         gaps=(replace(gap, floor=spread, origin=seen.floor.origin),),
         verdict=decide(found.causes, tolerance),
     )
-    about = [text for text in cautions(told) if "between repeats" in text]
+    about = [text for text in summary.warnings(told) if "between repeats" in text]
     assert bool(about) == bool(said)
     assert all(said in text for text in about)
     assert all(("--tolerance" in text) == told.within_tolerance for text in about)
@@ -232,7 +230,7 @@ def test_repeats_of_readings_that_do_not_scatter_are_told_without_a_ratio(
         audits=(replace(audit, readings=(still,)),),
         gaps=(replace(gap, origin=still.floor.origin),),
     )
-    assert any("far more than it scatters by" in text for text in cautions(told))
+    assert any("far more than it scatters by" in text for text in summary.warnings(told))
 
 
 @pytest.mark.parametrize(("off", "warned"), [(0.0, False), (1e-3, True)])
@@ -240,14 +238,14 @@ def test_an_fmu_that_differs_from_the_simulation_is_warned_of(
     case: tuple[Diagnosis, Told], off: float, warned: bool
 ) -> None:
     seen = replace(case[0], unconfirmed=Confirmation((), off).doubt)
-    about = [text for text in cautions(seen) if "FMU" in text]
+    about = [text for text in summary.warnings(seen) if "FMU" in text]
     assert len(about) == warned
     assert all("0.001 of full scale" in text for text in about)
 
 
 def test_the_parameter_file_is_the_fitted_model(case: tuple[Diagnosis, Told]) -> None:
     found, _ = case
-    assert parameter_set(found).model().values == found.fitted.values
+    assert found.parameter_set().model().values == found.fitted.values
 
 
 def test_linear_algebra_keeps_to_one_thread_and_gets_the_others_back() -> None:
@@ -345,14 +343,14 @@ def test_a_model_that_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
     ("names", "read"), [(["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
 )
 def test_names_are_listed_as_one_reads_them(names: list[str], read: str) -> None:
-    assert words.listed(iter(names)) == read
+    assert summary.listed(iter(names)) == read
 
 
 def test_an_effect_is_told_on_a_wire_that_a_user_knows() -> None:
     """Its function for the internal step comes first, and is no place in the actuator."""
     for name in ("torque_motor", "sg90", "smart_servo"):
         found: Any = SimpleNamespace(model=model(name))
-        assert words.placed(found, ["gear_compliance"]) == "gear_compliance on 'angle'"
+        assert summary.placed(found, ["gear_compliance"]) == "gear_compliance on 'angle'"
 
 
 def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on() -> None:

@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 import pytest
 
+from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.search.causes import TOLERANCE
-from servo_models.diagnosis.telling.cautions import cautions
 from servo_models.diagnosis.verdict import OUTSIDE
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "real_logs" / "diagnosis"
@@ -90,7 +90,7 @@ def test_what_differs_between_repeats_of_the_film_is_a_frame_that_drifts(
     """It counts as noise, so it is no gap until the tolerance is below that."""
     found = diagnosed("sg90_video.toml")
     assert found.within_tolerance
-    assert any("between repeats" in text for text in cautions(found))
+    assert any("between repeats" in text for text in summary.warnings(found))
     looked = diagnosed("sg90_video.toml", 1.0)
     assert looked.causes.taken.effects == ("sample_hold",)
     (period,) = [one.value for one in looked.found if one.name == "sample_hold.period"]

@@ -14,25 +14,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description
 from servo_models.data.log import Channel
 from servo_models.data.schema import Section
+from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.diagnose import diagnose
-from servo_models.diagnosis.experiments.experiment import next_experiments
-from servo_models.diagnosis.page import diagnosis_page
-from servo_models.diagnosis.page.evidence import intervals
-from servo_models.diagnosis.page.gap import unit_for
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.telling import words
+from servo_models.diagnosis.sections.tables import intervals
 from servo_models.diagnosis.verdict import EFFECT, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.diagnosis.where import where
-from servo_models.identification.page.responses import draw_legend
 from servo_models.identification.result import Accuracy
-from servo_models.report.parts import MINUS
+from servo_models.report import html
+from servo_models.report.curves import draw_legend
+from servo_models.report.numbers import ERROR, MINUS, prefix
 from servo_models.report.style import drawing
 from tests.support.html_page import Page
 from tests.support.logs import measured
@@ -42,6 +40,7 @@ DELAY = 1.1e-3
 NOISE = math.radians(0.02)
 DEGREE = math.radians(1.0)
 FIXED = {"end_stops.half_range": 0.0}
+COLUMNS = ("effect", "on", "why", "moves outputs", "what it is")
 HOSTILE = "<script>alert('x')</script> $x_"
 NUMBER = r"(\d[\d.]*)"
 
@@ -101,9 +100,7 @@ def text(found: Diagnosis) -> str:
 
 
 def _page(found: Diagnosis) -> str:
-    return diagnosis_page(
-        "Bench", found, where(found.causes), conditions={"Python": "3.11"}, date="2026-01-31"
-    )
+    return html.page(found.report("2026-01-31"))
 
 
 def _cells(page: Page, first: str) -> list[list[str]]:
@@ -113,6 +110,11 @@ def _cells(page: Page, first: str) -> list[list[str]]:
 
 def _number(text: str) -> float:
     return float(text.replace(MINUS, "-"))
+
+
+def _quantity(text: str) -> tuple[float, float, str]:
+    value, error, unit = text.replace(ERROR, " ").split()
+    return _number(value), _number(error), unit
 
 
 def _heading(text: str) -> str:
@@ -125,11 +127,56 @@ def test_page_is_whole_and_stands_alone(found: Diagnosis, text: str) -> None:
     page = Page(text)
     page.assert_stands_alone()
     assert page.count("svg") == page.count("figcaption")
-    assert page.count("table") == page.count("caption")
     assert "2026-01-31" in page.text
     assert len(text.encode()) < 500_000
-    sections = ("gap", "where", "evidence", "ruled-out", "parameters", "provenance")
+    assert page.count("figure") == page.count("figcaption")
+    sections = (
+        "measured-and-simulated",
+        "errors",
+        "where-it-lies",
+        "effects",
+        "ruled-out",
+        "parameters",
+        "provenance",
+    )
     assert [name for name in page.values("id") if name in sections] == list(sections)
+
+
+def test_the_answer_is_told_before_anything_else(found: Diagnosis, text: str) -> None:
+    """Cause with its size, what was, what is left, what to do: above the first picture."""
+    top = " ".join(Page(f"{text.partition('</header>')[0]}</header></body></html>").text)
+    for said in ("transport_delay on 'voltage'", "before", "left"):
+        assert said in top
+    (size,) = re.findall(rf"time {NUMBER} {ERROR} {NUMBER} ms", top)
+    assert float(size[0]) == pytest.approx(1e3 * DELAY, abs=4.0 * float(size[1]))
+    assert "--out PARAMS.toml" in top
+    details = text.index('<details class="section">')
+    assert text.count("<section") == 1 < text.count("<svg", 0, details)
+    assert "<section" not in text[details:]
+
+
+def test_the_terminal_tells_what_the_page_tells(found: Diagnosis, text: str) -> None:
+    said, page = str(found), Page(text)
+    for title in found.tables():
+        assert title in " ".join(page.text)
+    for row in found.report().tables[0].texts:
+        assert row[0] in said
+    assert repr(found).startswith("<Diagnosis of bench: effect, transport_delay, ")
+
+
+def test_a_diagnosis_is_drawn_on_axes_of_the_user(found: Diagnosis) -> None:
+    axes = Figure().subplots()
+    assert found.plot(axes) is axes
+    measured = np.degrees(found.logs[0].outputs["angle"])
+    drawn = next(line for line in axes.lines if line.get_label() == "measured")
+    assert np.isclose(np.max(drawn.get_ydata()), measured.max())
+
+
+def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
+    frame = found.tables()["Gap, RMS on stretches that no fit has seen"]
+    assert frame["before [deg]"].to_list() == [np.degrees(found.gaps[0].rms["before"])]
+    effects = found.tables()["Effects, most likely first"]
+    assert effects["effect"].to_list() == [claim.name for claim in found.claims]
 
 
 def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None:
@@ -137,7 +184,7 @@ def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None
 
 
 def test_verdict_names_the_effect(text: str) -> None:
-    assert _heading(text).startswith("Transport delay on")
+    assert _heading(text).startswith("transport_delay on")
     assert "explains the gap" in _heading(text)
 
 
@@ -152,7 +199,9 @@ def test_gap_is_that_of_the_arrays(found: Diagnosis, text: str) -> None:
             for one in (found.causes.retuned, found.causes.taken)
         ),
     ]
-    row = next(row for row in _cells(Page(text), "angle") if row[-1] == "deg")
+    page = Page(text)
+    row = next(row for row in _cells(page, "angle") if " to " in row[1])
+    assert "before [deg]" in page.rows[page.rows.index(row) - 1]
     for cell, value, stage in zip(row[1:], wanted, ("before", "retuned", "after")):
         shown = re.fullmatch(rf"{NUMBER} \({NUMBER} to {NUMBER}\)", cell)
         assert shown
@@ -166,8 +215,8 @@ def test_gap_is_that_of_the_arrays(found: Diagnosis, text: str) -> None:
 def test_every_dimension_that_divides_the_gap_has_one_picture(found: Diagnosis, text: str) -> None:
     """A single output makes one part of its kind: a table tells that, and no picture."""
     pictured = Counter(re.findall(r"<figcaption><strong>By (.*?)\.</strong>", text))
-    tabled = Counter(re.findall(r"<caption><span>By (.*?)</span></caption>", text))
-    parts = {one.dimension: len(one.bins) for one in where(found.causes)}
+    tabled = Counter(re.findall(r"<caption>By (.*?)</caption>", text))
+    parts = {one.dimension: len(one.bins) for one in found.localisation}
     assert parts["signal"] == 1
     assert pictured == Counter(name for name, count in parts.items() if count > 1)
     assert tabled == Counter(parts.keys())
@@ -176,26 +225,26 @@ def test_every_dimension_that_divides_the_gap_has_one_picture(found: Diagnosis, 
     assert Counter(drawn) == pictured
 
 
-def test_a_whole_is_100_percent(text: str) -> None:
+def test_a_whole_is_100_percent(found: Diagnosis, text: str) -> None:
     """To two digits, all of it would be a power of ten."""
-    assert "100 %</td>" in text
+    (table,) = (t for t in found.report().tables if t.title == "By signal")
+    assert table.texts[0][1] == "100"
+    assert table.headings[1] == "share before [%]"
     assert not re.search("\u00d710[^ ]* %", text)
 
 
 def test_what_is_left_and_no_noise_is_told(found: Diagnosis) -> None:
     left = replace(found, verdict=replace(found.verdict, kind="effect", rest=27.3))
-    assert "27.3 noise floors of what is left are no noise." in _page(left)
+    assert "27.3 noise floors of what is left are no noise" in _page(left)
 
 
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
     page = Page(text)
     wire = {name: found.model.plant.main_wire(name) for name in found.causes.reach}
-    reasons = words.ruled_out(found)
+    reasons = summary.ruled_out(found)
     for name in found.causes.reach:
         rows = [
-            row
-            for row in _cells(page, name.replace("_", " "))
-            if row[1] == wire[name].replace("_", " ")
+            row for row in _cells(page, name) if len(row) == len(COLUMNS) and row[1] == wire[name]
         ]
         assert [row[2] for row in rows] == ([reasons[name]] if name in reasons else [])
     named = {*found.verdict.members, *found.causes.taken.effects}
@@ -204,7 +253,7 @@ def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, t
 
 def test_the_set_is_marked_in_the_evidence(unsure: Diagnosis) -> None:
     page = Page(_page(unsure))
-    marked = {row[0].replace(" ", "_") for row in page.rows if "in the set" in row}
+    marked = {row[0] for row in page.rows if "in the set" in row}
     assert len(marked) == 2
     assert marked == set(unsure.verdict.members)
     assert "cannot be told apart from" in _heading(page.source)
@@ -214,8 +263,8 @@ def test_probabilities_are_shown_for_the_kind_of_explanation_that_was_taken(
     found: Diagnosis, text: str
 ) -> None:
     """Among pairs of which none was taken they would mean nothing."""
-    rows = {row[0]: row[3] for row in Page(text).rows if row[-1].endswith("converged")}
-    alone = [one.effects[0].replace("_", " ") for one in found.causes.singles if one.converged]
+    rows = {row[0]: row[2] for row in Page(text).rows if row[-1] == "converged"}
+    alone = [one.effects[0] for one in found.causes.singles if one.converged]
     assert all("%" in rows[name] for name in alone)
     assert all("%" not in chance for name, chance in rows.items() if " and " in name)
 
@@ -231,33 +280,38 @@ def test_intervals_compare_with_the_best(found: Diagnosis) -> None:
 
 def test_parameters_are_in_their_display_units(found: Diagnosis, text: str) -> None:
     page = Page(text)
-    (size,) = [row for row in _cells(page, "transport delay") if row[1] == "time"]
-    assert size[4] == "ms"
-    assert abs(_number(size[2]) - 1.1) < 4.0 * _number(size[3])
-    (moved,) = _cells(page, "torque_constant")
-    nominal, _, _, _, value, error = map(_number, moved[1:7])
+    (size,) = [row for row in _cells(page, "transport_delay.time") if len(row) == 6]
+    value, error, unit = _quantity(size[3])
+    assert unit == "ms"
+    assert abs(value - 1.1) < 4.0 * error
+    (moved,) = [row for row in _cells(page, "torque_constant") if len(row) == 6]
+    value, error, _ = _quantity(moved[3])
+    nominal = _number(moved[1].split()[0])
     assert nominal == pytest.approx(found.model.values["torque_constant"], rel=1e-4)
     assert abs(value - 1.1 * nominal) < 4.0 * error
 
 
 def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
-    planned = next_experiments(unsure.undecided)
-    page = Page(diagnosis_page("Bench", unsure, experiments=planned))
+    planned = unsure.next_experiments
+    page = Page(_page(unsure))
     page.assert_stands_alone()
     assert planned
     for number, one in enumerate(planned, start=1):
         assert f"{number}: {one.text}" in page.text
     drawn = " ".join(page.values("aria-label"))
-    assert " or ".join(one.effects[0] for one in unsure.verdict.rivals).replace("_", " ") in drawn
-    assert "experiment" not in Page(_page(unsure)).values("id")
+    assert " or ".join(one.effects[0] for one in unsure.verdict.rivals) in drawn
+    assert planned[0].text.partition(". ")[0] in page.source.partition("</header>")[0]
+    told = replace(unsure, written=())
+    assert not any("next-experiment" in name for name in Page(_page(told)).values("id"))
 
 
 def test_what_the_fmu_leaves_is_told(found: Diagnosis) -> None:
     rows = (Accuracy("bench", "angle", "fit", 2000, 0.2 * DEGREE, 0.0301 * DEGREE, 99.9, DEGREE),)
-    equal = Page(diagnosis_page("Bench", found, confirmed=Confirmation(rows, 0.0)))
+    equal = Page(_page(replace(found, confirmation=Confirmation(rows, 0.0))))
     assert _cells(equal, "bench")[0][4:6] == ["0.2", "0.0301"]
+    assert any("RMS after [deg]" in row for row in equal.rows)
     assert any("same bits" in piece for piece in equal.text)
-    off = Page(diagnosis_page("Bench", found, confirmed=Confirmation(rows, 2e-9)))
+    off = Page(_page(replace(found, confirmation=Confirmation(rows, 2e-9))))
     assert not any("same bits" in piece for piece in off.text)
 
 
@@ -300,26 +354,19 @@ def test_a_model_without_uncertainties_is_not_called_retuned(found: Diagnosis) -
 
 
 def test_small_errors_are_told_with_a_prefix(found: Diagnosis) -> None:
-    """0.0000123 m reads 12.3 um; a log in degrees keeps its unit."""
-    (gap,) = found.gaps
-    metre = replace(found.logs[0], channels={"angle": Channel("angle", "x", "m", 1.0)})
-    for rms, wanted in ((12.3e-6, ("um", 1e-6)), (4.7e-3, ("mm", 1e-3)), (0.54, ("m", 1.0))):
-        small = replace(gap, rms={**gap.rms, "before": rms})
-        assert unit_for(replace(found, logs=(metre,)), small) == wanted
-    assert unit_for(found, gap) == ("deg", DEGREE)
+    """0.0000123 m reads 12.3 um; one in degrees keeps its unit."""
+    for size, wanted in ((12.3e-6, (1e6, "um")), (4.7e-3, (1e3, "mm")), (0.54, (1.0, "m"))):
+        assert prefix(size, "m") == wanted
+    assert prefix(1e-6, "deg") == (1.0, "deg")
 
 
-def test_the_fmu_is_told_in_the_unit_of_the_gap(found: Diagnosis) -> None:
+def test_errors_are_in_the_unit_of_the_signal_whatever_that_of_the_log(found: Diagnosis) -> None:
+    """Codes of 180 deg in the file are no unit in which a person reads an error."""
     (log,) = found.logs
-    radian = replace(log, channels={"angle": Channel("angle", "angle", "rad")})
-    told = replace(found, logs=(radian,))
-    rows = (Accuracy("bench", "angle", "fit", 1400, 4e-3, 3e-3, 99.0, 1.0),)
-    page = Page(diagnosis_page("Bench", told, confirmed=Confirmation(rows, 0.0)))
-    (row,) = _cells(page, "bench")
-    unit, scale = unit_for(told, told.gaps[0])
-    assert unit == row[-1] == "mrad"
-    assert row[4:6] == ["4", "3"]
-    assert scale == 1e-3
+    codes = replace(log, channels={"angle": Channel("angle", "angle", "180 deg", math.pi)})
+    told = replace(found, logs=(codes,))
+    assert _page(told).count("180 deg") == 0
+    assert told.tables()["The nominal model"].equals(found.tables()["The nominal model"])
 
 
 def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> None:
@@ -338,7 +385,7 @@ def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> 
     text = _page(replace(found, logs=(log, checked), causes=causes))
     nominal = simulate(found.model, log.times, log.inputs)["angle"]
     worst = log.times[np.argmax(np.abs(nominal - log.outputs["angle"]))]
-    assert len(re.findall(rf"is worst: \S+ deg at {worst:.5g} s", text)) == 2
+    assert len(re.findall(rf"is worst before: \S+ deg at {worst:.5g} s", text)) == 2
 
 
 def test_hostile_names_stay_text(found: Diagnosis) -> None:
@@ -384,6 +431,6 @@ def test_a_parameter_that_the_logs_do_not_determine_has_a_bar_of_the_whole_width
     found: Diagnosis, recwarn: pytest.WarningsRecorder
 ) -> None:
     unknown = tuple(replace(one, standard_error=math.inf) for one in found.moved)
-    text = diagnosis_page("Bench", replace(found, moved=unknown))
+    text = _page(replace(found, moved=unknown))
     assert "How far nominal parameters moved" in text
     assert not [it for it in recwarn if "overflow" in str(it.message)]

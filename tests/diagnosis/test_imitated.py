@@ -16,16 +16,15 @@ from scipy.optimize import least_squares
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
+from servo_models.diagnosis import summary
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.fitting.explanation import Bench
 from servo_models.diagnosis.fitting.nominal import nominal_parameters
-from servo_models.diagnosis.page.imitated import section
 from servo_models.diagnosis.search.imitated import imitated_effects
 from servo_models.diagnosis.search.screening import sights_of
-from servo_models.diagnosis.telling import words
-from servo_models.diagnosis.telling.sheet import diagnosis_sheet
+from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict
 from tests.conftest import Run
 from tests.support.delayed_motor import check_schema
@@ -196,23 +195,25 @@ def test_the_next_experiment_shows_what_was_imitated(
 
 
 def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
-    planned = [SimpleNamespace(one=(), other=("drive_dead_zone",), instruction="Play.", file="a")]
-    experiments: Any = planned
-    assert words.sentence(found, experiments).endswith(
+    planned: Any = SimpleNamespace(
+        one=(),
+        other=("drive_dead_zone",),
+        instruction="Play.",
+        text="Play.",
+        file="a",
+        telling=True,
+    )
+    told = replace(found, written=(planned,))
+    assert summary.sentence(told).endswith(
         "; drive_dead_zone would not show in these logs, and does in the next experiment."
     )
-    sheet = diagnosis_sheet(found, None, (), experiments)
-    tables = {it.columns[-1]: it.rows for it in sheet.tables}
-    shown = {name: by for name, _, _, by in tables["experiment"]}
-    assert shown.keys() == imitated(found).keys()
-    assert {name for name, by in shown.items() if by} == {"drive_dead_zone"}
-    part = section(found, experiments)
-    assert part
-    assert len(part.tables[0].lines) == len(found.imitated)
+    rows = tables.imitated(told).rows
+    assert {row[0] for row in rows} == imitated(found).keys()
+    assert {name for name, _, _, by in rows if by} == {"drive_dead_zone"}
 
 
 def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
-    assert not words.ruled_out(found).keys() & imitated(found).keys()
+    assert not summary.ruled_out(found).keys() & imitated(found).keys()
 
 
 def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
@@ -259,7 +260,7 @@ def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
 def test_parameters_that_explain_little_imitate_nothing(found: Diagnosis) -> None:
     """The gap cannot be told from noise then, and whatever they do is no reason to doubt that."""
     little = replace(found, gap=replace(found.gap, closed=(0.2, 0.1, 0.3)))
-    assert "cannot be told from noise" in words.headline(little)
+    assert "cannot be told from noise" in summary.headline(little)
     assert little.imitated == ()
     assert little.undecided == ()
 

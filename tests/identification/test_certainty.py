@@ -19,7 +19,6 @@ from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.diagnosis.diagnose import diagnose
-from servo_models.diagnosis.telling.sheet import diagnosis_sheet
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import identify
@@ -102,7 +101,7 @@ def test_identify_gives_a_product_no_standard_error(issued: Description) -> None
 def test_diagnose_says_that_a_product_is_known_together_only(issued: Description) -> None:
     found = diagnose(issued)
     assert [set(group) for group in found.causes.taken.together] == [PAIR]
-    sheet = str(diagnosis_sheet(found, None))
+    sheet = str(found)
     assert "only together" in sheet
     for value, error in re.findall(r"([-\d.e+]+) \+- ([\d.e-]+)", sheet):
         assert float(error) > 1e-6 * abs(float(value))  # no clock is known to a millionth

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.identifiability import SHOWN, Excitation, excitation
 from tests.conftest import Run
+from tests.support.html_page import Page
 from tests.support.logs import changed
 from tests.support.noisy_motor import (
     DESCRIPTION,
@@ -164,7 +166,7 @@ def test_check_says_what_a_log_is_worth(run: Run, csv: Path) -> None:
     assert (code, err) == (0, "")
     assert "500 samples in 0.499 s, 1 ms apart (1000 Hz), even" in out
     row = next(line for line in out.splitlines() if line.startswith("angle "))
-    floor = float(row.split()[5])
+    floor = float(row.split()[4])
     assert floor == pytest.approx(np.degrees(NOISE), rel=0.1)
     assert "fast residual" in row
     assert any(
@@ -214,3 +216,18 @@ def test_a_delay_that_is_to_be_estimated_is_judged(tmp_path: Path) -> None:
     [reach] = found.excitation.parameters
     assert reach.name == "transport_delay.time"
     assert 0.0 < reach.together * reach.scale < 1e-4
+
+
+def test_a_check_offers_what_every_result_does(csv: Path, tmp_path: Path) -> None:
+    found = check(described(csv))
+    document = json.loads(found.to_json())
+    assert document["noise_floors"] == found.floors
+    table = next(frame for title, frame in found.tables().items() if title.startswith("Readings"))
+    width = np.degrees(np.ptp(found.audits[0].log.outputs["angle"]))
+    assert table["to [deg]"][0] - table["from [deg]"][0] == pytest.approx(width)
+    axes = found.plot()
+    assert axes.get_ylabel() == "angle\n[deg]"
+    found.write_report(tmp_path / "check.html", "2026-01-31")
+    page = Page((tmp_path / "check.html").read_text("utf-8"))
+    page.assert_stands_alone()
+    assert "The logs are usable" in " ".join(page.text)

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from servo_models.analysis.compare import overshoot, settling_time, time_to
 from servo_models.core.simulate import model
-from servo_models.identification.elements import Loop, identify_elements, sheet
+from servo_models.identification.elements import Loop, identify_elements
 from servo_models.identification.elements.estimate import Estimate
 from servo_models.identification.elements.lines import line_with_flats, straight_line
 from servo_models.identification.elements.loop import REACHED
 from servo_models.identification.elements.motor import first_order, motor_curve
-from servo_models.identification.elements.pictures import synthesis_picture
+from servo_models.report.style import figure
 from servo_models.report.terminal import text
 from tests.support.servo_bench import K_EN, Bench, taken_apart
 
@@ -288,7 +288,7 @@ def test_figures_have_the_signs_and_units_of_the_bench(bench: Path) -> None:
     assert edge.value == pytest.approx(-0.6, abs=0.02)
     assert result.figure("motor", "top speed, negative").value == pytest.approx(-544.0, abs=2.0)
     assert result.figure("amplifier", "gain K_AP").value == pytest.approx(5.79, abs=0.05)
-    told = text(sheet(result), 200)
+    told = text(result.report(), 200)
     for words in ("V/deg", "chosen", "time constant [s]", "settling +-5 % [s]", "+-2 %", "rad/s/V"):
         assert words in told
 
@@ -308,12 +308,12 @@ def test_what_is_not_measured_is_that_of_the_variant(tmp_path: Path) -> None:
 
 def test_the_picture_marks_the_choice_of_both_bands(bench: Path) -> None:
     result = identify_elements(bench)
-    figure = synthesis_picture(result)
+    drawn = figure(result.report().pictures[0])
     marks = {
         round(float(np.asarray(line.get_xdata())[0]), 9)
-        for axes in figure.axes
+        for axes in drawn.axes
         for line in axes.lines
         if line.get_marker() not in ("", "None", None)
     }
     assert marks == {round(choice.optimum.k_f, 9) for choice in result.synthesis.choices}
-    assert len(figure.axes) == 4
+    assert len(drawn.axes) == 4

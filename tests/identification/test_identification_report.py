@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable
@@ -13,20 +14,19 @@ import pytest
 from matplotlib.figure import Figure
 
 from servo_models.analysis.figures import figures
-from servo_models.analysis.figures_sheet import figures_sheet
 from servo_models.analysis.linearise import linearise
 from servo_models.analysis.sine_test import hold
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Channel, Log
+from servo_models.data.parameters import read_parameters
 from servo_models.identification.fit import fit
-from servo_models.identification.identify import _figures_of_merit, identify
-from servo_models.identification.page import identification_page
-from servo_models.identification.page.empirical import Record, empirical
+from servo_models.identification.identify import Outcome, identify
+from servo_models.identification.measured_response import Record, empirical
 from servo_models.identification.result import HELD_OUT, Identification
-from servo_models.report.parts import MINUS, TIMES
-from servo_models.report.sheet import sheet_page
-from servo_models.report.sheets import Sheet, Table
+from servo_models.identification.sections import identification_report, with_figures
+from servo_models.report import html
+from servo_models.report.numbers import MINUS, TIMES
 from servo_models.units import factor
 from tests.support.html_page import Page
 from tests.support.logs import changed, measured
@@ -93,13 +93,8 @@ def text(found: Identification) -> str:
 
 
 def _page(found: Identification) -> str:
-    return identification_page(
-        "Bench",
-        found,
-        floors={"angle": math.radians(0.02)},
-        conditions={"Python": "3.11"},
-        date="2026-01-31",
-    )
+    report = identification_report(found, {"angle": math.radians(0.02)})
+    return html.page(replace(report, date="2026-01-31"))
 
 
 def _number(text: str) -> float:
@@ -132,22 +127,24 @@ def test_same_arguments_give_the_same_bytes(found: Identification, text: str) ->
 def test_every_estimate_is_in_the_table_in_its_display_unit(
     found: Identification, text: str
 ) -> None:
-    rows = {row[1]: row for row in Page(text).rows if len(row) == 8}
+    rows = {row[0]: row for row in Page(text).rows if len(row) == 6}
     for free, value, error in zip(found.free, found.values, found.standard_errors):
-        _, _, shown, spread, unit, nominal, prior, _ = rows[free.name]
+        _, nominal, prior, estimate, _, _ = rows[free.name]
+        shown, _, spread, unit = estimate.split()
         scale = factor(unit, found.fitted.plant.parameters[free.name].param.unit)
         assert _number(shown) * scale == pytest.approx(value, abs=0.1 * error)
         assert _number(spread) * scale == pytest.approx(error, rel=0.05)
-        assert _number(nominal) * scale == pytest.approx(free.nominal, rel=1e-3)
-        assert (prior == "\N{EN DASH}") == (free.prior is None)
-    assert rows["transport_delay.time"][4] == "ms"
-    assert _number(rows["torque_constant"][6]) == 1.5
+        assert _number(nominal.split()[0]) * scale == pytest.approx(free.nominal, rel=1e-3)
+        assert (prior == "") == (free.prior is None)
+        assert any(f"{free.name}: {estimate}" in piece for piece in Page(text).text)  # a card
+    assert rows["transport_delay.time"][3].endswith(" ms")
+    assert _number(rows["torque_constant"][2].split()[0]) == 1.5
 
 
 def test_verdict_is_the_held_out_error_before_and_after(found: Identification, text: str) -> None:
     sentence = re.search(r"<h1>.*?</h1>", text, flags=re.S)
     assert sentence
-    shown = re.search(r"angle (\S+) → (\S+) deg\.", sentence[0])
+    shown = re.search(r"angle (\S+) → (\S+) deg RMS", sentence[0])
     assert shown
     before, after = map(_number, shown.groups())
     assert before == pytest.approx(_held_out_rms(found, list(found.before)), rel=1e-3)
@@ -171,13 +168,14 @@ def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> Non
         warnings=["'inductance' is <b>doubtful</b>; fix it"],
     )
     page = Page(_page(doubtful))
-    verdicts = {row[1]: row[0] for row in page.rows if len(row) == 8}
+    verdicts = {row[0]: row[4] for row in page.rows if len(row) == 6}
     assert "low bound" in verdicts["torque_constant"]
     assert "not determined" in verdicts["inductance"]
     assert "not determined" in verdicts["transport_delay.time"]
-    assert "'inductance' is <b>doubtful</b>; fix it." in page.text
+    assert "Warning: 'inductance' is <b>doubtful</b>; fix it." in page.text
     assert page.count("b") == 0
-    assert "1 warning: read below before using the values." in page.text
+    assert "Read the warnings below before using the values." in page.text
+    assert any("3 of 3 doubtful" in piece for piece in page.text)
 
 
 def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
@@ -185,7 +183,7 @@ def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
     rows = [replace(row, part="fit") for row in found.accuracy]
     text = _page(replace(found, logs=logs, accuracy=rows))
     assert "nothing held out" in text
-    assert "its error on new data is unknown" in text
+    assert "no samples of angle were, so the error on new data is unknown" in text
 
 
 @pytest.mark.thorough
@@ -232,61 +230,74 @@ def test_long_logs_make_no_large_page(found: Identification) -> None:
     assert "No measured response of angle over voltage" in text
 
 
-def test_a_sheet_with_figures_is_a_page() -> None:
-    figure = Figure()
-    figure.subplots().plot([0, 1], [0, 1])
-    table = Table(
-        "Elements", ("name", "value", "unit"), (("K_AP", "5.79", "1"), (HOSTILE, "-2e-3", ""))
-    )
-    page = Page(sheet_page("Servo", Sheet("Six elements", ("Said.",), (table,)), {"Loop": figure}))
-    page.assert_stands_alone()
-    assert "wide" in page.values("class")  # a figure of matplotlib's own size
-    assert page.rows == [["name", "value", "unit"], ["K_AP", "5.79", "1"], [HOSTILE, "-2e-3", ""]]
-    assert page.count("svg") == 1
-    assert {"Six elements", "Said.", "Elements", "Loop."} <= set(page.text)
-
-
-def test_figures_of_merit_join_the_page(found: Identification) -> None:
-    figures = Sheet("Figures of merit", ("At 5 deg.",), (Table("", ("figure",), (("41.7 Hz",),)),))
-    page = Page(identification_page("Bench", found, figures))
-    assert {"Figures of merit", "At 5 deg.", "41.7 Hz"} <= set(page.text)
-
-
-def test_identify_puts_floors_figures_and_versions_on_its_page(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """A log of a motor in steps, rounded to 0.01 deg: the floor is 0.01 deg / sqrt(12)."""
+    folder = tmp_path_factory.mktemp("bench")
     log = _log("bench", _steps, lambda t: t > 0.6)
     clean = simulate(TRUE, log.times, log.inputs)["angle"]
     rounded = np.round(np.degrees(clean), 2)
     rows = zip(log.times, log.inputs["voltage"], rounded)
     lines = "\n".join(f"{t:.4f},{u:g},{y:.2f}" for t, u, y in rows)
-    (tmp_path / "bench.csv").write_text(f"t,u,angle\n{lines}\n", encoding="utf-8")
-    (tmp_path / "bench.toml").write_text(DESCRIPTION, encoding="utf-8")
-    outcome = identify(tmp_path / "bench.toml")
-    page = Page(outcome.page("2026-01-31"))
+    (folder / "bench.csv").write_text(f"t,u,angle\n{lines}\n", encoding="utf-8")
+    (folder / "bench.toml").write_text(DESCRIPTION, encoding="utf-8")
+    return identify(folder / "bench.toml")
+
+
+def _written(outcome: Outcome, folder: Path) -> Page:
+    outcome.write_report(folder / "fit.html", "2026-01-31")
+    return Page((folder / "fit.html").read_text("utf-8"))
+
+
+def test_identify_puts_floors_figures_and_versions_on_its_page(
+    outcome: Outcome, tmp_path: Path
+) -> None:
+    page = _written(outcome, tmp_path)
     text = " ".join(page.text)
     floor = re.search(r"noise floor (\S+) deg", text)
     assert floor
     assert _number(floor[1]) == pytest.approx(0.01 / math.sqrt(12.0), rel=0.1)
-    assert {"Python", "numba", "scipy"} <= set(page.text)
+    assert {"2026-01-31", "Python", "numba", "scipy", "Figures of merit"} <= set(page.text)
     bandwidth = next(row for row in page.rows if row[0] == "bandwidth (-3 dB)")
-    gain = np.abs(linearise(TRUE).response(np.array([float(bandwidth[1])]), "voltage", "angle"))
+    hertz = np.array([float(bandwidth[1].split()[0])])
+    gain = np.abs(linearise(TRUE).response(hertz, "voltage", "angle"))
     static = np.abs(linearise(TRUE).response(np.array([1e-4]), "voltage", "angle"))
     assert gain / static == pytest.approx(math.sqrt(0.5), rel=0.02)
+
+
+def test_a_model_without_figures_of_merit_says_why(found: Identification) -> None:
+    """Beyond its bounds the standard step cannot be simulated."""
+    broken = changed(found.fitted, {"stiffness": math.nan})
+    report = with_figures(identification_report(found), broken)
+    (section,) = (section for section in report.sections if section.title == "Figures of merit")
+    assert section.items[0].startswith("None of the fitted model: ")
+
+
+def test_an_identification_offers_what_every_result_does(outcome: Outcome, tmp_path: Path) -> None:
+    assert repr(outcome).startswith("<Outcome of Identification of torque_motor")
+    table = outcome.tables()["Estimated parameters"]
+    found = outcome.result
+    assert table["estimate [N.m/A]"].to_list() == pytest.approx(found.values.tolist())
+    errors = table["estimate [N.m/A] standard error"].to_list()
+    assert errors == pytest.approx(found.standard_errors.tolist())
+    document = json.loads(outcome.to_json())
+    assert document["parameters"]["torque_constant"]["value"] == found.values[0]
+    axes = Figure().subplots()
+    assert outcome.plot(axes) is axes
+    measured = next(line for line in axes.lines if line.get_label() == "measured")
+    highest = np.degrees(found.logs[0].outputs["angle"].max())
+    assert np.max(measured.get_ydata()) == pytest.approx(highest)
+    assert "deg RMS" in outcome._repr_html_()
+    outcome.write_parameters(tmp_path / "fit.toml")
+    assert read_parameters(tmp_path / "fit.toml").settings()["torque_constant"] == found.values[0]
 
 
 def test_a_warning_is_about_the_values_of_its_variant() -> None:
     """Values found by identification are not those that the warning is about."""
     printed = model("sg90", "linear")
     fitted = replace(printed, provenance="this identification")
-    assert any("slower than a real SG90" in text for text in figures_sheet(figures(printed)).texts)
-    assert not any("slower" in text for text in _figures_of_merit(fitted).texts)
-
-
-def test_a_model_without_figures_of_merit_says_why(found: Identification) -> None:
-    """Beyond its bounds the standard step cannot be simulated."""
-    broken = changed(found.fitted, {"stiffness": math.nan})
-    (said,) = _figures_of_merit(broken).texts
-    assert said.startswith("None of the fitted model: ")
+    assert any("slower than a real SG90" in text for text in figures(printed).report().remarks)
+    assert not any("slower" in text for text in figures(fitted).report().remarks)
 
 
 def test_two_ways_to_the_response_of_the_fitted_model_agree(found: Identification) -> None:

@@ -13,9 +13,9 @@ from scipy.signal import lfilter
 
 from servo_models.analysis.sine_test import hold
 from servo_models.core.types import Array
-from servo_models.identification.page.bode import beside
-from servo_models.identification.page.empirical import Record, empirical
-from servo_models.identification.page.readings import envelope
+from servo_models.identification.measured_response import Record, empirical
+from servo_models.identification.sections import beside
+from servo_models.report.curves import envelope
 
 
 def test_measured_frequency_response_of_a_known_filter() -> None:

@@ -22,12 +22,11 @@ from servo_models.identification.transfer import (
     TransferFunction,
     TransferResult,
     identify_transfer,
-    sheet,
 )
 from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
 from servo_models.identification.transfer.evidence import Point
 from servo_models.identification.transfer.fit import Fit, fit, starts
-from servo_models.identification.transfer.pictures import bode, responses
+from servo_models.report.style import figure
 from servo_models.validation.solvers.inputs import changes
 from servo_models.validation.solvers.linear import LinearSystem
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
@@ -221,13 +220,12 @@ def test_third_order_with_delay_is_chosen_for_the_torque_motor(
     assert reasons["order 4 + delay"]
 
 
-def test_sheet_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferResult) -> None:
-    text = str(sheet(chosen_for_the_motor))
+def test_report_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferResult) -> None:
+    text = str(chosen_for_the_motor.report())
     assert "order 3 + delay: G(s) = " in text
     assert text.count("chosen") == 1
     assert "torque_constant" in text
-    figure = bode(chosen_for_the_motor)
-    gain, phase = figure.axes
+    gain, phase = figure(chosen_for_the_motor.report().pictures[0]).axes
     assert {t.get_text() for t in gain.get_legend().get_texts()} == {"records", "chosen"}
     data, line = gain.lines[0], gain.lines[-1]
     at = np.interp(np.log(data.get_xdata()), np.log(line.get_xdata()), line.get_ydata())
@@ -239,15 +237,16 @@ def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
     chosen_for_the_motor: TransferResult,
 ) -> None:
     """The error drawn is that of the exact response of the same function."""
-    found, figures = chosen_for_the_motor, responses(chosen_for_the_motor)
+    found = chosen_for_the_motor
+    _, *pictures = found.report().pictures
     records = [one for one in found.evidence if isinstance(one, Record)]
-    assert len(figures) == len(records)
+    assert len(pictures) == len(records)
     function = found.chosen.function
     exact = LinearSystem.transfer(function.numerator, function.denominator)
-    for record, (caption, figure) in zip(records, figures.items()):
-        assert record.name in caption
-        assert ("held out" in caption) == bool(record.held_out.any())
-        line = figure.axes[1].lines[0]
+    for record, picture in zip(records, pictures):
+        assert record.name in picture.title
+        assert ("held out" in picture.title) == bool(record.held_out.any())
+        line = figure(picture).axes[1].lines[0]
         times, error = line.get_xdata(), np.radians(line.get_ydata())
         edges = [changes(record.times, record.given, function.delay)]
         off = exact.response(record.times, edges)[:, 0] - record.measured

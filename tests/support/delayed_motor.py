@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jsonschema import Draft202012Validator
 
-from servo_models.diagnosis import telling
+from servo_models import diagnosis
 from servo_models.validation.torque_motor.reference import IDENTIFIED, Linear
 
 RATE = 4000.0
@@ -50,7 +50,7 @@ def describe(folder: Path, text: str = DESCRIPTION.format(""), seconds: float = 
 
 
 def check_schema(document: object) -> None:
-    path = Path(telling.__file__).parent / "schema.json"
+    path = Path(diagnosis.__file__).parent / "schema.json"
     schema = json.loads(path.read_text(encoding="utf-8"))
     Draft202012Validator.check_schema(schema)
     Draft202012Validator(schema).validate(document)

@@ -8,7 +8,6 @@ from servo_models.identification.elements.identify import (
     identify_elements,
 )
 from servo_models.identification.elements.loop import Choice, Loop, Response, Synthesis
-from servo_models.identification.elements.sheet import sheet
 
 __all__ = [
     "Choice",
@@ -18,5 +17,4 @@ __all__ = [
     "Response",
     "Synthesis",
     "identify_elements",
-    "sheet",
 ]

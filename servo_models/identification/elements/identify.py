@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from servo_models.core.plant import check_bounds
 from servo_models.core.simulate import Model
@@ -35,6 +36,8 @@ from servo_models.identification.elements.tables import (
     read_table,
     read_wish,
 )
+from servo_models.report.result import Result
+from servo_models.report.sections import Report
 
 LOOP = ("amplifier_gain", "potentiometer_gain", "motor_time_constant", "gear_ratio")
 MADE_OF = (*LOOP, "motor_gain", "feedback_coefficient", "angle_unit")
@@ -71,8 +74,8 @@ class Figure:
         return self.estimate.standard_error
 
 
-@dataclass(frozen=True, eq=False)
-class ElementsResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ElementsResult(Result):
     """Elements of a servo, identified one by one.
 
     Attributes:
@@ -97,6 +100,22 @@ class ElementsResult:
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Value and standard error [SI] by name of the actuator's parameter."""
         return {name: (one.value, one.standard_error) for name, one in self.estimates.items()}
+
+    def report(self, date: str = "") -> Report:
+        from servo_models.identification.elements.sections import elements_report
+
+        return elements_report(self, date)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "figures": [asdict(figure) for figure in self.figures],
+            "parameters": {name: asdict(one) for name, one in self.estimates.items()},
+            "choices": [asdict(choice) for choice in self.synthesis.choices],
+            "responses": [asdict(row) for row in self.synthesis.rows],
+            "notes": list(self.notes),
+            "warnings": list(self.warnings),
+            "files": dict(self.files),
+        }
 
     def figure(self, element: str, name: str) -> Figure:
         """Return a figure by element and name."""

@@ -6,7 +6,6 @@ from servo_models.identification.transfer.choose import Candidate
 from servo_models.identification.transfer.evidence import Record, Sweep
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
 from servo_models.identification.transfer.identify import TransferResult, identify_transfer
-from servo_models.identification.transfer.sheet import sheet
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps, sweep_of_sines
 
 __all__ = [
@@ -20,6 +19,5 @@ __all__ = [
     "identify_transfer",
     "raw_records",
     "read_sweeps",
-    "sheet",
     "sweep_of_sines",
 ]

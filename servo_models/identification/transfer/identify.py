@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -28,12 +29,14 @@ from servo_models.identification.transfer.choose import (
 from servo_models.identification.transfer.evidence import Evidence, Record, Sweep, band
 from servo_models.identification.transfer.fit import Fit, fit, starts
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
+from servo_models.report.result import Result
+from servo_models.report.sections import Report
 
 INTERRUPTED = "interrupted: larger structures were not tried; the best of the others is chosen"
 
 
-@dataclass(frozen=True, eq=False)
-class TransferResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class TransferResult(Result):
     """All candidates with verdicts, and the one chosen.
 
     Attributes:
@@ -52,8 +55,42 @@ class TransferResult:
     candidates: tuple[Candidate, ...]
     chosen: Candidate
     constants: PhysicalConstants | None = None
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = ()
     interrupted: bool = False
+
+    def report(self, date: str = "") -> Report:
+        from servo_models.identification.transfer.sections import transfer_report
+
+        return transfer_report(self, date)
+
+    def document(self) -> dict[str, Any]:
+        constants = self.constants.estimates if self.constants else {}
+        return {
+            "source": self.source.name,
+            "output": self.output.name,
+            "chosen": self.chosen.name,
+            "candidates": [_document(candidate) for candidate in self.candidates],
+            "constants": {name: list(pair) for name, pair in constants.items()},
+            "warnings": list(self.warnings),
+            "interrupted": self.interrupted,
+        }
+
+
+def _document(candidate: Candidate) -> dict[str, Any]:
+    """Coefficients highest power first, SI, with standard errors in the order of the fit."""
+    function, score = candidate.function, candidate.score
+    return {
+        "name": candidate.name,
+        "numerator": list(function.numerator),
+        "denominator": list(function.denominator),
+        "delay": function.delay,
+        "standard_errors": candidate.fit.standard_errors.tolist() if candidate.fit else None,
+        "fit": score.fit,
+        "held_out": score.held_out,
+        "aic": candidate.aic,
+        "bic": candidate.bic,
+        "reason": candidate.reason,
+    }
 
 
 def identify_transfer(

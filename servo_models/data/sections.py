@@ -1,15 +1,16 @@
-"""The data sheet of a parameter file: values beside those of the variant, and where from."""
+"""The report of a parameter file: values beside those of the variant, and where from."""
 
 from __future__ import annotations
 
-from servo_models.analysis.explain import display_scale, display_unit, in_display_unit
+from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.plant import Parameter
 from servo_models.data.parameters import Estimate, ParameterSet
-from servo_models.report.sheets import Sheet, Table, with_error
+from servo_models.report.numbers import Quantity
+from servo_models.report.sections import Cell, Report, Table, data_sheet
 
 
-def parameter_sheet(chosen: ParameterSet) -> Sheet:
+def parameter_report(chosen: ParameterSet) -> Report:
     """Return what a parameter file says, in the units that a person reads."""
     actuator = find_actuator(chosen.actuator)
     parameters = actuator.plant_of(chosen.variant).parameters
@@ -17,33 +18,30 @@ def parameter_sheet(chosen: ParameterSet) -> Sheet:
     rows = tuple(_row(e, parameters[e.name], nominal[e.name]) for e in chosen.estimates)
     facts = {
         "method": chosen.method,
-        "date": chosen.date and chosen.date.isoformat(),
+        "date": chosen.date.isoformat() if chosen.date else "",
         "made with servo-models": chosen.version,
         **{f"log {name}": digest for name, digest in chosen.logs.items()},
-        **{name: f"{f.value:.5g} {f.unit}" for name, f in chosen.figures.items()},
+        **{name: str(Quantity(f.value, f.unit)) for name, f in chosen.figures.items()},
     }
     known = tuple((name, text) for name, text in facts.items() if text)
-    return Sheet(
+    return data_sheet(
         f"{chosen.file or 'parameters'}: {actuator.name}, variant {chosen.variant}",
         tuple(f"Warning: {text}." for text in chosen.warnings),
         (
-            Table(
-                "Parameters",
-                ("parameter", "value", "+-", chosen.variant, "unit", "origin", ""),
-                rows,
-            ),
+            Table("Parameters", ("parameter", "value", chosen.variant, "origin", ""), rows),
             Table("Where they come from, and what was reached", ("", ""), known),
         ),
     )
 
 
-def _row(estimate: Estimate, parameter: Parameter, nominal: float) -> tuple[str, ...]:
-    scale, spread = display_scale(parameter), estimate.standard_error
+def _row(estimate: Estimate, parameter: Parameter, nominal: float) -> tuple[Cell, ...]:
+    scale, unit = display_scale(parameter), display_unit(parameter)
+    spread = estimate.standard_error
+    error = None if spread is None else scale * spread
     return (
         estimate.name,
-        *with_error(scale * estimate.value, None if spread is None else scale * spread),
-        in_display_unit(nominal, parameter),
-        display_unit(parameter),
+        Quantity(scale * estimate.value, unit, error, digits=6),
+        Quantity(scale * nominal, unit, digits=6),
         estimate.origin,
         parameter.param.about,
     )

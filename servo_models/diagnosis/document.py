@@ -1,16 +1,18 @@
-"""A diagnosis as JSON, by the schema in ``schema.json``, and as GitHub's workflow commands.
-
-All figures are SI with their unit beside them, or noise floors.  The same diagnosis gives the
-same bytes: there is no date inside.
+"""A diagnosis for other programs: as JSON by ``schema.json``, as GitHub's workflow commands, and
+as a parameter file, which closes the loop from log to FMU.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import datetime
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from servo_models.data.audit import Audit, Reading
+from servo_models.data.log import hashes
+from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.diagnosis import summary
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
@@ -18,10 +20,8 @@ from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import Reduction
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.imitated import Imitated
-from servo_models.diagnosis.telling import words
-from servo_models.diagnosis.telling.cautions import cautions
-from servo_models.diagnosis.where import Breakdown
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
+from servo_models.report.conditions import conditions
 from servo_models.report.interchange import command
 
 VERSION = 1
@@ -29,52 +29,37 @@ VERSION = 1
 FLOORS = "noise floor"
 
 
-def document(
-    found: Diagnosis,
-    confirmation: Confirmation | None,
-    breakdowns: Sequence[Breakdown],
-    experiments: Sequence[Experiment],
-    seed: int,
-    versions: Mapping[str, str],
-) -> dict[str, Any]:
-    """Return a diagnosis as what JSON is made of.
-
-    Args:
-        found: the diagnosis.
-        confirmation: its model run as an FMU, None where that cannot be.
-        breakdowns: where the gap lies.
-        experiments: that would tell apart what these logs cannot.
-        seed: of the diagnosis.
-        versions: that figures depend on, by name.
-    """
+def document(found: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis as what JSON is made of: figures in SI or noise floors, no date."""
+    confirmation = found.confirmation
     return {
         "schema_version": VERSION,
         "actuator": found.model.actuator.name,
         "variant": found.model.variant,
         "verdict": found.verdict.kind,
-        "sentence": words.sentence(found, experiments),
+        "sentence": summary.sentence(found),
         "tolerance": found.tolerance,
         "gap": {**_reduction(found.gap, FLOORS), "outputs": _outputs(found)},
         "confirmation": _confirmation(found, confirmation) if confirmation else None,
         "effects": [_effect(found, claim) for claim in found.claims],
-        "ruled_out": [{"name": n, "reason": why} for n, why in words.ruled_out(found).items()],
+        "ruled_out": [{"name": n, "reason": why} for n, why in summary.ruled_out(found).items()],
         "imitated": [_imitated(found, one) for one in found.imitated],
         "parameters": [_parameter(found, value) for value in found.found],
         "held_out": [asdict(one) for one in found.held_out],
-        "where": [asdict(breakdown) for breakdown in breakdowns],
-        "next_experiments": [_experiment(one) for one in experiments],
-        "warnings": list(cautions(found)),
-        "seed": seed,
-        "versions": dict(versions),
+        "where": [asdict(breakdown) for breakdown in found.localisation],
+        "next_experiments": [_experiment(one) for one in found.next_experiments],
+        "warnings": list(summary.warnings(found)),
+        "seed": found.seed,
+        "versions": conditions(),
         "logs": [_log(found, audit) for audit in found.audits],
     }
 
 
-def github(found: Diagnosis, experiments: Sequence[Experiment] = ()) -> Iterator[str]:
+def github(found: Diagnosis) -> Iterator[str]:
     """Return workflow commands: the verdict, an error where there is a gap, and all warnings."""
-    title, said = f"servo-models: {found.model.actuator.name}", words.sentence(found, experiments)
+    title, said = f"servo-models: {found.model.actuator.name}", summary.sentence(found)
     yield command("notice" if found.within_tolerance else "error", title, said)
-    for text in cautions(found):
+    for text in summary.warnings(found):
         yield command("warning", title, text)
 
 
@@ -155,7 +140,7 @@ def _detected(seen: Detection) -> dict[str, Any]:
 
 
 def _parameter(found: Diagnosis, value: Value) -> dict[str, Any]:
-    moved, doubt = words.moves(found), words.doubts(found)
+    moved, doubt = summary.moves(found), summary.doubts(found)
     retuned = {one.name: one.value for one in found.moved}
     return {
         **_value(found, value),
@@ -212,3 +197,32 @@ def _experiment(next_: Experiment) -> dict[str, Any]:
         "so_far": next_.so_far,
         "file": next_.file or None,
     }
+
+
+def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
+    """Return ``found.fitted`` with standard errors, and what it is known from."""
+    model = found.fitted
+    tuned = () if found.within_tolerance else found.found  # without a gap nothing is
+    estimated = {
+        one.name: Estimate(one.name, one.value, known_error(one.standard_error), "diagnosed")
+        for one in tuned
+    }
+    wires = model.plant.wire
+    return ParameterSet(
+        actuator=model.actuator.key,
+        variant=model.variant,
+        estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        method=f"diagnosis, {found.verdict.kind}: {_causes(found)}",
+        logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
+        date=date,
+        figures={
+            f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)
+            for gap in found.gaps
+        },
+        warnings=summary.warnings(found),
+    )
+
+
+def _causes(found: Diagnosis) -> str:
+    taken = found.causes.taken.effects
+    return f"parameters and {summary.placed(found, taken)}" if taken else "parameters alone"

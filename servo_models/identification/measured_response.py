@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.core.types import Array
-
-Complex = NDArray[np.complex128]
+from servo_models.core.types import Array, Complex
 
 COHERENT = 0.8
 """Least share of the output's power that goes with the input."""

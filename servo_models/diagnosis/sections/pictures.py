@@ -1,0 +1,325 @@
+"""Pictures of a diagnosis: each draws on axes that somebody else has made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servo_models.analysis.experiment import display
+from servo_models.diagnosis.claims import Value
+from servo_models.diagnosis.clock import Answers
+from servo_models.diagnosis.detectors import Codes, Detection, sentence
+from servo_models.diagnosis.experiments.experiment import Experiment
+from servo_models.diagnosis.experiments.experiment_search import played
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.nominal import BELIEVED
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.sections import tables
+from servo_models.diagnosis.where import Breakdown
+from servo_models.identification.readings import (
+    Reading,
+    axis_label,
+    most_missed,
+    reading,
+    stretch,
+    worst_sample,
+)
+from servo_models.report import curves
+from servo_models.report.numbers import with_unit
+from servo_models.report.sections import Picture
+from servo_models.report.style import SERIES, colour
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ROW, MARGIN = 0.44, 0.85
+"""Height of a row of a chart, and of everything else [inch]."""
+PANEL = 1.45
+"""Height of a panel [inch]."""
+NUMBERS = 5
+"""Numbers on the axis of a short stretch, which are long ones."""
+BARS = 40
+BEYOND = 3.0
+"""Errors above this many times that of the nominal model are drawn at the edge."""
+NEAR = 2.7
+"""Prior standard deviations that are drawn at least."""
+DOTTED = (0, (1, 1.5))
+
+
+def responses(found: Diagnosis) -> tuple[Picture, ...]:
+    """Return two pictures a response, that which is missed most first: measured and simulated with
+    their errors, as a whole and where the nominal model is worst."""
+    readings = most_missed(list(_readings(found)), found.floors)
+    return tuple(picture for one in readings for picture in _response(one))
+
+
+def _readings(found: Diagnosis) -> Iterator[Reading]:
+    """Every output of every log beside what each model makes of it.
+
+    A model that cannot be simulated on a log that no fit has seen makes nothing of it.
+    """
+    causes = found.causes
+    nominal = causes.retuned.problem
+    values = {
+        "before": nominal.values(causes.before.vector),
+        "retuned": causes.retuned.values,
+        "after": causes.taken.values,
+    }
+    for log, run in zip(found.logs, nominal.runs):
+        every = {n: run.outputs_or_nan(values[stage]) for stage, n in tables.stages(found).items()}
+        finite = {name: it for name, it in every.items() if np.isfinite(it).all()}
+        for k, output in enumerate(log.outputs):
+            wire = found.model.plant.wire[output]
+            yield reading(log, wire, {name: it[:, k] for name, it in finite.items()})
+
+
+def _response(one: Reading) -> Iterator[Picture]:
+    log, title = one.log, one.title
+    errors = next(iter(one.simulated.values())) - one.measured
+    worst = worst_sample(errors, log.fitted if log.fitted.any() else log.checked)
+    window = stretch(errors, worst)
+    held = " Shaded: held out by the description." if log.held_out.any() else ""
+    at = f"{one.size(abs(float(errors[worst])))} at {log.stamps[worst]:.5g} s"
+    whole = f"Above: measured and simulated; below: simulated minus measured.{held}"
+    draw = partial(_draw_response, one, window, worst)
+    yield Picture(title, partial(draw, slice(None)), whole, rows=2, height=3.6, shared=True)
+    near = f"The framed stretch, where the model is worst before: {at}."
+    yield Picture(f"{title}, near", partial(draw, window), near, rows=2, height=3.6, shared=True)
+
+
+def _draw_response(
+    one: Reading, window: slice, worst: int, part: slice, axes: Sequence[Axes]
+) -> None:
+    """Draw a part of a response, and below it the errors, if there are axes for them."""
+    times, log = one.log.stamps, one.log
+    simulated = {name: values[part] for name, values in one.simulated.items()}
+    draws = {one.wire.name: curves.draw_responses, "error": curves.draw_errors}
+    for panel, (name, draw) in zip(axes, draws.items()):
+        draw(panel, times[part], one.measured[part], simulated, log.held_out[part])
+        panel.set_ylabel(axis_label(name, one.unit), parse_math=False)
+        if part is window:
+            panel.axvline(times[worst], color=colour("muted"), lw=0.8, ls=curves.DASHED)
+            panel.locator_params(axis="x", nbins=NUMBERS)
+        elif len(axes) > 1:
+            curves.draw_frame(panel, times[window])
+    curves.draw_legend(axes[0], 1 + len(simulated))
+    axes[-1].set_xlabel("time [s]")
+
+
+def place(one: Breakdown) -> Picture:
+    """Return two bars for each part of a dimension, its name and shares above them."""
+    return Picture(
+        f"By {one.dimension}",
+        partial(_draw_place, one),
+        f"{one.sentence} Upper bars: before; lower bars: after; upright marks: the noise floor.",
+        height=MARGIN + ROW * len(one.bins),
+    )
+
+
+def _draw_place(found: Breakdown, axes: Sequence[Axes]) -> None:
+    (panel,) = axes
+    for row, one in enumerate(found.bins):
+        panel.barh(row + 0.02, one.rms_before, 0.2, color=colour("orange"), alpha=0.75, lw=0)
+        panel.barh(row + 0.24, one.rms_after, 0.2, color=colour("blue"), alpha=0.85, lw=0)
+        panel.vlines(1.0, row - 0.12, row + 0.38, color=colour("ink"), lw=0.9)
+        curves.draw_label(panel, row - 0.14, f"{one.label}, gets worse" if one.worse else one.label)
+        shares = f"{100.0 * one.share_before:.0f} % → {100.0 * one.share_after:.0f} %"
+        curves.draw_label(panel, row - 0.14, shares, right=True)
+    panel.set(ylim=(len(found.bins) - 0.4, -0.65), xlabel="RMS error [noise floors]")
+    _without_scale(panel)
+
+
+def fits(found: Diagnosis, explanations: Sequence[Explanation], title: str) -> Picture:
+    """Return what each fit leaves, with intervals of the comparison with the best."""
+    return Picture(
+        title,
+        partial(_draw_fits, found, explanations),
+        "Upright marks: the noise floor; dotted: the best. Lines: 95 % intervals of the comparison"
+        " with the best: one that reaches the best does as well. Filled: in the set.",
+        height=MARGIN + ROW * (len(explanations) + 1),
+    )
+
+
+def _draw_fits(found: Diagnosis, explanations: Sequence[Explanation], axes: Sequence[Axes]) -> None:
+    (panel,) = axes
+    count, best = len(explanations), explanations[0].evidence.rms
+    edge = BEYOND * found.causes.before.rms
+    chances = tables.probabilities(found, explanations)
+    limits = tables.intervals(explanations)
+    for row, (one, interval, chance) in enumerate(zip(explanations, limits, chances)):
+        member, error = one in found.verdict.rivals, one.evidence.rms
+        tint = colour("blue" if member else "muted")
+        if error > edge:
+            panel.plot(edge, row, ">", color=tint, mfc="none")
+        else:
+            panel.plot(np.minimum(interval, edge), [row, row], color=tint, lw=1.6)
+            panel.plot(error, row, "o", color=tint, mfc=tint if member else colour("paper"))
+        curves.draw_label(
+            panel, row - 0.2, tables.together(one.effects), tint="ink" if member else "muted"
+        )
+        curves.draw_label(panel, row - 0.2, chance, right=True)
+    alone = found.causes.retuned.evidence.rms
+    panel.plot(min(alone, edge), count, "D", color=colour("green"), ms=4.5)
+    curves.draw_label(panel, count - 0.2, "nominal parameters alone", tint="muted")
+    for row in range(count + 1):
+        panel.vlines(1.0, row - 0.18, row + 0.22, color=colour("ink"), lw=0.9)
+        panel.vlines(best, row - 0.18, row + 0.22, color=colour("blue"), lw=0.8, ls=DOTTED)
+    panel.set(xscale="log", xlim=(0.75 * min(1.0, best), 1.25 * edge), ylim=(count + 0.5, -0.75))
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.set_xlabel("error on unseen stretches [noise floors]")
+    _without_scale(panel)
+
+
+def detectors(found: Diagnosis) -> tuple[Picture, ...]:
+    """Return what each detector of a believed effect sees."""
+    seen = [claim.detected for claim in found.claims if claim.detected is not None]
+    return tuple(_codes(it) if isinstance(it, Codes) else _ticks(it) for it in seen)
+
+
+def _codes(seen: Codes) -> Picture:
+    return Picture(
+        f"{seen.reading.name}, folded at the step",
+        partial(_draw_codes, seen),
+        f"{_said(seen)} A quantiser makes a peak, as wide as the noise after it; without one, the"
+        " bars are level.",
+        height=2.4,
+    )
+
+
+def _draw_codes(seen: Codes, axes: Sequence[Axes]) -> None:
+    scale, unit = display(seen.reading)
+    axes[0].hist(seen.phases, bins=BARS, range=(-0.5, 0.5), color=colour("blue"))
+    step = with_unit(f"{scale * seen.step:.3g}", unit)
+    axes[0].set(xlabel=f"distance from a code [steps of {step}]", ylabel="readings")
+    axes[0].set_xlim(-0.5, 0.5)
+
+
+def _ticks(seen: Answers) -> Picture:
+    return Picture(
+        f"When steps of the command are answered, period {1e3 * seen.period:.3g} ms",
+        partial(_draw_ticks, seen),
+        f"{_said(seen)} On the line: a step waits for the next tick. Level: all are late alike, as"
+        " by a delay. Anywhere: no clock.",
+        height=2.8,
+    )
+
+
+def _draw_ticks(seen: Answers, axes: Sequence[Axes]) -> None:
+    due, late, error = (1e3 * it for it in (seen.due, seen.late, seen.error))
+    ends, tint = np.array([0.0, 1e3 * seen.period]), colour("blue")
+    axes[0].plot(ends, ends, color=colour("muted"), lw=1.0, label="answered on ticks")
+    axes[0].errorbar(due, late, yerr=error, fmt="o", color=tint, ms=4.5, label="measured")
+    axes[0].set(xlabel="from the step to the next tick [ms]", ylabel="answered late by [ms]")
+    axes[0].legend(frameon=False)
+
+
+def _said(seen: Detection) -> str:
+    return f"{seen.effect}: {sentence(seen)}."
+
+
+def moved(found: Diagnosis) -> tuple[Picture, ...]:
+    """Return how far each parameter moved, in standard deviations of what was known before."""
+    priors = {one.name: one.prior for one in found.causes.retuned.problem.free if one.prior}
+    if found.within_tolerance or not priors:
+        return ()
+    picture = Picture(
+        "How far nominal parameters moved",
+        partial(_draw_moved, found, priors),
+        "Shaded: one and two standard deviations of what was known before. Far outside: either that"
+        " was too sure, or the parameter stands in for an effect that the model lacks. Lines:"
+        " standard errors.",
+        height=MARGIN + ROW * len(priors),
+    )
+    return (picture,)
+
+
+def _draw_moved(found: Diagnosis, priors: Mapping[str, float], axes: Sequence[Axes]) -> None:
+    (panel,) = axes
+    names = tables.stages(found)
+    final = {value.name: value for value in found.found} if found.causes.taken.effects else {}
+    for width, opacity in ((2.0, 0.35), (1.0, 0.55)):
+        panel.axvspan(-width, width, color=colour("grid"), alpha=opacity, lw=0, zorder=0)
+    farthest = NEAR
+    for values, shift, style in (
+        ({one.name: one for one in found.moved}, -0.09, (names["retuned"], "green", "D")),
+        (final, 0.13, (names.get("after", ""), "blue", "o")),
+    ):
+        shown = [values[name] for name in priors if values]
+        farthest = max(farthest, _draw_moves(panel, shown, priors, shift, style))
+    for row, name in enumerate(priors):
+        curves.draw_label(panel, row - 0.25, name)
+    panel.set(xlim=(-1.1 * farthest, 1.1 * farthest), ylim=(len(priors) - 0.4, -0.75))
+    panel.set_xlabel("prior standard deviations from nominal")
+    panel.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=2, frameon=False)
+    _without_scale(panel)
+
+
+def _draw_moves(
+    axes: Axes,
+    values: Sequence[Value],
+    priors: Mapping[str, float],
+    shift: float,
+    style: tuple[str, str, str],
+) -> float:
+    """Draw a point for each value and return the largest distance [prior deviations]."""
+    if not values:
+        return 0.0
+    label, tint, marker = style
+    distances = [(one.value - one.nominal) / priors[one.name] for one in values]
+    known = [one.standard_error / priors[one.name] for one in values]
+    errors = np.clip(np.nan_to_num(known), 0.0, BELIEVED)  # not determined: the whole width
+    rows = np.arange(len(values)) + shift
+    axes.errorbar(
+        distances, rows, xerr=errors, fmt=marker, color=colour(tint), ms=4.5, lw=1.4, label=label
+    )
+    return float(np.abs(distances).max())
+
+
+def experiment(found: Diagnosis, one: Experiment) -> Picture:
+    """Return a command, each output as either explanation predicts it, and their difference."""
+    rows = 2 + len(found.floors)
+    return Picture(
+        f"{tables.together(one.one)} or {tables.together(one.other)}",
+        partial(_draw_experiment, found, one),
+        "From above: the command to play, what either fitted model predicts, and by how much they"
+        " differ before either is re-fitted. Shaded: the noise floor.",
+        rows=rows,
+        height=0.7 + PANEL * rows,
+        shared=True,
+    )
+
+
+def _draw_experiment(found: Diagnosis, one: Experiment, axes: Sequence[Axes]) -> None:
+    rivals = {it.effects: it for it in found.undecided}
+    pair = [rivals[effects] for effects in (one.one, one.other)]
+    command, *predicted, difference = axes
+    told = [played(it, one.plan).responses(it.evidence.vector)[0] for it in pair]
+    scale, unit = display(one.wire)
+    thin = curves.envelope(one.times, scale * one.command, curves.BUCKETS)
+    command.plot(*thin, color=colour("ink"), lw=0.9)
+    command.set_ylabel(axis_label(one.wire.name, unit), parse_math=False)
+    for output, panel, series in zip(found.floors, predicted, SERIES * len(predicted)):
+        scale, unit = display(found.model.plant.wire[output])
+        for it, values, style in zip(pair, told, (curves.JUDGED, curves.NOMINAL)):
+            curves.draw_curve(
+                panel, one.times, scale * values[output], tables.together(it.effects), style
+            )
+        panel.set_ylabel(axis_label(output, unit), parse_math=False)
+        apart = (told[0][output] - told[1][output]) / found.floors[output]
+        curves.draw_curve(difference, one.times, apart, output, (series, "-", 1.0, 1.0))
+    curves.draw_legend(predicted[0], len(pair))
+    if len(predicted) > 1:
+        curves.draw_legend(difference, len(predicted))
+    difference.axhspan(-1.0, 1.0, color=colour("grid"), alpha=0.8, lw=0, zorder=0)
+    difference.set(xlabel="time [s]", xlim=(one.times[0], one.times[-1]))
+    difference.set_ylabel("difference\n[noise floors]")
+
+
+def _without_scale(axes: Axes) -> None:
+    """Rows have their names above them, and no scale at their side."""
+    axes.set_axisbelow(True)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)

@@ -1,0 +1,339 @@
+"""Tables of a diagnosis."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from servo_models.analysis.experiment import display
+from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.diagnosis import summary
+from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.detectors import sentence
+from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.gap import DRAWS, Gap
+from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.verdict import chances_of
+from servo_models.diagnosis.where import Bin, Breakdown
+from servo_models.identification.readings import error_table
+from servo_models.report.numbers import Quantity, number, percent, prefix
+from servo_models.report.sections import Cell, Table
+
+FLOORS = "noise floors"
+
+
+def unit_of(found: Diagnosis, output: str) -> tuple[float, str]:
+    """Return the factor from SI to the unit in which errors of an output read best, and it."""
+    scale, unit = display(found.model.plant.wire[output])
+    (gap,) = (one for one in found.gaps if one.output == output)
+    factor, unit = prefix(scale * gap.rms["before"], unit)
+    return scale * factor, unit
+
+
+def error(found: Diagnosis, gap: Gap, value: float, digits: int = 3) -> Quantity:
+    """Return an error [SI] of an output."""
+    scale, unit = unit_of(found, gap.output)
+    return Quantity(scale * value, unit, digits=digits)
+
+
+def size(found: Diagnosis, value: Value) -> Quantity:
+    """Return a parameter with its standard error, as a person reads it."""
+    parameter = found.model.plant.parameters[value.name]
+    scale = display_scale(parameter)
+    return Quantity(
+        scale * value.value, display_unit(parameter) or "1", scale * value.standard_error
+    )
+
+
+def probability(claim: Claim) -> str:
+    """Return how likely an effect is."""
+    return _chance(claim.probability)
+
+
+def _chance(chance: float) -> str:
+    """A probability, of which nothing is certain or impossible."""
+    return percent(min(max(chance, 0.001), 0.999))
+
+
+def stages(found: Diagnosis) -> dict[str, str]:
+    """Return the stages of ``Gap.rms`` that differ, each with its name for people."""
+    named = {"before": "before"}
+    if found.causes.retuned.problem.free and not found.within_tolerance:
+        named["retuned"] = "re-tuned"
+    if found.causes.taken.effects:
+        named["after"] = "with effects" if len(found.causes.taken.effects) > 1 else "with effect"
+    return named
+
+
+def gap(found: Diagnosis) -> Table:
+    """Errors of every output, stage by stage."""
+    return Table(
+        "Gap, RMS on stretches that no fit has seen",
+        ("output", *stages(found).values(), "noise floor", "closed"),
+        tuple(_gap(found, one) for one in found.gaps),
+    )
+
+
+def _gap(found: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
+    scale, unit = unit_of(found, gap.output)
+    figures = (
+        Quantity(
+            scale * gap.rms[stage],
+            unit,
+            interval=(scale * gap.intervals[stage][0], scale * gap.intervals[stage][1]),
+            digits=3,
+        )
+        for stage in stages(found)
+    )
+    return gap.output, *figures, Quantity(scale * gap.floor, unit, digits=2), summary.closed(gap)
+
+
+def nominal(found: Diagnosis) -> Table:
+    """What the nominal model lacks."""
+    rows = tuple(
+        (
+            gap.output,
+            Quantity(100.0 * gap.nrmse, "%", digits=3),
+            f"{number(gap.worst[1], 5)} s in {gap.worst[0]}",
+            Quantity(1e3 * gap.delay, "ms", digits=3),
+            gap.origin,
+        )
+        for gap in found.gaps
+    )
+    columns = ("output", "of its range", "worst moment", "lag to measured", "noise floor from")
+    return Table("The nominal model", columns, rows)
+
+
+def fmu(found: Diagnosis) -> Table:
+    """Errors of the FMU itself, in every part of every log."""
+    told = found.confirmation
+    off = told.difference if told else 0.0
+    same = f"off by {number(off, 2)} of full scale" if off else "the same bits as the simulation"
+    title = f"The diagnosed model as an FMU, run over each log: {same}"
+    return error_table(title, told.rows if told else (), found.model.plant)
+
+
+def held_out(found: Diagnosis) -> Table:
+    """Errors of logs with samples that no fit has seen."""
+    alone = [] if found.within_tolerance or not found.moved else ["parameters alone"]
+    rows = tuple(
+        (
+            one.log,
+            *(_left(each) for each in ([one.retuned] if alone else []) + [one.after]),
+            "gets worse" if one.worse else "",
+        )
+        for one in found.held_out
+    )
+    name = "with effects" if found.causes.taken.effects else "diagnosed model"
+    return Table(
+        f"Held out by the description, RMS of all outputs in {FLOORS}",
+        ("log", *alone, name, ""),
+        rows,
+    )
+
+
+def _left(rms: float) -> Cell:
+    return "cannot be simulated" if math.isnan(rms) else Quantity(rms, digits=3)
+
+
+def places(found: Diagnosis) -> Table:
+    """Where the squared error lies, in words."""
+    rows = tuple((one.dimension, one.sentence) for one in found.localisation)
+    return Table("Where the squared error lies", ("along", ""), rows)
+
+
+def place(one: Breakdown) -> Table:
+    """Every part of a dimension."""
+    columns = (
+        "part",
+        "share before",
+        "share after",
+        "error before",
+        "error after",
+        "over local amplitude before",
+        "over local amplitude after",
+        "closed",
+        "samples",
+        "",
+    )
+    return Table(f"By {one.dimension}", columns, tuple(map(_bin, one.bins)), folded=True)
+
+
+def _bin(one: Bin) -> tuple[Cell, ...]:
+    return (
+        one.label,
+        _percent(one.share_before),
+        _percent(one.share_after),
+        Quantity(one.rms_before, digits=3),
+        Quantity(one.rms_after, digits=3),
+        _percent(one.relative_before),
+        _percent(one.relative_after),
+        _percent(one.closed),
+        one.count or None,
+        "gets worse" if one.worse else "",
+    )
+
+
+def _percent(share: float | None) -> Quantity:
+    return Quantity(math.nan if share is None else 100.0 * share, "%", digits=2)
+
+
+def effects(found: Diagnosis) -> Table:
+    """Every effect that was fitted, most likely first."""
+    columns = ("effect", "on", "probability", "size", f"left [{FLOORS}]", "closes", "")
+    rows = tuple(_effect(found, claim) for claim in found.claims)
+    return Table("Effects, most likely first", columns, rows)
+
+
+def _effect(found: Diagnosis, claim: Claim) -> tuple[Cell, ...]:
+    fitted = found.causes.fitted
+    marks = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
+    if claim.name in fitted and not claim.taken:
+        marks += [f"beside {summary.listed(claim.beside)}"] if claim.beside else []
+        marks += summary.marks(found, fitted[claim.name])
+    return (
+        claim.name,
+        claim.wire,
+        probability(claim) if found.verdict.chances else "",
+        ", ".join(f"{v.name.rpartition('.')[2]} {size(found, v)}" for v in claim.parameters),
+        Quantity(claim.gap_after, digits=3),
+        percent(claim.closed),
+        ", ".join(marks),
+    )
+
+
+def fits(found: Diagnosis, explanations: Sequence[Explanation], title: str) -> Table:
+    """Every fit of so many effects, the best first."""
+    chances = probabilities(found, explanations)
+    rows = tuple(
+        (
+            together(one.effects),
+            Quantity(one.evidence.rms, interval=interval),
+            chance,
+            "in the set" if one in found.verdict.rivals else "",
+            "converged" if one.converged else "did not converge",
+        )
+        for one, interval, chance in zip(explanations, intervals(explanations), chances)
+    )
+    columns = ("effects", f"left [{FLOORS}], 95 %", "probability", "set", "search")
+    return Table(title, columns, rows, folded=True)
+
+
+def probabilities(found: Diagnosis, explanations: Sequence[Explanation]) -> list[str]:
+    """Return them among explanations of as many effects as were taken, "" for others."""
+    if explanations is not found.causes.alike or not found.causes.taken.effects:
+        return [""] * len(explanations)
+    chances = chances_of(found.causes, found.verdict.rest)
+    return [_chance(float(chance)) for chance in chances]
+
+
+def intervals(explanations: Sequence[Explanation]) -> list[tuple[float, float]]:
+    """Return 95 % intervals of the errors left [noise floors], as compared with the best.
+
+    Blocks are drawn again, the same for all, and the ratio to the best explanation is what
+    varies: one whose interval reaches the best's error does as well.
+    """
+    if not explanations:
+        return []
+    losses = np.array([one.evidence.losses for one in explanations])
+    best = int(np.argmin(losses.sum(axis=1)))
+    blocks = losses.shape[1]
+    draws = np.random.default_rng(0).integers(0, blocks, (DRAWS, blocks))
+    drawn = losses[:, draws].sum(axis=2)
+    ratios = np.sqrt(drawn / drawn[best])
+    scale = explanations[best].evidence.rms
+    limits = scale * np.quantile(ratios, (0.025, 0.975), axis=1)
+    return [(float(low), float(high)) for low, high in limits.T]
+
+
+def together(effects: Sequence[str]) -> str:
+    """Return effects that act at once, in words."""
+    return summary.listed(effects) if effects else "parameters alone"
+
+
+def detected(found: Diagnosis) -> Table:
+    """What the detectors of believed effects have seen."""
+    rows = tuple((it.name, sentence(it.detected)) for it in found.claims if it.detected)
+    return Table("Seen apart from any error", ("effect", "its own detector"), rows)
+
+
+def reasons(found: Diagnosis) -> Table:
+    """Why effects were not fitted, those of one reason in one row."""
+    fitted = {claim.name for claim in found.claims}
+    rows: dict[str, list[str]] = {}
+    for name, reason in summary.ruled_out(found).items():
+        if name not in fitted:
+            rows.setdefault(reason.partition(":")[0], []).append(name)
+    cells = tuple((reason, ", ".join(names)) for reason, names in rows.items())
+    return Table("Ruled out without a fit", ("why", "effects"), cells)
+
+
+def ruled_out(found: Diagnosis) -> Table:
+    """Why each effect is not named."""
+    plant = found.model.plant
+    rows = tuple(
+        (
+            name,
+            plant.main_wire(name),
+            reason,
+            Quantity(found.causes.reach[name].shown, digits=2),
+            _about(found, name),
+        )
+        for name, reason in summary.ruled_out(found).items()
+    )
+    columns = ("effect", "on", "why", f"moves outputs by [{FLOORS}]", "what it is")
+    return Table(f"Every effect that is not named ({len(rows)})", columns, rows, folded=True)
+
+
+def _about(found: Diagnosis, name: str) -> str:
+    module = inspect.getmodule(found.model.plant.placements[name][0].effect.function)
+    return (inspect.getdoc(module) or "").partition("\n")[0]
+
+
+def imitated(found: Diagnosis) -> Table:
+    """What parameters that explain the gap may hide."""
+    plant = found.model.plant
+    rows = tuple(
+        (
+            one.name,
+            plant.main_wire(one.name),
+            Quantity(one.moved, digits=3),
+            summary.shown_by(one, found),
+        )
+        for one in found.imitated
+    )
+    columns = ("effect", "on", f"up to [{FLOORS}]", "experiment")
+    return Table("Not ruled out: re-tuned parameters imitate them", columns, rows)
+
+
+def parameters(found: Diagnosis) -> tuple[Table, Table]:
+    """Nominal parameters before, alone and beside the effects, and the effects' own."""
+    priors = {one.name: one.prior for one in found.causes.retuned.problem.free}
+    moved = {} if found.within_tolerance else {one.name: one for one in found.moved}
+    moves, doubts, known = summary.moves(found), summary.doubts(found), found.model.plant.parameters
+    rows, about = [], []
+    for value in found.found:
+        parameter = known[value.name]
+        scale, unit = display_scale(parameter), display_unit(parameter) or "1"
+        alone, prior = moved.get(value.name), priors.get(value.name)
+        rows.append(
+            (
+                value.name,
+                Quantity(scale * value.nominal, unit, digits=5),
+                size(found, alone) if alone else "",
+                size(found, value),
+                Quantity(round(moves[value.name], 1) + 0.0) if value.name in moves else None,
+                doubts.get(value.name, ""),
+            )
+        )
+        before = Quantity(scale * prior, unit, digits=2) if prior else ""
+        about.append((value.name, before, parameter.param.about))
+    columns = ("parameter", "before", "re-tuned alone", "after", "moved [prior deviations]", "")
+    meanings = ("parameter", "prior deviation", "what it is")
+    return (
+        Table("Parameters, with standard errors", columns, tuple(rows)),
+        Table("What these parameters are", meanings, tuple(about), folded=True),
+    )

@@ -1,1 +1,0 @@
-"""A diagnosis told: in words, as text, as JSON and as a parameter file."""

@@ -1,0 +1,738 @@
+"""Reports of a fit by simulation and of a check: the answer, one picture, what both rest on."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servo_models.analysis.experiment import display
+from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.analysis.figures import figures
+from servo_models.analysis.linear_model import LinearModel
+from servo_models.analysis.linearise import linearise
+from servo_models.analysis.sine_test import hold
+from servo_models.analysis.statistics import autocorrelation, memory
+from servo_models.core.plant import Plant, Wire
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array, Complex
+from servo_models.data.audit import Audit, Command, Floor, Sampling
+from servo_models.data.audit import Reading as Measured
+from servo_models.data.log import Log
+from servo_models.errors import UserError
+from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
+from servo_models.identification.identifiability import SHOWN, Group, Reach
+from servo_models.identification.measured_response import Empirical, Record, empirical
+from servo_models.identification.problem import Free
+from servo_models.identification.readings import (
+    Reading,
+    axis_label,
+    error_table,
+    log_facts,
+    most_missed,
+    not_drawn,
+    reading,
+    words,
+)
+from servo_models.identification.result import FIT, HELD_OUT, Identification
+from servo_models.identification.uncertainty import doubt
+from servo_models.report.conditions import conditions
+from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
+from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
+from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
+from servo_models.report.style import colour
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+IN_CARD = 8
+"""Parameters that the answer names; all are in the table."""
+AT_FLOOR = 1.5
+"""Error over the noise floor up to which the model leaves nothing that a diagnosis could name."""
+MANY = 12
+"""Largest number of parameters whose correlations are drawn."""
+BINS = 41
+NUMBERS = 5
+"""Numbers on an axis of long ones."""
+LAGS = 40
+"""Lags that are drawn at least; else twice as many as matter."""
+FINE = 300
+"""Points of a line of a Bode plot."""
+OWN_CLOCK = 1.5
+"""Steps from which on a command is held for longer than a sample."""
+EVEN = 1e-4
+"""Share of a step up to which its jitter is rounding."""
+PARAMETERS, ERRORS = "Parameters", "Errors"
+
+
+def identification_report(
+    found: Identification, floors: Mapping[str, float] | None = None
+) -> Report:
+    """Return a fit as people read it.
+
+    Args:
+        found: from ``identification.fit.fit``.
+        floors: noise floors [SI] of outputs, by name.
+    """
+    model = found.fitted
+    drawn = most_missed(_readings(found), found.sigma)
+    pictures = tuple(reading.picture() for reading in drawn)
+    return Report(
+        f"Identification of {model.actuator.name}, variant {model.variant}",
+        _sentence(found),
+        _judgement(found),
+        (
+            _parameter_card(found),
+            *(_error_card(found, output, (floors or {}).get(output)) for output in found.sigma),
+            Card("next", "\n".join(_next(found, floors or {}))),
+        ),
+        tuple(f"Warning: {text}." for text in found.warnings),
+        (
+            Section("Measured and fitted", not_drawn(found.logs), pictures=pictures[:1]),
+            _parameters(found),
+            _errors(found),
+            Section("Other responses", pictures=pictures[1:], folded=True),
+            _residuals(drawn),
+            _frequency_response(found),
+            _provenance(found),
+        ),
+    )
+
+
+def with_figures(report: Report, fitted: Model) -> Report:
+    """Return the report with figures of merit of the fitted model, or why it has none."""
+    title = "Figures of merit"
+    try:
+        told = figures(replace(fitted, provenance="this identification")).report()
+        section = Section(title, items=told.remarks, tables=told.tables, folded=True)
+    except UserError as error:
+        section = Section(title, items=(f"None of the fitted model: {error}.",), folded=True)
+    *first, provenance = report.sections
+    return replace(report, sections=(*first, section, provenance))
+
+
+# the answer
+
+
+def judged_part(found: Identification, output: str) -> str:
+    """Return the part that judges an output: held out, if any of it was."""
+    parts = {row.part for row in found.accuracy if row.output == output}
+    return HELD_OUT if HELD_OUT in parts else FIT
+
+
+def _sentence(found: Identification) -> str:
+    """What was fitted, and the error of the output that comes first."""
+    count = len(found.free)
+    output = next(iter(found.sigma))
+    held_out = judged_part(found, output) == HELD_OUT
+    error = "held-out error" if held_out else "error (nothing held out)"
+    return (
+        f"{count} parameter{'s' * (count != 1)} fitted: {error} of {words(output)}"
+        f" {_change(found, output)} RMS"
+    )
+
+
+def _judgement(found: Identification) -> bool | None:
+    """False if the judged error of any output grew, True if none did without a warning."""
+    if not all(_better(found, output) for output in found.sigma):
+        return False
+    return None if found.warnings else True
+
+
+def _better(found: Identification, output: str) -> bool:
+    part = judged_part(found, output)
+    return found.rms(output, part) <= found.rms(output, part, "before")
+
+
+def _change(found: Identification, output: str) -> str:
+    """RMS error before and after in the unit that a person reads."""
+    scale, unit = display(found.fitted.plant.wire[output])
+    part = judged_part(found, output)
+    before, after = (number(scale * found.rms(output, part, at)) for at in ("before", "after"))
+    return with_unit(f"{before} {ARROW} {after}", unit)
+
+
+def _parameter_card(found: Identification) -> Card:
+    estimates = list(_estimates(found))
+    doubtful = sum(bool(reason) for _, _, reason in estimates)
+    lines = [f"{doubtful} of {len(estimates)} doubtful" if doubtful else "all determined"]
+    lines += [
+        f"{free.name}: {estimate}{f' ({reason})' if reason else ''}"
+        for free, estimate, reason in estimates[:IN_CARD]
+    ]
+    if len(estimates) > IN_CARD:
+        lines.append(f"and {len(estimates) - IN_CARD} more")
+    return Card("parameters", "\n".join(lines), None if doubtful else True, PARAMETERS)
+
+
+def _estimates(found: Identification) -> Iterator[tuple[Free, Quantity, str]]:
+    """Every parameter as a person reads it, and why it is doubtful, "" if it is not."""
+    for free, value, error in zip(
+        found.free, found.values.tolist(), found.standard_errors.tolist()
+    ):
+        parameter = found.fitted.plant.parameters[free.name]
+        scale, unit = display_scale(parameter), display_unit(parameter)
+        yield free, Quantity(scale * value, unit, scale * error), doubt(free, value, error)
+
+
+def _error_card(found: Identification, output: str, floor: float | None) -> Card:
+    part = judged_part(found, output)
+    scale, unit = display(found.fitted.plant.wire[output])
+    text = f"{_change(found, output)} RMS"
+    measured = [
+        log.outputs[output][log.held_out if part == HELD_OUT else ~log.held_out]
+        for log in found.logs
+        if output in log.outputs
+    ]
+    if spread := float(np.ptp(np.concatenate(measured))):
+        text += f"\n{number(100.0 * found.rms(output, part) / spread, 2)} % of its range"
+    if floor is not None:
+        text += f"\nnoise floor {Quantity(scale * floor, unit)}"
+    return Card(f"{words(output)}, {part}", text, _better(found, output), ERRORS)
+
+
+def _next(found: Identification, floors: Mapping[str, float]) -> list[str]:
+    """What to do next, the most urgent first."""
+    lines = []
+    if found.warnings:
+        lines.append("Read the warnings below before using the values.")
+    seen = [words(output) for output in found.sigma if judged_part(found, output) != HELD_OUT]
+    if seen:
+        lines.append(
+            "Hold out a log, or a part of one: no samples of"
+            f" {', '.join(seen)} were, so the error on new data is unknown."
+        )
+    left = {
+        output: found.rms(output, judged_part(found, output)) / floors[output]
+        for output in found.sigma
+        if floors.get(output)
+    }
+    if left and max(left.values()) > AT_FLOOR:
+        output = max(left, key=left.__getitem__)
+        lines.append(
+            f"Run 'diagnose': what is left of {words(output)} is {number(left[output], 2)} times"
+            " its noise floor, so an effect may be missing."
+        )
+    return lines or [
+        "Use the values" + (": what is left is about the noise floor." if left else ".")
+    ]
+
+
+# what it rests on
+
+
+def _readings(found: Identification) -> list[Reading]:
+    """Every output of every log, in their order."""
+    wire = found.fitted.plant.wire
+    return [
+        reading(log, wire[output], {"nominal": old[output], "fitted": new[output]})
+        for log, old, new in zip(found.logs, found.before, found.after)
+        for output in log.outputs
+    ]
+
+
+def _errors(found: Identification) -> Section:
+    return Section(
+        ERRORS,
+        "Before: nominal parameters. After: fitted ones. Fit: share of the measured movement that"
+        " the fitted model explains.",
+        tables=(error_table("RMS errors", found.accuracy, found.fitted.plant),),
+        folded=True,
+    )
+
+
+def _parameters(found: Identification) -> Section:
+    return Section(
+        PARAMETERS,
+        "Standard errors count correlated residuals; they do not count what the model lacks."
+        " A prior is the standard deviation of the nominal value."
+        f" Condition of the fit: {number(found.condition, 2)}.",
+        tables=(
+            Table(
+                "Estimated parameters",
+                ("parameter", "before", "prior \N{PLUS-MINUS SIGN}", "estimate", "", "meaning"),
+                tuple(_parameter_row(found, *row) for row in _estimates(found)),
+            ),
+        ),
+        pictures=(_correlations(found),) if 1 < len(found.free) <= MANY else (),
+        folded=True,
+    )
+
+
+def _parameter_row(
+    found: Identification, free: Free, estimate: Quantity, reason: str
+) -> tuple[Cell, ...]:
+    parameter = found.fitted.plant.parameters[free.name]
+    scale, unit = display_scale(parameter), estimate.unit
+    return (
+        free.name,
+        Quantity(scale * free.nominal, unit, digits=6),
+        None if free.prior is None else Quantity(scale * free.prior, unit, digits=3),
+        estimate,
+        Mark(reason or "determined", None if reason else True),
+        parameter.param.about,
+    )
+
+
+def _correlations(found: Identification) -> Picture:
+    """A square for each pair: its colour and number are the sign, its opacity the strength."""
+    p = len(found.free)
+
+    def draw(panels: Sequence[Axes]) -> None:
+        from matplotlib.patches import Rectangle
+
+        (axes,) = panels
+        for j, i in itertools.combinations_with_replacement(range(p), 2):
+            value = float(found.correlations[i, j])
+            same = i == j
+            blank = same or math.isnan(value)
+            tint = colour("muted" if blank else "orange" if value > 0.0 else "blue")
+            strength = 0.25 if same else 0.08 if blank else 0.6 * abs(value)
+            axes.add_patch(Rectangle((j, i), 1, 1, color=tint, alpha=strength, lw=0))
+            if not blank:
+                axes.text(j + 0.5, i + 0.5, _short(value), ha="center", va="center", size=7.5)
+        axes.set(xlim=(0, p), ylim=(p, 0))
+        axes.set_xticks(np.arange(p) + 0.5, [str(j + 1) for j in range(p)])
+        names = [f"{free.name}  {i + 1}" for i, free in enumerate(found.free)]
+        axes.set_yticks(np.arange(p) + 0.5, names)
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
+
+    return Picture(
+        "Correlation of the estimates",
+        draw,
+        "Near 1 or -1: the logs fix a combination of the two, not each of them."
+        " Without a number: on a bound or not excited.",
+        height=0.8 + 0.26 * p,
+    )
+
+
+def _short(value: float) -> str:
+    """Two decimals, as short as a small square wants them."""
+    text = f"{abs(value):.2f}".removeprefix("0")
+    return text if value >= 0.0 or text == ".00" else printed(f"-{text}")
+
+
+def _residuals(drawn: Sequence[Reading]) -> Section:
+    return Section(
+        "Residuals",
+        "Simulated minus measured, after the fit. Errors that hang together over time are no"
+        " noise: the model lacks something there.",
+        pictures=tuple(map(_residual, drawn)),
+        folded=True,
+    )
+
+
+def _residual(reading: Reading) -> Picture:
+    """Errors over time, over lag, and by size."""
+    log, error, label = reading.log, reading.error, axis_label("error", reading.unit)
+    mean, deviation = float(np.mean(error)), float(np.std(error))
+
+    def draw(panels: Sequence[Axes]) -> None:
+        time, lag, size = panels
+        shade(time, log.stamps, log.held_out)
+        time.plot(*envelope(log.stamps, error, BUCKETS), color=colour("blue"), lw=0.8)
+        time.set(xlabel="time [s]", xlim=(log.stamps[0], log.stamps[-1]))
+        time.set_ylabel(label, parse_math=False)
+        shown = autocorrelation(error)[: max(2 * memory(error), LAGS) + 1]
+        lags = np.arange(len(shown)) * log.duration / (len(error) - 1)
+        lag.plot(*envelope(lags, shown, BUCKETS), color=colour("blue"), lw=1.2)
+        for side in (1.96, -1.96):
+            lag.axhline(side / np.sqrt(len(error)), color=colour("muted"), lw=0.8, ls=DASHED)
+        lag.set(xlabel="lag [s]", ylabel="autocorrelation", xlim=(0.0, None), ylim=(None, 1.05))
+        size.hist(error, BINS, density=True, color=colour("blue"), alpha=0.45, lw=0)
+        if deviation > 0.0:
+            across = np.linspace(error.min(), error.max(), 101)
+            height = np.exp(-0.5 * ((across - mean) / deviation) ** 2)
+            height /= deviation * np.sqrt(2.0 * np.pi)
+            size.plot(across, height, color=colour("ink"), lw=1.0, ls=DASHED)
+        size.set_xlabel(label.replace("\n", " "), parse_math=False)
+        size.set(ylabel="frequency", yticks=[])
+        for axes in (lag, size):
+            axes.locator_params(axis="x", nbins=NUMBERS)
+
+    return Picture(
+        reading.title,
+        draw,
+        f"Mean {reading.size(mean)}, standard deviation {reading.size(deviation)}; dashed: the"
+        " normal distribution with these. Between the dashed lines: 95 % of the correlations that"
+        " white noise would have.",
+        rows=3,
+        height=5.4,
+    )
+
+
+def _provenance(found: Identification) -> Section:
+    """Model, method, logs with their hashes, and versions."""
+    ending = "converged" if found.converged else "did not converge"
+    if found.interrupted:
+        ending = "stopped by the user"
+    costs = ", ".join(number(cost, 5) for cost in found.costs)
+    facts = (
+        ("method", found.method),
+        (
+            "search",
+            f"{ending}; {found.evaluations} simulations of all logs; cost of each start: {costs}",
+        ),
+        *log_facts(found.logs),
+        *conditions().items(),
+    )
+    return Section("Provenance", facts=facts, folded=True)
+
+
+# frequency response
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """An input and an output that logs relate."""
+
+    input: Wire
+    output: Wire
+    records: tuple[Record, ...]
+
+    @property
+    def title(self) -> str:
+        return f"{words(self.output.name)} over {words(self.input.name)}"
+
+    @property
+    def step(self) -> float:
+        """Sampling step [s] of the slowest record."""
+        return max(float(np.median(np.diff(record.times))) for record in self.records)
+
+    @property
+    def gain_label(self) -> str:
+        given, wanted = (wire.display or wire.unit for wire in (self.input, self.output))
+        return "gain [dB]" if given == wanted else f"gain [dB re {wanted}/{given}]"
+
+    def decibel(self, response: Complex) -> Array:
+        """The gain in the units that a person reads."""
+        scale = display(self.output)[0] / display(self.input)[0]
+        return np.asarray(20.0 * np.log10(scale * np.abs(response)))
+
+
+def _frequency_response(found: Identification) -> Section:
+    """A Bode plot for each input and output that logs relate, and what it lacks."""
+    pairs = _pairs(found)
+    linear, missing = _small_signals(found) if pairs else (None, [])
+    pictures = []
+    for pair in pairs:
+        measured = empirical(pair.records, pair.step)
+        line = _line(pair, measured, linear) if linear else None
+        if measured is None:
+            missing.append(
+                f"No measured response of {pair.title}: the logs are too short, or nothing in"
+                " them goes with the input coherently."
+            )
+        if linear and line is None:
+            missing.append(f"Nothing small passes from {pair.input.name} to {pair.output.name}.")
+        if measured or line:
+            pictures.append(_bode(pair, measured, line))
+    return Section(
+        "Frequency response", items=tuple(missing), pictures=tuple(pictures), folded=True
+    )
+
+
+def _pairs(found: Identification) -> list[_Pair]:
+    wires = found.fitted.plant.wire
+    related: dict[tuple[str, str], list[Record]] = {}
+    for log, after in zip(found.logs, found.after):
+        for name, values in log.inputs.items():
+            for output, measured in log.outputs.items():
+                if np.ptp(values) > 0.0 and not wires[output].flag:
+                    record = Record(log.times, values, measured, after[output])
+                    related.setdefault((name, output), []).append(record)
+    return [_Pair(wires[i], wires[o], tuple(records)) for (i, o), records in related.items()]
+
+
+def _small_signals(found: Identification) -> tuple[LinearModel | None, list[str]]:
+    """The linear model where the first log begins, and what is missing from it."""
+    log = found.logs[0]
+    model = found.fitted
+    settings = {**log.constants, **{name: float(u[0]) for name, u in log.inputs.items()}}
+    inputs = {wire.name for wire in model.plant.inputs}
+    fixed = {name: value for name, value in settings.items() if name not in inputs}
+    at = {name: value for name, value in settings.items() if name in inputs}
+    try:
+        linear = linearise(replace(model, values={**model.values, **fixed}), at)
+    except UserError as error:
+        return None, [f"No response for small signals: {error}."]
+    reasons = linear.left_out.items()
+    return linear, [f"Small signals do not show '{name}': {reason}." for name, reason in reasons]
+
+
+def _line(
+    pair: _Pair, measured: Empirical | None, linear: LinearModel
+) -> tuple[Array, Complex] | None:
+    """Frequencies [Hz] and response for small signals, None where they do not pass."""
+    nyquist = 0.5 / pair.step
+    low, high = 1.0 / max(record.times[-1] for record in pair.records), nyquist
+    if measured:
+        low, high = 0.5 * measured.hertz[0], min(2.0 * measured.hertz[-1], nyquist)
+    hertz = np.geomspace(low, high, FINE)
+    response = linear.response(hertz, pair.input.name, pair.output.name)
+    if not np.all(response):
+        return None
+    return hertz, response if linear.period else response * hold(2.0 * np.pi * hertz, pair.step)
+
+
+def _bode(pair: _Pair, measured: Empirical | None, line: tuple[Array, Complex] | None) -> Picture:
+    """The line of small signals, and points where the logs show a response."""
+
+    def draw(panels: Sequence[Axes]) -> None:
+        gain, phase = panels
+        turns = None
+        if line:
+            hertz, response = line
+            turns = hertz, np.degrees(np.unwrap(np.angle(response)))
+            gain.plot(hertz, pair.decibel(response), color=colour("blue"), lw=1.3)
+            phase.plot(*turns, color=colour("blue"), lw=1.3)
+        if measured:
+            simulated, logs = _phases(measured, turns)
+            for axes, log_values, model_values in (
+                (gain, pair.decibel(measured.measured), pair.decibel(measured.simulated)),
+                (phase, logs, simulated),
+            ):
+                ink, dots = colour("ink"), colour("orange")
+                axes.plot(measured.hertz, log_values, "o", color=ink, mfc="none", ms=6, mew=1.0)
+                axes.plot(measured.hertz, model_values, "o", color=dots, ms=3.5, mew=0.0)
+        gain.set(xscale="log", ylabel=pair.gain_label)
+        phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]")
+        phase.locator_params(axis="y", nbins=6, steps=[1, 1.5, 3, 4.5, 9, 10])
+
+    texts = []
+    if line:
+        texts.append("Line: the fitted model for small signals, its input held between samples.")
+    if measured:
+        texts.append(
+            "Circles: the logs, where at least 80 % of the output's power goes with the input."
+            " Dots: the same estimate on the fitted model's responses to the same inputs."
+        )
+    return Picture(pair.title, draw, " ".join(texts), rows=2, height=4.2, shared=True)
+
+
+def _phases(measured: Empirical, turns: tuple[Array, Array] | None) -> tuple[Array, Array]:
+    """Phases [deg] of model and logs by the turns of the line, if there is one."""
+    if turns:
+        simulated = beside(np.interp(measured.hertz, *turns), measured.simulated)
+    else:
+        simulated = np.degrees(np.unwrap(np.angle(measured.simulated)))
+    return simulated, beside(simulated, measured.measured)
+
+
+def beside(reference: Array, response: Complex) -> Array:
+    """Return the phase [deg] of a response in the turn that is nearest to ``reference``."""
+    degrees = np.degrees(np.angle(response))
+    return np.asarray(reference + (degrees - reference + 180.0) % 360.0 - 180.0)
+
+
+# the check of logs
+
+
+def check_report(found: Check, date: str = "") -> Report:
+    """Return what logs are worth and what they determine."""
+    told, warnings = found.description, found.warnings
+    first, *others = map(partial(_log_section, found.plant), found.audits)
+    return Report(
+        f"{told.path}: {told.actuator.name}, variant {told.variant}",
+        _usable(found),
+        None if warnings else True,
+        _check_cards(found),
+        tuple(f"Warning: {text}." for text in warnings),
+        (
+            first,
+            *(replace(section, folded=True) for section in others),
+            Section("Parameters", tables=(_reach_table(found),), folded=True),
+            Section("Effects", tables=(_effect_table(found),), folded=True),
+        ),
+        date,
+    )
+
+
+def _usable(found: Check) -> str:
+    count = len(found.warnings)
+    if not count:
+        return "The logs are usable"
+    return f"{count} warning{'s' * (count != 1)}: read before fitting"
+
+
+def _check_cards(found: Check) -> tuple[Card, ...]:
+    cards = []
+    if found.asked:
+        determined = [r.name for r in found.excitation.parameters if r.together <= WELL]
+        doubtful = [r.name for r in found.excitation.parameters if r.together > WELL]
+        cards.append(Card("determined", _names(determined), True, "Parameters"))
+        if doubtful:
+            cards.append(Card("roughly, or not at all", _names(doubtful), None, "Parameters"))
+    if effects := found.excitation.effects:
+        shown = sum(reach.shown for reach in effects)
+        cards.append(Card("effects", f"{shown} of {len(effects)} can be shown", None, "Effects"))
+    step = "Run 'identify', or 'diagnose' for effects that the model may lack."
+    if found.warnings:
+        step = "Read the warnings below: each says what to do."
+    return (*cards, Card("next", step))
+
+
+def _log_section(plant: Plant, found: Audit) -> Section:
+    log, clock = found.log, found.sampling
+    title = f"Log '{log.name}'"
+    inputs = tuple(_command_row(each, plant.wire[each.name], clock) for each in found.commands)
+    outputs = tuple(_output_row(each, plant.wire[each.name]) for each in found.readings)
+    return Section(
+        title,
+        tables=(
+            Table(
+                f"{title}: {_clock(clock)}; at rest in {found.at_rest:.0%} of them",
+                ("input", "from", "to", "levels", "reversals", "clock", "band it excites"),
+                inputs,
+            ),
+            Table(
+                "Readings, with the noise floor as three methods see it",
+                ("output", "from", "to", "step", "noise floor", "origin of the floor"),
+                outputs,
+            ),
+        ),
+        pictures=(_log_picture(log, plant),),
+    )
+
+
+def _command_row(command: Command, wire: Wire, clock: Sampling) -> tuple[Cell, ...]:
+    held = command.clock if command.clock and command.clock > OWN_CLOCK * clock.step else None
+    return (
+        command.name,
+        _in(command.low, wire),
+        _in(command.high, wire),
+        command.levels,
+        command.reversals,
+        held and Quantity(held, "s"),
+        "none" if command.band is None else "{:.2g} to {:.3g} Hz".format(*command.band),
+    )
+
+
+def _output_row(measured: Measured, wire: Wire) -> tuple[Cell, ...]:
+    step = _in(measured.step, wire) if measured.step else "none"
+    low, high = _in(measured.low, wire), _in(measured.high, wire)
+    return (measured.name, low, high, step, *_floor(measured.floor, wire))
+
+
+def _in(value: float, wire: Wire) -> Quantity:
+    """A value of a wire [SI] as a person reads it."""
+    scale, unit = display(wire)
+    return Quantity(scale * value, unit)
+
+
+def _floor(floor: Floor, wire: Wire) -> tuple[Quantity, str]:
+    """The floor, and what each method saw; the one that counts stands first."""
+    if not floor.value:
+        return _in(0.0, wire), "neither steps nor noise seen"
+    parts = sorted(floor.parts.items(), key=lambda part: -part[1])
+    rest = ", ".join(f"{name} {_in(size, wire).bare}" for name, size in parts[1:] if size)
+    return _in(floor.value, wire), floor.origin + (f" ({rest})" if rest else "")
+
+
+def _clock(clock: Sampling) -> str:
+    every = f"{clock.samples} samples in {clock.duration:.4g} s"
+    rate = f"{_short_time(clock.step)} apart ({1.0 / clock.step:.4g} Hz)"
+    stamps = f", time stamps to {_short_time(clock.stamp)}" if clock.stamp else ""
+    gaps = f"{len(clock.gaps)} gaps" if clock.gaps else "no gaps"
+    jitter = f"jitter {_short_time(clock.jitter)}" if clock.jitter > EVEN * clock.step else "even"
+    return f"{every}, {rate}, {jitter}{stamps}, {gaps}"
+
+
+def _short_time(seconds: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds > 0.9995 * size:
+            return f"{seconds / size:.4g} {unit}"
+    return f"{seconds / 1e-6:.2g} us"
+
+
+def _log_picture(log: Log, plant: Plant) -> Picture:
+    """Outputs, then the inputs that move, over time."""
+    moving = {name: u for name, u in log.inputs.items() if np.ptp(u) > 0.0}
+    shown = [*log.outputs.items(), *moving.items()]
+
+    def draw(panels: Sequence[Axes]) -> None:
+        for axes, (name, values) in zip(panels, shown):
+            scale, unit = display(plant.wire[name])
+            shade(axes, log.stamps, log.held_out)
+            tint = colour("blue" if name in log.outputs else "muted")
+            axes.plot(*envelope(log.stamps, scale * values, BUCKETS), color=tint, lw=1.1)
+            axes.set_ylabel(axis_label(words(name), unit), parse_math=False)
+        panels[-1].set_xlabel("time [s]")
+
+    text = "Shaded: held out." * bool(log.held_out.any())
+    return Picture(log.name, draw, text, len(shown), 0.8 + 1.2 * len(shown), shared=True)
+
+
+def _reach_table(found: Check) -> Table:
+    """What the description asks for; all that the logs show where it asks for nothing."""
+    priors = found.description.uncertainty
+    rows = tuple(
+        (
+            reach.name,
+            _size_of(found, reach.name, reach.sizes[reach.name], 6),
+            _size_of(found, reach.name, reach.alone * reach.scale),
+            _size_of(found, reach.name, reach.together * reach.scale),
+            _reach_mark(reach, reach.name in priors),
+        )
+        for reach in found.excitation.parameters
+        if found.asked or reach.shown
+    )
+    title = "Parameters, with the least standard error to expect: white noise, a right model"
+    return Table(title, ("parameter", "value", "alone", "together", ""), rows)
+
+
+def _reach_mark(reach: Reach, has_prior: bool) -> Mark:
+    passed = True if reach.together <= WELL else None if reach.together <= ROUGHLY else False
+    return Mark(verdict(reach, has_prior), passed if reach.moves >= SHOWN else False)
+
+
+def _size_of(found: Check, name: str, size: float, digits: int = 2) -> Quantity:
+    """A size of a parameter [SI] as a person reads it."""
+    parameter = found.plant.parameters[name]
+    return Quantity(display_scale(parameter) * size, display_unit(parameter), digits=digits)
+
+
+def _effect_table(found: Check) -> Table:
+    """What the logs show, hide, and confuse, in words."""
+    effects = found.excitation.effects
+    title = "Effects, each at its typical size, beside a model that is right"
+    return Table(title, ("", ""), tuple(_effects(found)) if effects else ())
+
+
+def _effects(found: Check) -> Iterator[tuple[str, str]]:
+    effects = found.excitation.effects
+    still = [r.name for r in effects if r.moves < NOTHING]
+    hidden = [r for r in effects if r.moves >= NOTHING and not r.shown and not r.absorbed]
+    yield "can be shown", _names(r.name for r in effects if r.shown)
+    yield "cannot be shown", "; ".join(_hidden(found, r) for r in hidden) or "-"
+    yield "imitated by free parameters", _names(r.name for r in effects if r.absorbed)
+    yield "change no measured output", _names(still)
+    if found.excitation.refused:
+        yield "cannot be simulated", _names(found.excitation.refused)
+    for names in found.excitation.together:
+        yield "show only together", _names(names)
+    for group in found.excitation.groups:
+        yield "look alike", _alike(group, found.plant)
+
+
+def _names(names: Iterable[str]) -> str:
+    return ", ".join(names) or "-"
+
+
+def _hidden(found: Check, reach: Reach) -> str:
+    sizes = " and ".join(str(_size_of(found, *size)) for size in reach.sizes.items())
+    cause = sizes if any(reach.sizes.values()) else "leaving it out"
+    return f"{reach.name} ({cause} moves '{reach.output}' by {reach.moves:.1g} noise floors)"
+
+
+def _alike(group: Group, plant: Plant) -> str:
+    cures = list(group.experiments)
+    if all(name in plant.parameters for name in group.names):
+        cures = ["fix one of them", *(cures if len(group.names) == 2 else [])]
+    return f"{_names(group.names)}: {'; or '.join(cures or ['keep one of them'])}"
