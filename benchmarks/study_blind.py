@@ -4,10 +4,10 @@
     python benchmarks/study_blind.py dc14424 runs/7.json runs/8.json    # adds runs to the page
     python benchmarks/study_blind.py                                    # writes it again
 
-A run adds what was said of each case, and what is true of it, to the folder ``blind`` beside the
-page (a table per run, one row a case), with the commit that made the diagnoses: runs of the same
-diagnosis add up, and to begin with another one is to empty the folder.  What is to be said about
-them is in ``notes.md`` there.
+A run adds what was said of each case, and what is true of it, to the folder ``withheld`` beside
+this script (a table per run, one row a case), with the commit that made the diagnoses: runs of the
+same diagnosis add up, and to begin with another one is to empty the folder.  What is to be said
+about them is in ``notes.md`` there.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.files import write_whole
+from servo_models.withheld.oracle import Diagnosed, Known
 from servo_models.withheld.score import FIGURES, Case, calibration, confusion
-from servo_models.withheld.sheet import BARS, MOST_WANTED, standing
-from servo_models.withheld.table import Row, case_of, row_of
+from servo_models.withheld.sections import BARS, MOST_WANTED, standing
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "blind.md"
-TABLES = PAGE.with_suffix("")
+TABLES = Path(__file__).with_name("withheld")
 RUNS, NOTES = TABLES / "runs.csv", TABLES / "notes.md"
 HEAD = """# Withheld checks of the diagnosis
 
@@ -56,6 +57,88 @@ has tried, so one that searches wider separates fewer. A cause is *absorbed* whe
 confuses it with parameters alone. Intervals are 95 %.
 Where fewer than {most} cases stand behind a figure its bar is met or missed *so far*.
 """
+Row = dict[str, str]
+UNASKED = "?"
+"""What a row says of effects that parameters imitate where none was looked for."""
+
+
+def row_of(case: Mapping[str, Any]) -> Row:
+    """Return a case of a run's JSON as a row; errors are in noise floors, times in seconds.
+
+    Without an oracle, since nothing was wrong with the rig, its columns are empty.
+    """
+    said, known = case["said"], case["oracle"] or {}
+    imitated = said.get("imitated")  # earlier runs have not looked
+    return {
+        "case": said["case"],
+        "tier": case["tier"],
+        "actuator": case["actuator"],
+        "kind": case["kind"],
+        "truth": " ".join(case["truth"]),
+        "hidden": " ".join(case["hidden"]),
+        "verdict": said["verdict"],
+        "named": " ".join(said["named"]),
+        "members": " ".join(said["members"]),
+        "chances": " ".join(f"{name}={chance!r}" for name, chance in said["chances"].items()),
+        "before": _text(said["before"]),
+        "after": _text(said["after"]),
+        "seconds": _text(round(said["seconds"], 3)),
+        "separated": _text(known.get("separated")),
+        "absorbed": _text(known.get("absorbed")),
+        "truth_leaves": _text(known.get("truth")),
+        "parameters_leave": _text(known.get("parameters")),
+        "rival": " ".join(known.get("rival_effects", ())),
+        "rival_leaves": _text(known.get("rival")),
+        "after_when_told": _text(known.get("after")),
+        "when_left_out": known.get("without", ""),
+        "imitated": UNASKED if imitated is None else " ".join(imitated),
+    }
+
+
+def case_of(row: Mapping[str, str]) -> Case:
+    """Return the case of a row, without what no figure asks for, such as all that was tried."""
+    imitated = row.get("imitated", UNASKED)  # no column in tables of earlier runs
+    chances = dict(entry.split("=") for entry in row["chances"].split())
+    said = Diagnosed(
+        case=row["case"],
+        verdict=row["verdict"],
+        seconds=float(row["seconds"]),
+        named=row["named"].split(),
+        members=row["members"].split(),
+        chances={name: float(chance) for name, chance in chances.items()},
+        before=_number(row["before"]),
+        after=_number(row["after"]),
+        imitated=None if imitated == UNASKED else imitated.split(),
+    )
+    known = Known(
+        case=row["case"],
+        truth=_number(row["truth_leaves"]) if row["truth_leaves"] else None,
+        parameters=_number(row["parameters_leave"]),
+        rival=_number(row["rival_leaves"]),
+        rival_effects=row["rival"].split(),
+        separated=row["separated"] == "True",
+        absorbed=row["absorbed"] == "True",
+        after=_number(row["after_when_told"]) if row["after_when_told"] else None,
+        without=row["when_left_out"],
+    )
+    return Case(
+        tier=row["tier"],
+        actuator=row["actuator"],
+        kind=row["kind"],
+        truth=frozenset(row["truth"].split()),
+        hidden=frozenset(row["hidden"].split()),
+        said=said,
+        known=known if row["separated"] else None,
+    )
+
+
+def _text(value: float | None) -> str:
+    """JSON has no number for what is infinite: it comes as None."""
+    return "" if value is None else repr(value)
+
+
+def _number(text: str) -> float:
+    return float(text) if text else float("inf")
 
 
 def read(path: Path) -> list[Row]:
@@ -175,7 +258,7 @@ def runs_made(runs: Sequence[Row]) -> Iterator[str]:
     yield "## Runs\n"
     yield "| seed | tiers | cases | commit | seal of the answers (SHA-256) |\n|---|---|---|---|---|"
     for run in runs:
-        seed = f"[{run['seed']}](blind/{run['table']})"
+        seed = f"[{run['seed']}](../../benchmarks/withheld/{run['table']})"
         yield f"| {seed} | {run['tiers']} | {run['cases']} | {run['commit']} | `{run['seal']}` |"
     yield ""
     for day, versions in dict.fromkeys((run["added"], run["made with"]) for run in runs):

@@ -22,9 +22,10 @@ from scipy.signal import chirp, lfilter
 from scipy.stats import binomtest
 
 from servo_models import model, simulate
-from servo_models.actuators.torque_motor.grey_box import DELAY, KNOWN, torque_motor_constants
+from servo_models.actuators.torque_motor.variants import GREY_BOX
 from servo_models.core.types import Array
 from servo_models.data.log import Log
+from servo_models.identification.grey_box import physical_constants
 from servo_models.identification.transfer import Structure, identify_transfer
 
 SCATTER = {
@@ -99,13 +100,15 @@ def deviations(one: Rig) -> dict[tuple[str, bool], tuple[float, float, float]]:
     fit = result.chosen.fit
     assert fit
     found = {}
-    nominal = {name: NOMINAL.values[name] for name in KNOWN}
+    nominal = {name: NOMINAL.values[name] for name in GREY_BOX.known}
     errors = {name: KNOWN_TO * value for name, value in nominal.items()}
     for exact, known in ((True, one.truth), (False, nominal)):
         spread = {} if exact else errors
-        constants = torque_motor_constants(fit.coefficients, fit.covariance, known, spread)
-        for name, constant in constants.constants.items():
-            if name == DELAY and not exact:
+        found_constants = physical_constants(
+            GREY_BOX, fit.coefficients, known, fit.covariance, spread
+        )
+        for name, constant in found_constants.constants.items():
+            if name == GREY_BOX.delay and not exact:
                 continue  # R, J and K_s have no part in it
             error, truth = constant.standard_error, one.truth[name]
             assert error

@@ -26,11 +26,11 @@ from servo_models.core.block import (
     Fault,
     FirstOrderLag,
     Grid,
+    Hints,
     Memory,
     Mode,
     Param,
     Queue,
-    SearchHints,
     block,
     effect,
 )
@@ -45,7 +45,8 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.identify import identify
-from servo_models.validation.runner import Validation, validate
+from servo_models.validation.rows import Validation
+from servo_models.validation.runner import validate
 
 __version__ = _version("servo-models")
 
@@ -58,6 +59,7 @@ __all__ = [
     "Fault",
     "FirstOrderLag",
     "Grid",
+    "Hints",
     "Memory",
     "Mode",
     "Model",
@@ -66,7 +68,6 @@ __all__ = [
     "Plant",
     "Queue",
     "Result",
-    "SearchHints",
     "State",
     "UserError",
     "Validation",

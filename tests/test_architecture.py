@@ -36,7 +36,6 @@ FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.spl
 SOURCES = sorted(
     [*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/*.py"), ROOT / "build_fmu.py"]
 )
-every_source = pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
 
 
 def part(path: Path) -> str:
@@ -53,14 +52,14 @@ def own_parts(path: Path) -> set[str]:
     }
 
 
-@every_source
-def test_imports_go_one_way(path: Path) -> None:
-    me = part(path)
-    if me == "__init__":
-        return  # it offers the public names
-    for other in own_parts(path) - {me}:
-        beside = {me, other} <= {"files", "units"}  # which report their faults by each other
-        assert FLOOR[other] < FLOOR[me] or beside or other == "errors", f"{me} knows {other}"
+def test_imports_go_one_way() -> None:
+    for path in SOURCES:
+        me = part(path)
+        if me == "__init__":
+            continue  # it offers the public names
+        for other in own_parts(path) - {me}:
+            beside = {me, other} <= {"files", "units"}  # which report their faults by each other
+            assert FLOOR[other] < FLOOR[me] or beside or other == "errors", f"{me} knows {other}"
 
 
 def test_the_plan_has_few_rooms() -> None:
@@ -73,12 +72,12 @@ def test_the_plan_has_few_rooms() -> None:
         assert len(modules) <= MOST_MODULES or folder.name in CROWDED, folder.name
 
 
-@every_source
-def test_private_names_stay_in_their_folder(path: Path) -> None:
-    for name in imported(path):
-        folder, _, last = name.rpartition(".")
-        private = last.startswith("_") and not last.startswith("__")
-        assert not (private and folder.startswith("servo_models.")), name
+def test_private_names_stay_in_their_folder() -> None:
+    for path in SOURCES:
+        for name in imported(path):
+            folder, _, last = name.rpartition(".")
+            private = last.startswith("_") and not last.startswith("__")
+            assert not (private and folder.startswith("servo_models.")), (path, name)
 
 
 BLOCKS = [
@@ -92,26 +91,26 @@ BLOCKS = [
 ]
 
 
-@pytest.mark.parametrize("path", BLOCKS, ids=lambda p: str(p.relative_to(ROOT)))
-def test_blocks_know_nothing_but_blocks(path: Path) -> None:
-    own = {name for name in imported(path) if name.startswith("servo_models.")}
-    assert all(name.startswith("servo_models.core.block.") for name in own)
-    others = {name.split(".")[0] for name in imported(path) - own}
-    assert others <= {"__future__", "math", "typing"}
+def test_blocks_know_nothing_but_blocks() -> None:
+    for path in BLOCKS:
+        own = {name for name in imported(path) if name.startswith("servo_models.")}
+        assert all(name.startswith("servo_models.core.block.") for name in own), path
+        others = {name.split(".")[0] for name in imported(path) - own}
+        assert others <= {"__future__", "math", "typing"}, path
 
 
 REFERENCES = [
-    *ROOT.glob("servo_models/validation/solvers/*.py"),
+    ROOT / "servo_models/validation/solvers.py",
     *ROOT.glob("servo_models/validation/*/*reference.py"),
 ]
 
 
-@pytest.mark.parametrize("path", REFERENCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_the_references_know_nothing_of_the_models(path: Path) -> None:
-    fellows = {".".join(p.relative_to(ROOT).with_suffix("").parts) for p in REFERENCES}
-    fellows |= {"servo_models.core.types", "servo_models.validation.solvers"}
-    own = {name for name in imported(path) if name.startswith("servo_models")}
-    assert all({name, name.rpartition(".")[0]} & fellows for name in own)
+def test_the_references_know_nothing_of_the_models() -> None:
+    for path in REFERENCES:
+        fellows = {".".join(p.relative_to(ROOT).with_suffix("").parts) for p in REFERENCES}
+        fellows |= {"servo_models.core.types"}
+        own = {name for name in imported(path) if name.startswith("servo_models")}
+        assert all({name, name.rpartition(".")[0]} & fellows for name in own), path
 
 
 def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
@@ -120,12 +119,37 @@ def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
         assert all(name.startswith("servo_models.withheld.generator.") for name in own), path.name
 
 
+ACTUATORS = {path.parent.name for path in ROOT.glob("servo_models/actuators/*/__init__.py")}
+ABOUT_ONE = {"elements", "generator"}
+"""Folders about certain actuators: the elements of the SG90's loop, the rigs of withheld cases."""
+
+
+def test_an_actuator_is_named_in_its_own_folders_only() -> None:
+    """Adding one is adding folders."""
+    for path in SOURCES:
+        if path.parent.name in ACTUATORS | ABOUT_ONE:
+            continue
+        texts = {
+            node.value
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
+        assert not texts & ACTUATORS, path
+        assert not ACTUATORS & {step for name in imported(path) for step in name.split(".")}, path
+
+
 def test_the_tests_know_each_other_by_one_name() -> None:
     """A helper that is imported as ``fmu_host`` and as ``tests.support.fmu_host`` exists twice."""
     paths = sorted(ROOT.glob("tests/**/*.py"))
     own = {path.stem for path in paths if path.stem != "__init__"}
     for path in paths:
         assert not {name for name in imported(path) if name.split(".")[0] in own}, path.name
+
+
+def test_no_test_imports_another() -> None:
+    for path in ROOT.glob("tests/**/*.py"):
+        others = [name for name in imported(path) if re.match(r"tests\.(\w+\.)?test_", name)]
+        assert not others, (path, others)
 
 
 EFFECTS = {
@@ -146,18 +170,18 @@ NAMED = {
 """Modules that name an effect, and why."""
 
 
-@every_source
-def test_an_effect_is_known_by_name_where_it_is_defined_or_placed(path: Path) -> None:
+def test_an_effect_is_known_by_name_where_it_is_defined_or_placed() -> None:
     """What is known of an effect stands in its file; other modules read it there."""
-    name = path.relative_to(ROOT).as_posix().removeprefix("servo_models/")
-    if name.startswith(THEIR_OWN) or name in NAMED:
-        return
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            word, dot, _ = node.value.partition(".")
-            known = word in EFFECTS and (dot or word not in OTHER_THINGS)
-            assert not known, f"{name}, line {node.lineno}: '{node.value}'"
-    assert not [it for it in imported(path) if it.startswith("servo_models.effects.")]
+    for path in SOURCES:
+        name = path.relative_to(ROOT).as_posix().removeprefix("servo_models/")
+        if name.startswith(THEIR_OWN) or name in NAMED:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                word, dot, _ = node.value.partition(".")
+                known = word in EFFECTS and (dot or word not in OTHER_THINGS)
+                assert not known, f"{name}, line {node.lineno}: '{node.value}'"
+        assert not [it for it in imported(path) if it.startswith("servo_models.effects.")]
 
 
 TRAVELLERS = ("flat", "printer", "stepper")
@@ -171,10 +195,10 @@ def test_what_travels_in_every_fmu_needs_the_standard_library_only(name: str) ->
     assert {n.split(".")[0] for n in others} <= sys.stdlib_module_names
 
 
-@every_source
-def test_a_module_says_what_it_is(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert ast.get_docstring(ast.parse(text)) or path.name == "__init__.py"
+def test_a_module_says_what_it_is() -> None:
+    for path in SOURCES:
+        text = path.read_text(encoding="utf-8")
+        assert ast.get_docstring(ast.parse(text)) or path.name == "__init__.py", path
 
 
 def test_the_repository_names_no_machine() -> None:

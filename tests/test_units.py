@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -82,6 +83,8 @@ def test_parse(text: str | float, unit: str, expected: float) -> None:
         ("3 deg", "1", "does not convert"),
         ("3 parsec_", "rad", "unknown unit"),
         ("1e999 s", "s", "not a finite number"),
+        ("1 mol", "rad", "none of mechanics and electricity"),
+        pytest.param(10**5000, "rad", "", id="of more digits than Python prints"),
         (math.nan, "s", "not a finite number"),
         (math.inf, "s", "not a finite number"),
     ],
@@ -90,6 +93,7 @@ def test_wrong_input_is_one_sentence(text: str | float, unit: str, words: str) -
     with pytest.raises(UserError, match=words) as caught:
         parse(text, unit)
     assert "\n" not in str(caught.value)
+    assert re.search("; (write one|correct it|name one|give a unit)", str(caught.value))
 
 
 def test_every_display_unit_converts_to_its_unit() -> None:

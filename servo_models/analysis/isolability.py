@@ -24,7 +24,7 @@ def cause(name: str, plant: Plant) -> str:
     place = parameters[name].owner if name in parameters else name
     if place:
         return plant.main(place).effect.name
-    like = {unit: it.name for it in _catalogue() for unit in it.parameter_units}
+    like = {unit: it.name for it in _catalogue() for unit in it.hints.parameter_units}
     return like.get(parameters[name].param.unit, like[OTHER_UNITS])
 
 
@@ -39,7 +39,8 @@ def experiment(one: str, other: str, plant: Plant) -> str:
 def ambiguities(plant: Plant) -> Iterator[Ambiguity]:
     """Yield what effects declare: those of the catalogue, then those of a plant of one's own."""
     for block in (*_catalogue(), *(plant.main(name).effect for name in plant.placements)):
-        yield from block.ambiguities
+        if block.hints.ambiguity:
+            yield block.hints.ambiguity
 
 
 def _catalogue() -> Iterator[Block]:

@@ -66,7 +66,7 @@ def _smooth_part(
         if name not in neutral
     }
     linear = {owner for _, owner, _ in model.flat.states}
-    linear |= {name for name in active if model.plant.main(name).effect.small_signal}
+    linear |= {name for name in active if model.plant.main(name).effect.hints.small_signal}
     left_out = {
         name: "it has a memory"
         for name, found in active.items()

@@ -59,7 +59,8 @@ class SmallSignals:
         self._slot = {name: i for i, name in enumerate(names)}
         self._free = [i for i, (_, owner, _) in enumerate(flat.states) if owner not in neutral]
         active = (plant.main(name) for name in plant.placements if name not in neutral)
-        self._linear = {it.name: it.effect.small_signal for it in active if it.effect.small_signal}
+        found = {link.name: link.effect.hints.small_signal for link in active}
+        self._linear = {name: linear for name, linear in found.items() if linear}
         wide = replace(flat, outputs=[*(rate for _, _, rate in flat.states), *flat.outputs])
         make = plain_make(step_text(wide, neutral))
         start, step = make(list(model.values.values()))

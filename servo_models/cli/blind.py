@@ -48,10 +48,7 @@ def blind(
     """
     from servo_models.cli.console import progress, show
     from servo_models.files import scratch, write_whole
-    from servo_models.report.conditions import conditions
-    from servo_models.report.interchange import finite_json
     from servo_models.withheld.run import Asked, check_tiers, run_blind
-    from servo_models.withheld.sheet import check_sheet, document
 
     check_outputs((json, ".json"))
     asked = Asked(cases, seed, check_tiers(tiers))
@@ -64,7 +61,6 @@ def blind(
             bar,
         )
     if json:
-        told = finite_json(document(done, conditions()))
-        write_whole(json, f"{told}\n".encode())
-    show(check_sheet(done))
+        write_whole(json, f"{done.to_json()}\n".encode())
+    show(done.report())
     return 1 if any(case.said.why for case in done.cases) else 0

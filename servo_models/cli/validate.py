@@ -10,7 +10,7 @@ import typer
 
 from servo_models.cli.options import Format, Trust
 from servo_models.errors import UserError
-from servo_models.validation.limits import LIMITS, Limits
+from servo_models.validation.fmu_subject import LIMITS, Limits
 
 
 def validate(
@@ -73,7 +73,7 @@ def validate(
     from servo_models.core.catalogue import actuator as find_actuator
     from servo_models.data.parameters import read_parameters
     from servo_models.files import check_writable
-    from servo_models.validation import formats
+    from servo_models.validation import formats, sections
     from servo_models.validation.runner import validate as run
 
     for file in (junit, report):
@@ -96,16 +96,14 @@ def validate(
     if junit:
         formats.write_junit(result, junit)
     if report:
-        from servo_models.validation.page import write_report
-
-        write_report(result, report, date.today().isoformat())
+        result.write_report(report, date.today().isoformat())
     if format_ is Format.JSON:
-        print(formats.as_json(result))
+        print(result.to_json())
     elif format_ is Format.GITHUB:
         print("\n".join(formats.github(result)))
     elif brief:
-        show(formats.summary(result), NARROW)
+        show(sections.summary(result), NARROW)
     else:
-        show(formats.text(result, every))
-        print(f"\n{formats.sentence(result)}")
+        show(sections.report(result, every=every))
+        print(f"\n{sections.sentence(result)}")
     return 0 if result.passed else 1

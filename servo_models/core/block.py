@@ -22,7 +22,8 @@ decides when a memory is committed.  Reserved arguments:
 
 An *effect* is a block with one law: with every switch parameter at 0 it is exactly the
 identity, so that all effects are always compiled in and a candidate explanation of a
-gap is a parameter vector.
+gap is a parameter vector.  How it is searched for, and what it is confused with, are its ``Hints``:
+no other module knows an effect by name.
 """
 
 from __future__ import annotations
@@ -153,37 +154,6 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class SearchHints:
-    """How a diagnosis searches for an effect whose switches and bounds do not say it.
-
-    Attributes:
-        trial_values: of each switch, over its typical value; by default a few to many times it.
-        grid: for an effect whose switch is a discontinuous parameter.
-        inverse: the effect is the stronger the smaller its switch.
-        jump: parameter that says which part of a jump the effect has: 0 none, 1 all.
-        phase: parameter that turns a sine, of which the switch is the amplitude.
-        count: parameter that says how many periods this sine has in a turn.
-        inertia: parameter that is in resonance with the switch, a compliance.
-        assumed: parameters that are never searched for: they say how it is counted, not its form.
-    """
-
-    trial_values: tuple[float, ...] = ()
-    grid: Grid | None = None
-    inverse: bool = False
-    jump: str = ""
-    phase: str = ""
-    count: str = ""
-    inertia: str = ""
-    assumed: tuple[str, ...] = ()
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that it speaks of."""
-        named = (self.jump, self.phase, self.count, self.inertia, *self.assumed)
-        return tuple(name for name in named if name)
-
-
-@dataclass(frozen=True)
 class LinearMemory:
     """An effect with a memory that stays in the small-signal model, since it is linear.
 
@@ -228,10 +198,44 @@ class Ambiguity:
 
 
 Signature = Literal["", "codes", "clock"]
-"""Evidence of an effect apart from any error, read at its switch: a quantised reading bunches at
-``"codes"`` a step apart, a sampled command is answered on the ticks of a ``"clock"``."""
 OTHER_UNITS = ""
-"""In ``parameter_units``: every unit that no other effect names."""
+"""In ``Hints.parameter_units``: every unit that no other effect names."""
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What is known of an effect beside its equation; most effects need none.
+
+    Attributes:
+        trial_values: of each switch, over its typical value; by default a few about it.
+        grid: for an effect whose switch is a discontinuous parameter.
+        inverse: the effect is the stronger the smaller its switch.
+        jump: parameter that says which part of a jump the effect has: 0 none, 1 all.
+        phase: parameter that turns a sine, of which the switch is the amplitude.
+        count: parameter that says how many periods this sine has in a turn.
+        inertia: parameter that is in resonance with the switch, a compliance.
+        assumed: parameters that are never searched for: they say how it is counted, not its form.
+        signature: its evidence apart from any error, by its switch: a quantised reading bunches at
+            ``"codes"`` a step apart, a sampled command is answered on the ticks of a ``"clock"``.
+        small_signal: of an effect with a memory, as what it stays in the small-signal model; an
+            effect without one stays where it has a derivative.
+        ambiguity: what it is confused with, if its own file says it and not that of another.
+        parameter_units: units of plant parameters whose error looks like it.
+    """
+
+    trial_values: tuple[float, ...] = ()
+    grid: Grid | None = None
+    inverse: bool = False
+    jump: str = ""
+    phase: str = ""
+    count: str = ""
+    inertia: str = ""
+    assumed: tuple[str, ...] = ()
+    signature: Signature = ""
+    small_signal: LinearMemory | None = None
+    ambiguity: Ambiguity | None = None
+    parameter_units: tuple[str, ...] = ()
+
 
 Meta = Param | Memory | Queue
 Function = Callable[..., Any]
@@ -252,12 +256,7 @@ class Block:
         gives: for a plant block the wires that it defines.
         source: paper, equation or book behind it.
         parts: of an effect that acts at several places of a chain, its other functions.
-        search: of an effect, how a diagnosis searches for it.
-        signature: of an effect, its evidence apart from any error.
-        small_signal: of an effect with a memory, as what it stays in the small-signal model; an
-            effect without one stays where it has a derivative.
-        ambiguities: of an effect, what it is confused with.
-        parameter_units: of an effect, units of plant parameters whose error looks like it.
+        hints: what else is known of an effect.
     """
 
     function: Function
@@ -271,11 +270,7 @@ class Block:
     source: str = ""
     about: str = field(default="", compare=False)
     parts: tuple[Block, ...] = ()
-    search: SearchHints = SearchHints()
-    signature: Signature = ""
-    small_signal: LinearMemory | None = None
-    ambiguities: tuple[Ambiguity, ...] = ()
-    parameter_units: tuple[str, ...] = ()
+    hints: Hints = Hints()
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
@@ -370,25 +365,20 @@ def effect(
     source: str,
     name: str = "",
     parts: tuple[Block, ...] = (),
-    search: SearchHints | None = None,
-    signature: Signature = "",
-    small_signal: LinearMemory | None = None,
-    ambiguities: tuple[Ambiguity, ...] = (),
-    parameter_units: tuple[str, ...] = (),
+    hints: Hints | None = None,
 ) -> Callable[[Function], Block]:
     """Make an effect that rewrites the wires given for the arguments ``acts_on``.
-
-    What is known of it is declared here, and nowhere else: see ``Block``.
 
     Args:
         acts_on: the first one is its main wire; default ``"signal"``.
         source: paper, equation or book behind it.
         name: by which others know it; default that of the function.
-        parts: see ``Block``, as are the others.
+        parts: of an effect that acts at several places of a chain, its other functions.
+        hints: what else is known of it.
 
     Raises:
-        ValueError: an effect without a switch parameter has no neutral value; a declaration of
-            what it has not.
+        ValueError: an effect without a switch parameter has no neutral value, or a hint is of what
+            it has not.
 
     Example:
         >>> from typing import Annotated
@@ -409,34 +399,30 @@ def effect(
             acts_on=acts_on or (SIGNAL,),
             source=source,
             parts=parts,
-            search=search or SearchHints(),
-            signature=signature,
-            small_signal=small_signal,
-            ambiguities=ambiguities,
-            parameter_units=parameter_units,
+            hints=hints or Hints(),
         )
         if not made.switches:
             raise ValueError(
                 f"effect '{made.name}' has no switch parameter, so it is never neutral"
             )
-        _check_declarations(made)
+        _check_hints(made, made.hints)
         return made
 
     return decorate
 
 
-def _check_declarations(made: Block) -> None:
-    """Refuse what an effect declares of parameters or effects that are not its own."""
-    known = {name for block in (made, *made.parts) for name in block.params}
-    asked = [(name, "parameter", known) for name in made.search.parameters]
-    linear = made.small_signal
-    if linear:
-        asked.append((linear.time, "parameter", known))
-        asked += [(name, "memory", {*made.memory}) for name in (linear.input, linear.output)]
-    for name, kind, own in asked:
-        if name not in own:
-            raise ValueError(f"effect '{made.name}' declares what it has not: {kind} '{name}'")
-    if made.signature not in typing.get_args(Signature):
-        raise ValueError(f"effect '{made.name}': no signature '{made.signature}' is known")
-    if not all(made.name in ambiguity.group for ambiguity in made.ambiguities):
-        raise ValueError(f"effect '{made.name}' is in no group of an ambiguity that it declares")
+def _check_hints(made: Block, hints: Hints) -> None:
+    """Refuse hints of parameters, memories or groups that are not the effect's own."""
+    params = {name for block in (made, *made.parts) for name in block.params}
+    asked = {*hints.assumed, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
+    memories = set[str]()
+    if hints.small_signal:
+        asked.add(hints.small_signal.time)
+        memories = {hints.small_signal.input, hints.small_signal.output}
+    for kind, absent in (("parameter", asked - params), ("memory", memories - {*made.memory})):
+        if absent:
+            raise ValueError(f"effect '{made.name}' has no {kind} '{min(absent)}' to hint at")
+    if hints.signature not in typing.get_args(Signature):
+        raise ValueError(f"effect '{made.name}': no signature '{hints.signature}' is known")
+    if hints.ambiguity and made.name not in hints.ambiguity.group:
+        raise ValueError(f"effect '{made.name}' is not in the group of its ambiguity")

@@ -5,13 +5,16 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from servo_models.core.block import Block
 from servo_models.core.flatten import flatten
 from servo_models.core.own_actuator import check_trust, is_file, load_actuator
-from servo_models.core.plant import Actuator, check_units, unknown
+from servo_models.core.plant import Actuator, Placement, check_units, place, unknown
 from servo_models.errors import UserError
 
 
@@ -39,6 +42,57 @@ def effects() -> dict[str, tuple[Block, ...]]:
         )
         for name, module in _modules("effects", packages=False).items()
     }
+
+
+def effects_on(
+    wire: str | tuple[str, ...], *names: str, **changes: Mapping[str, Any]
+) -> tuple[Placement, ...]:
+    """Place effects of the catalogue on a wire, in this order.
+
+    Each name is that of an effect, or ends with it where an actuator has several of that kind:
+    ``drive_dead_zone`` is a ``dead_zone``.  An effect of several functions, or of another name, is
+    placed by ``plant.place``.
+
+    Args:
+        wire: that the effects rewrite, or the wires where they rewrite several at once.
+        names: of the effects at this place; their parameters are ``name.key``.
+        changes: fields of a parameter in place of the effect's own, by its
+            key; a unit ``"signal"`` makes them fractions of the wire's full scale.
+
+    Raises:
+        ValueError: a name that ends with no effect, or a change of what none has.
+
+    Example:
+        ``effects_on("drive", "hysteresis", "drive_saturation", limit={"typical": 0.3})``
+    """
+    found = {name: _effect_of(name) for name in names}
+    for key in changes:
+        if not any(key in effect.params for effect in found.values()):
+            raise ValueError(f"no effect among {', '.join(names)} has a parameter '{key}'")
+    return tuple(
+        place(
+            name,
+            effect,
+            *((wire,) if isinstance(wire, str) else wire),
+            params={
+                key: replace(effect.params[key], **changed)
+                for key, changed in changes.items()
+                if key in effect.params
+            },
+        )
+        for name, effect in found.items()
+    )
+
+
+def _effect_of(name: str) -> Block:
+    """The effect whose name a placement's name is or ends with."""
+    own = [one for one in effects() if f"_{name}".endswith(f"_{one}")]
+    if not own:
+        raise ValueError(f"'{name}' ends with the name of no effect: place it by plant.place")
+    functions = effects()[max(own, key=len)]
+    if len(functions) > 1:
+        raise ValueError(f"'{name}' has several functions: place each of them by plant.place")
+    return functions[0]
 
 
 def actuator(name: str, named_in: Path | None = None, trust: bool = False) -> Actuator:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -163,6 +163,12 @@ class Parameter:
         return self.name.rpartition(".")[2]
 
 
+def internal_step(default: float, low: float = 1e-5, high: float = 5e-3) -> dict[str, Param]:
+    """Return the constant that every plant has: the longest step of its integration [s]."""
+    about = "longest internal step"
+    return {"internal_step": Param("s", about, default, low, high, display="us", fixed=True)}
+
+
 @dataclass(frozen=True, eq=False)
 class Plant:
     """A chain of blocks between wires; one plant equals itself only.
@@ -182,7 +188,7 @@ class Plant:
         outputs: names of the wires offered outside, each declared, none of them an input; the
             first is the one that pictures and figures are about.
         constants: parameters of the plant that no block's signature declares; one of them is
-            ``internal_step`` [s], the longest step of the integration.
+            ``internal_step``, see there.
 
     Raises:
         ValueError: a wire or a parameter has a name that none can have.
@@ -227,11 +233,6 @@ class Plant:
     def main_wire(self, name: str) -> str:
         """Return the wire on which an effect acts, the first one where it acts on several."""
         return self.main(name).on[0]
-
-    def owner(self, parameter: str) -> Block | None:
-        """Return the effect that a parameter belongs to, None where it is the plant's own."""
-        place = self.parameters[parameter].owner
-        return self.main(place).effect if place else None
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
@@ -343,6 +344,35 @@ class Variant:
 
 
 @dataclass(frozen=True)
+class GreyBox:
+    """How physical constants follow from a transfer function of an actuator.
+
+    The function is gain / (s^n + ... + s1 s + s0), with a delay or without.
+
+    Attributes:
+        source, output: wires that the function connects.
+        coefficients: their names in ``solve``: the gain, then those of the denominator from the
+            second highest power down.
+        known: parameters that the coefficients cannot tell.
+        solve: called with the coefficients, then the known ones [SI], in these orders; returns the
+            others [SI] by the parameter's name.
+        delay: parameter that the function's delay [s] becomes.
+    """
+
+    source: str
+    output: str
+    coefficients: tuple[str, ...]
+    known: tuple[str, ...]
+    solve: Callable[..., dict[str, float]]
+    delay: str
+
+    @property
+    def poles(self) -> int:
+        """How many poles the function has."""
+        return len(self.coefficients) - 1
+
+
+@dataclass(frozen=True)
 class Actuator:
     """An identified product: a plant and its variants.
 
@@ -359,11 +389,13 @@ class Actuator:
         stop_time, step_size: default experiment [s].
         step: name of the main input, its value [SI] in the standard step, to which it goes from
             its ``rest``.
+        grey_box: how its constants follow from a transfer function, where somebody solved that.
         file: that defines it, None for one of the catalogue.
 
     Raises:
         ValueError: a name that no FMU can have, no variant, an output without a ``Wire`` of its
-            unit, a standard step of what is no input, or an uncertainty of what is no parameter.
+            unit, a standard step of what is no input, or an uncertainty or a known constant of the
+            grey box of what is no parameter.
     """
 
     name: str
@@ -376,12 +408,14 @@ class Actuator:
     step_size: float
     step: tuple[str, float]
     picture: str = ""
+    grey_box: GreyBox | None = None
     file: Path | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name, f"actuator '{self.name}'")
         if not self.variants:
             raise ValueError(f"actuator '{self.name}' has no variant: give it one")
+        known_to_box = self.grey_box.known if self.grey_box else ()
         for variant in self.variants:
             plant = variant.plant or self.plant
             inputs = {wire.name: wire for wire in plant.inputs}
@@ -389,6 +423,7 @@ class Actuator:
                 ("output", plant.outputs, plant.wire),
                 ("input of the standard step", self.step[:1], inputs),
                 ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
+                ("parameter known to the grey box", known_to_box, plant.parameters),
             ):
                 for name in names:
                     if name not in known:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servo_models.core.block import Block, SearchHints
+from servo_models.core.block import Hints
 from servo_models.core.plant import Parameter
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
@@ -44,7 +44,7 @@ class Candidate:
 
     Attributes:
         name: of the place, such as ``"drive_dead_zone"``.
-        search: how its file says that it is searched for.
+        hints: what its file says of it.
         free: its parameters, and ``switches`` those of them that switch it on.
         trial_values: settings [SI] to try first; none where logs show that it is not there.
         grid: of a discontinuous parameter that nothing but a search finds, many more of them.
@@ -55,7 +55,7 @@ class Candidate:
     """
 
     name: str
-    search: SearchHints
+    hints: Hints
     free: tuple[Free, ...]
     switches: tuple[str, ...]
     trial_values: tuple[Settings, ...]
@@ -66,23 +66,23 @@ class Candidate:
     @property
     def discontinuous(self) -> bool:
         """Whether the response jumps as the switch changes, so that no slope leads to it."""
-        return self.search.grid is not None
+        return self.hints.grid is not None
 
     @property
     def late(self) -> bool:
         """Whether its switch is a period, by a part of which it is late."""
-        return self.search.grid is not None and self.search.grid.divides == "duration"
+        return self.hints.grid is not None and self.hints.grid.divides == "duration"
 
     @property
     def ripple(self) -> tuple[str, str] | None:
         """Switch and phase of a sine: it is tried with a phase of 0 and of a quarter turn."""
-        phase = self.search.phase
+        phase = self.hints.phase
         return (self.switches[0], f"{self.name}.{phase}") if phase else None
 
     @property
     def jump(self) -> Free | None:
         """The part of a jump that it has, one of its parameters; None of most effects."""
-        jump = self.search.jump and f"{self.name}.{self.search.jump}"
+        jump = self.hints.jump and f"{self.name}.{self.hints.jump}"
         return next((it for it in self.free if it.name == jump), None)
 
     @property
@@ -111,9 +111,9 @@ class Candidate:
         started = tuple(
             replace(it, start=_inside(it, starts.get(it.name, it.start))) for it in self.free
         )
-        if not self.search.inertia:
+        if not self.hints.inertia:
             return started
-        compliance, inertia = self.switches[0], f"{self.name}.{self.search.inertia}"
+        compliance, inertia = self.switches[0], f"{self.name}.{self.hints.inertia}"
         softest = self.fastest / next(it.start for it in started if it.name == inertia)
         least = {compliance: softest, inertia: 0.0}
         return tuple(_near(it, least[it.name]) if it.name in least else it for it in started)
@@ -153,20 +153,19 @@ class _Off:
     ) -> None:
         self.model, self.logs, self.name, self.switches = model, logs, name, switches
         self.plant = model.plant
-        self.effect: Block = self.plant.main(name).effect
-        self.hints = self.effect.search
-        self.wire = self.plant.main_wire(name)
+        main = model.plant.main(name)
+        self.hints, self.wire = main.effect.hints, main.on[0]
         self.shape = [
             it for it in parameters if not it.param.switch and it.key not in self.hints.assumed
         ]
         # codes of the very signal tell whether and how it is quantised
-        self.has_codes = self.effect.signature == "codes"
+        self.has_codes = self.hints.signature == "codes"
         self.reads_codes = self.has_codes and any(self.wire in log.outputs for log in logs)
 
     def candidate(self) -> Candidate:
         return Candidate(
             name=self.name,
-            search=self.hints,
+            hints=self.hints,
             free=self.free(),
             switches=tuple(it.name for it in self.switches),
             trial_values=tuple(self.trial_values()),

@@ -19,16 +19,20 @@ from servo_models.diagnosis.codes import bunched
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.identification.simulation import prepared
 
-REST = 5
-"""Rows for which a command stands still before a step of it and after."""
-STEPS = 4
-"""Steps of the command that tell a clock from chance, at least."""
-PART, BEFORE, AFTER = 12, 0.5, 1.5
-"""Parts of a period by which commands are moved, and how far to either side, in periods."""
-ORDERS, ROUNDING = 1999, 1e-9
-"""Orders at random that answers are compared with, and what rounding makes of equal heights."""
-COARSE = 2.0
-"""Rows in a period, below which a log is too coarse to tell when a step is answered."""
+LEAST_ROWS_AT_REST = 5
+"""Of a command, before a step of it and after."""
+LEAST_STEPS = 4
+"""Of a command, to tell a clock from chance."""
+MOVES_IN_A_PERIOD = 12
+"""By which commands are moved, to find when they are answered."""
+PERIODS_SOONER = 0.5
+PERIODS_LATER = 1.5
+RANDOM_ORDERS = 1999
+"""That answers are compared with."""
+HEIGHT_ROUNDING = 1e-9
+"""What rounding makes of equal heights."""
+LEAST_ROWS_IN_A_PERIOD = 2.0
+"""With less, a log is too coarse to tell when a step is answered."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +61,11 @@ class Answers:
         """Probability that answers that know no clock are as bunched: in any order (permutation
         test).  Where a clock would have all late alike, as steps at one phase of it, no order
         differs."""
-        orders = np.random.default_rng(0).permuted(np.tile(self.late, (ORDERS, 1)), axis=1)
+        orders = np.random.default_rng(0).permuted(np.tile(self.late, (RANDOM_ORDERS, 1)), axis=1)
         turns = (orders - self.due) / self.period
         heights = np.abs(np.mean(np.exp(2j * np.pi * turns), axis=1))
-        as_high = np.count_nonzero(heights >= self.bunched - ROUNDING)
-        return float((1.0 + as_high) / (1.0 + ORDERS))
+        as_high = np.count_nonzero(heights >= self.bunched - HEIGHT_ROUNDING)
+        return float((1.0 + as_high) / (1.0 + RANDOM_ORDERS))
 
 
 def answers(found: Explanation, effect: str) -> Answers | None:
@@ -83,7 +87,7 @@ def answers(found: Explanation, effect: str) -> Answers | None:
     before = _delay_before(found, effect, wire)
     parts = [_of_log(found, log, wire, values, (period, before)) for log in problem.logs]
     due, late, error = (np.concatenate(part) for part in zip(*parts))
-    if len(due) < STEPS:
+    if len(due) < LEAST_STEPS:
         return None
     return Answers(effect, period, due, late, error)
 
@@ -95,7 +99,7 @@ def _delay_before(found: Explanation, effect: str, wire: str) -> float:
     for name in plant.placements:
         if name == effect:
             break
-        linear = plant.main(name).effect.small_signal
+        linear = plant.main(name).effect.hints.small_signal
         if isinstance(linear, DeadTime) and plant.main_wire(name) == wire:
             total += values[f"{name}.{linear.time}"]
     return total
@@ -116,7 +120,7 @@ def _of_log(
     period, before = clock
     interval = float(np.median(np.diff(log.times)))
     windows = _steps(log, wire)
-    if not windows or period < COARSE * interval:
+    if not windows or period < LEAST_ROWS_IN_A_PERIOD * interval:
         return none
     moves = _moves(period, interval)
     squares = np.array([_squares(found, _moved(log, wire, k), values) for k in moves])
@@ -143,15 +147,17 @@ def _steps(log: Log, wire: str) -> list[tuple[int, int]]:
     return [
         (int(edge), int(after))
         for before, edge, after in zip(edges, edges[1:], edges[2:])
-        if edge - before >= REST and after - edge >= REST
+        if edge - before >= LEAST_ROWS_AT_REST and after - edge >= LEAST_ROWS_AT_REST
     ]
 
 
 def _moves(period: float, interval: float) -> NDArray[np.int_]:
     """By how many rows commands are moved."""
     rows = period / interval
-    apart = max(int(rows / PART), 1)
-    return np.arange(-int(np.ceil(BEFORE * rows)), int(np.ceil(AFTER * rows)) + apart, apart)
+    apart = max(int(rows / MOVES_IN_A_PERIOD), 1)
+    return np.arange(
+        -int(np.ceil(PERIODS_SOONER * rows)), int(np.ceil(PERIODS_LATER * rows)) + apart, apart
+    )
 
 
 def _moved(log: Log, wire: str, rows: int) -> Log:

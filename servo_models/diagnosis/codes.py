@@ -17,24 +17,29 @@ import numpy as np
 
 from servo_models.core.types import Array
 
-BINS, FINER, CODES = 4096, 8, (1.5, 600)
-"""Bins of a code histogram, frequencies for each code over the range of a reading, and codes over
-it that a histogram can show."""
-WHOLE, HIGH = 0.03, 0.9
-"""Deviation of a multiple of a peak, relative to its number, and height that is as high."""
-SHARP = 0.95
-"""Height of a peak from which values lie on codes without noise."""
-PEAKS = 4
-"""Steps taken from a code histogram: of a reading that is rounded itself, one is its own, and
-places where an actuator rests make others of a few codes."""
-COUNTED = 20
-"""Times that codes are counted anew, at most, along the line through those before."""
-MEMORY = 5.0
-"""Samples of noise of which one is independent: half as likely a memory as the diagnosis allows."""
-CHANCE = 4.0
-"""How much rarer than once in all frequencies, as a logarithm, a peak by chance may be."""
-FAINT = 0.05
-"""Height below which a peak tells nothing of the noise."""
+HISTOGRAM_BINS = 4096
+CODE_FREQUENCIES = 8
+"""At which the characteristic function is known, for each code in the range of a reading."""
+FEWEST_CODES = 1.5
+"""In that range, for a histogram to show them."""
+MOST_CODES = 600
+MULTIPLE_RELATIVE_ERROR = 0.03
+"""Of a frequency that is still a multiple of a peak's."""
+HIGH_OVER_HIGHEST = 0.9
+"""Height of a peak that is as high as the highest."""
+SHARP_HEIGHT = 0.95
+"""Of a peak from which values lie on codes without noise."""
+MOST_STEPS = 4
+"""Taken from a code histogram: of a reading that is rounded itself, one is its own, and places
+where an actuator rests make others of a few codes."""
+MOST_COUNTS = 20
+"""Times that codes are counted, along the line through those before."""
+NOISE_MEMORY_SAMPLES = 5.0
+"""Of so many samples of noise one is independent: half of the memory that the diagnosis allows."""
+LOG_RARITY = 4.0
+"""Natural logarithm of how much rarer than once in all frequencies a peak by chance may be."""
+FAINT_HEIGHT = 0.05
+"""Below which a peak tells nothing of the noise."""
 
 
 class Step(NamedTuple):
@@ -55,17 +60,17 @@ def hidden_steps(records: Sequence[Array]) -> list[Step]:
     if float(np.ptp(values)) == 0.0:
         return []
     rates, heights = _peaks(values)
-    by_chance = _by_chance(len(values), CODES[1] - CODES[0])
+    by_chance = _by_chance(len(values), MOST_CODES - FEWEST_CODES)
     found: list[Step] = []
-    while len(rates) and len(found) < PEAKS:
+    while len(rates) and len(found) < MOST_STEPS:
         # a noise-free quantiser has all multiples as high: the slowest is the step's own
-        first = int(np.flatnonzero(heights > HIGH * heights.max())[0])
+        first = int(np.flatnonzero(heights > HIGH_OVER_HIGHEST * heights.max())[0])
         rate = float(rates[first])
         size, error = _line_through_codes(values, 1.0 / rate)
         found.append(Step(size, error, bool(heights[first] > by_chance)))
         numbers = np.maximum(np.round(rates / rate), 1.0)
-        apart = np.abs(rates / rate - numbers) > WHOLE * numbers
-        if heights[first] > SHARP:
+        apart = np.abs(rates / rate - numbers) > MULTIPLE_RELATIVE_ERROR * numbers
+        if heights[first] > SHARP_HEIGHT:
             apart &= rates < 0.5 * rate  # beyond, all that is below comes again
         else:
             # the noise that lowers the first multiple lowers the next more (normal law)
@@ -88,12 +93,14 @@ def loudest(values: Array, step: float) -> float:
         return math.inf
     rates, heights = _characteristic(values)
     # codes of the readings themselves are as sharp whatever the noise
-    slowest, fastest = CODES[0] / reach, min(CODES[1] / reach, 0.5 / step if step else math.inf)
+    slowest = FEWEST_CODES / reach
+    fastest = min(MOST_CODES / reach, 0.5 / step if step else math.inf)
     own = (rates >= slowest) & (rates <= fastest)
     rates, heights = rates[own], heights[own]
-    drawn = 0.5 * MEMORY / len(values) * np.maximum(1.0 - heights**2, 0.0)
+    drawn = 0.5 * NOISE_MEMORY_SAMPLES / len(values) * np.maximum(1.0 - heights**2, 0.0)
     surely = heights - 2.0 * np.sqrt(drawn)
-    told = (heights > _by_chance(len(values), len(rates) / FINER)) & (surely > FAINT)
+    told = heights > _by_chance(len(values), len(rates) / CODE_FREQUENCIES)
+    told &= surely > FAINT_HEIGHT
     bounds = np.sqrt(-0.5 * np.log(surely[told])) / (math.pi * rates[told])
     return float(np.min(bounds, initial=math.inf))
 
@@ -110,20 +117,22 @@ def as_bunched(height: float, independent: float) -> float:
 
 def _by_chance(samples: int, frequencies: float) -> float:
     """Height that noise alone hardly reaches at any of so many frequencies (Rayleigh)."""
-    return math.sqrt(MEMORY / samples * (math.log(max(frequencies, 1.0)) + CHANCE))
+    return math.sqrt(
+        NOISE_MEMORY_SAMPLES / samples * (math.log(max(frequencies, 1.0)) + LOG_RARITY)
+    )
 
 
 def _characteristic(values: Array) -> tuple[Array, Array]:
     """Frequencies [1/SI] and magnitude there of the characteristic function of values."""
-    counts, _ = np.histogram(values, BINS)
-    magnitude = np.abs(np.fft.rfft(counts, FINER * BINS)) / len(values)
-    return np.arange(len(magnitude)) / (FINER * np.ptp(values)), magnitude
+    counts, _ = np.histogram(values, HISTOGRAM_BINS)
+    magnitude = np.abs(np.fft.rfft(counts, CODE_FREQUENCIES * HISTOGRAM_BINS)) / len(values)
+    return np.arange(len(magnitude)) / (CODE_FREQUENCIES * np.ptp(values)), magnitude
 
 
 def _peaks(values: Array) -> tuple[Array, Array]:
     """Frequencies and heights of the peaks of that function."""
     rates, magnitude = _characteristic(values)
-    low, high = (int(FINER * codes) for codes in CODES)
+    low, high = (int(CODE_FREQUENCIES * codes) for codes in (FEWEST_CODES, MOST_CODES))
     inner = magnitude[low : min(high, len(magnitude) - 1)]
     peaks = 1 + np.flatnonzero((inner[1:-1] > inner[:-2]) & (inner[1:-1] >= inner[2:]))
     return rates[low + peaks], inner[peaks]
@@ -133,7 +142,7 @@ def _line_through_codes(values: Array, step: float) -> tuple[float, float]:
     """The step by which values rise from code to code, counted with one that is about right, and
     its standard error."""
     codes, spread, error = np.zeros(len(values)), 0.0, math.inf
-    for _ in range(COUNTED):
+    for _ in range(MOST_COUNTS):
         phase = np.angle(np.mean(np.exp(2j * np.pi * values / step))) / (2.0 * np.pi)
         before, codes = codes, np.round(values / step - phase)
         spread = float(np.var(codes))
@@ -142,5 +151,5 @@ def _line_through_codes(values: Array, step: float) -> tuple[float, float]:
         about = codes - codes.mean()
         step = float(about @ values) / (len(values) * spread)
         rest = values - values.mean() - step * about
-        error = math.sqrt(float(np.mean(rest**2)) * MEMORY / (len(values) * spread))
+        error = math.sqrt(float(np.mean(rest**2)) * NOISE_MEMORY_SAMPLES / (len(values) * spread))
     return step, error

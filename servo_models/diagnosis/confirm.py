@@ -11,9 +11,8 @@ from servo_models.build import build
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.files import scratch
 from servo_models.identification.result import Accuracy, accuracy
+from servo_models.validation.fmu_subject import Limits, Subject
 from servo_models.validation.implementation import LIMIT, difference
-from servo_models.validation.limits import Limits
-from servo_models.validation.subject import Subject
 
 OWN = Limits(seconds=1e6, megabytes=1e5)
 """No limits to speak of: the FMU is our own, and a log may be long."""

@@ -15,14 +15,19 @@ from servo_models.analysis.experiment import display
 from servo_models.core.plant import Placement, Wire
 from servo_models.core.types import Array
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.codes import CODES, MEMORY, as_bunched
+from servo_models.diagnosis.codes import (
+    FEWEST_CODES,
+    MOST_CODES,
+    NOISE_MEMORY_SAMPLES,
+    as_bunched,
+)
 from servo_models.diagnosis.fitting.explanation import Explanation
 
-DOUBTFUL = 0.05
+DOUBTFUL_PROBABILITY = 0.05
 """Probability of as much by chance, above which a detector confirms nothing."""
-RARE = 1e-3
+LEAST_TOLD_PROBABILITY = 1e-3
 """Probability below which the number itself says no more."""
-ROUNDING = 1e-6
+ROUNDING_IN_STEPS = 1e-6
 """Part of a step that is none, where a reading moves by exactly one."""
 
 
@@ -56,8 +61,8 @@ class Codes:
     def chance(self) -> float:
         """Probability that readings that know no codes are as bunched at any step at all: the step
         was not known beforehand (Bonferroni's bound)."""
-        independent = min(int(self.stays[-1]) + 1, len(self.phases) / MEMORY)
-        return min(1.0, (CODES[1] - CODES[0]) * as_bunched(self.bunched, independent))
+        independent = min(int(self.stays[-1]) + 1, len(self.phases) / NOISE_MEMORY_SAMPLES)
+        return min(1.0, (MOST_CODES - FEWEST_CODES) * as_bunched(self.bunched, independent))
 
 
 Detection = Codes | Answers
@@ -71,9 +76,9 @@ def detection(found: Explanation, name: str) -> Detection | None:
         name: of the effect.
     """
     place = found.problem.model.plant.main(name)
-    if place.effect.signature == "clock":
+    if place.effect.hints.signature == "clock":
         return answers(found, name)
-    if place.effect.signature == "codes":
+    if place.effect.hints.signature == "codes":
         return _codes(found, place)
     return None
 
@@ -90,8 +95,8 @@ def sentence(seen: Detection) -> str:
             f"{len(seen.late)} steps of the command are answered {low:.3g} to {high:.3g} ms late,"
             f" bunched at ticks every {1e3 * seen.period:.3g} ms"
         )
-    chance = "below 0.001" if seen.chance < RARE else f"{seen.chance:.1g}"
-    doubtful = ", which confirms nothing" if seen.chance > DOUBTFUL else ""
+    chance = "below 0.001" if seen.chance < LEAST_TOLD_PROBABILITY else f"{seen.chance:.1g}"
+    doubtful = ", which confirms nothing" if seen.chance > DOUBTFUL_PROBABILITY else ""
     return f"{said}: {seen.bunched:.2f} of 1, by chance {chance}{doubtful}"
 
 
@@ -112,7 +117,7 @@ def _stays(turns: Array) -> NDArray[np.int64]:
     """Number of the stay of each reading [steps]: it ends where one is a step from its first."""
     found, first, number = np.empty(len(turns), dtype=np.int64), turns[0], 0
     for i, value in enumerate(turns):
-        if abs(value - first) >= 1.0 - ROUNDING:
+        if abs(value - first) >= 1.0 - ROUNDING_IN_STEPS:
             first, number = value, number + 1
         found[i] = number
     return found

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from servo_models.diagnosis.fitting.discontinuous import staircases_of
 from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.stepwise import staircases_of
 
 DRAWS = 8
 """Other parameters that are tried."""

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from servo_models.core.block import Grid, SearchHints
+from servo_models.core.block import Grid, Hints
 from servo_models.core.plant import Parameter, Plant
 from servo_models.data.log import Log
 from servo_models.diagnosis.codes import Step, hidden_steps
@@ -74,9 +74,7 @@ def ripples(
     return [{**size, count.name: it} for it in inside]
 
 
-def few(
-    hints: SearchHints, switches: Iterable[Parameter], shape: Sequence[Parameter]
-) -> list[Settings]:
+def few(hints: Hints, switches: Iterable[Parameter], shape: Sequence[Parameter]) -> list[Settings]:
     """Return a few values of each switch of an effect, with each of its shapes."""
     forms = _shapes(shape)
     return [

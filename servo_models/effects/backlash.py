@@ -2,15 +2,15 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Memory, Mode, Param, effect
+from servo_models.core.block import Ambiguity, Hints, Memory, Mode, Param, effect
 
 
 @effect(
     "angle",
     "rate",
     source="Nordin, Gutman, Automatica 38 (2002) 1633 (friction-driven play)",
-    ambiguities=(
-        Ambiguity(
+    hints=Hints(
+        ambiguity=Ambiguity(
             "log a motor-side signal or the current; a one-sided load removes backlash",
             ("backlash",),
             ("dead_zone", "dead_band", "coulomb_friction", "stribeck_friction", "hysteresis"),

@@ -3,13 +3,16 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, SearchHints, effect
+from servo_models.core.block import Hints, Param, effect
 
 
 @effect(
     "load",
     source="Hanselman, Brushless Permanent Magnet Motor Design, 2006, ch. 7",
-    search=SearchHints(phase="phase", count="count"),
+    hints=Hints(
+        phase="phase",
+        count="count",
+    ),
 )
 def cogging(
     load: float,

@@ -2,13 +2,13 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Grid, Memory, Param, SearchHints, effect
+from servo_models.core.block import Grid, Hints, Memory, Param, effect
 
 
 @effect(
     "signal",
     source="servo amplifier data sheets (dead band width in us)",
-    search=SearchHints(grid=Grid(low=0.05, high=10.0, least_spacing=0.005)),
+    hints=Hints(grid=Grid(low=0.05, high=10.0, least_spacing=0.005)),
 )
 def dead_band(
     signal: float,

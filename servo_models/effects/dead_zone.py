@@ -2,17 +2,17 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Param, SearchHints, effect
+from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 
 @effect(
     "signal",
     source="SG90 paper sec. 4.3 (insensitivity zone); valve paper sec. 1 (threshold)",
-    search=SearchHints(jump="kept"),
-    ambiguities=(
-        Ambiguity(
-            "steps in many sizes from the least that moves it, then a slow triangle of twice that"
-            " size at two supplies or loads; log drive or current: not 0 while it sticks means"
+    hints=Hints(
+        jump="kept",
+        ambiguity=Ambiguity(
+            "steps in many sizes from the least that moves it, then a slow triangle of twice"
+            " that size at two supplies or loads; log drive or current: not 0 while it sticks means"
             " friction",
             ("dead_zone", "dead_band", "coulomb_friction", "load_friction", "gain_error"),
         ),

@@ -2,13 +2,13 @@
 
 from typing import Annotated
 
-from servo_models.core.block import LIMITS_OVER_TYPICAL, Param, SearchHints, effect
+from servo_models.core.block import LIMITS_OVER_TYPICAL, Hints, Param, effect
 
 
 @effect(
     "travel",
     source="SG90 paper sec. 4.4; valve paper sec. 2",
-    search=SearchHints(trial_values=LIMITS_OVER_TYPICAL),
+    hints=Hints(trial_values=LIMITS_OVER_TYPICAL),
 )
 def end_stops(
     travel: float,

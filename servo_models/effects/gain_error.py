@@ -2,10 +2,10 @@
 
 from typing import Annotated
 
-from servo_models.core.block import OTHER_UNITS, Param, effect
+from servo_models.core.block import OTHER_UNITS, Hints, Param, effect
 
 
-@effect("signal", source="definition", parameter_units=(OTHER_UNITS,))
+@effect("signal", source="definition", hints=Hints(parameter_units=(OTHER_UNITS,)))
 def gain_error(
     signal: float,
     error: Annotated[

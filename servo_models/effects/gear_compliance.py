@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Param, SearchHints, effect
+from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 RIGID = 1e-6
 """Compliances [rad/(N m)] below this one are rigid: their resonance would only cost steps."""
@@ -61,9 +61,9 @@ def resonance_step(
     source=SOURCE,
     name="gear_compliance",
     parts=(compliant_load, resonance_step),
-    search=SearchHints(inertia="inertia"),
-    ambiguities=(
-        Ambiguity(
+    hints=Hints(
+        inertia="inertia",
+        ambiguity=Ambiguity(
             "a chirp through the resonance, sampled 20 times faster than it",
             ("gear_compliance",),
             ("lag", "transport_delay"),

@@ -3,10 +3,10 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, SearchHints, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("load", source="definition", search=SearchHints(phase="phase"))
+@effect("load", source="definition", hints=Hints(phase="phase"))
 def gravity_load(
     load: float,
     angle: float,

@@ -3,14 +3,16 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import FirstOrderLag, Memory, Param, effect
+from servo_models.core.block import FirstOrderLag, Hints, Memory, Param, effect
 
 
 @effect(
     "signal",
     source="Franklin, Powell, Workman, Digital Control, 1998, ch. 6 (ramp invariant)",
-    small_signal=FirstOrderLag("time_constant", input="last", output="value"),
-    parameter_units=("s",),
+    hints=Hints(
+        small_signal=FirstOrderLag("time_constant", input="last", output="value"),
+        parameter_units=("s",),
+    ),
 )
 def lag(
     signal: float,

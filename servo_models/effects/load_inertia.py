@@ -2,20 +2,20 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Param, effect
+from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 
 @effect(
     "shaft_inertia",
     source="definition",
-    ambiguities=(
-        Ambiguity(
+    hints=Hints(
+        ambiguity=Ambiguity(
             "add a known inertia, or switch the torque off and let it run out",
             ("load_inertia",),
             ("gain_error",),
         ),
+        parameter_units=("kg", "kg.m2"),
     ),
-    parameter_units=("kg", "kg.m2"),
 )
 def load_inertia(
     shaft_inertia: float,

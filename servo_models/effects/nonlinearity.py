@@ -2,13 +2,13 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, SearchHints, effect
+from servo_models.core.block import Hints, Param, effect
 
 
 @effect(
     "signal",
     source="Fraden, Handbook of Modern Sensors, 2016, ch. 3",
-    search=SearchHints(assumed=("full_scale",)),
+    hints=Hints(assumed=("full_scale",)),
 )
 def nonlinearity(
     signal: float,

@@ -2,14 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Param, effect
+from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 
 @effect(
     "signal",
     source="definition",
-    ambiguities=(
-        Ambiguity(
+    hints=Hints(
+        ambiguity=Ambiguity(
             "the same moves with the pose turned upside down",
             ("offset", "null_shift"),
             ("constant_load", "gravity_load", "direction_asymmetry"),

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Grid, Param, SearchHints, effect
+from servo_models.core.block import Grid, Hints, Param, effect
 
 FINEST = 4503599627370496.0  # 2^52: beyond, every float is a whole number of codes
 
@@ -11,8 +11,11 @@ FINEST = 4503599627370496.0  # 2^52: beyond, every float is a whole number of co
 @effect(
     "signal",
     source="SG90 paper sec. 4.1 (1024 levels of 5 V)",
-    search=SearchHints(grid=Grid(low=0.2, high=150.0, least_spacing=0.0015), assumed=("rounding",)),
-    signature="codes",
+    hints=Hints(
+        grid=Grid(low=0.2, high=150.0, least_spacing=0.0015),
+        assumed=("rounding",),
+        signature="codes",
+    ),
 )
 def quantisation(
     signal: float,

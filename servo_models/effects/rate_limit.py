@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Memory, Param, SearchHints, effect
+from servo_models.core.block import Hints, Memory, Param, effect
 
 TRIALS_OVER_TYPICAL = tuple(0.03 * 1.35**k for k in range(28))
 """Over a wide range, and so near each other that a part of what one does is no better known than
@@ -12,7 +12,10 @@ what the next one does."""
 @effect(
     "signal",
     source="Klyde, McRuer, Myers, Pilot-induced oscillation analysis, 1996",
-    search=SearchHints(trial_values=TRIALS_OVER_TYPICAL, inverse=True),
+    hints=Hints(
+        trial_values=TRIALS_OVER_TYPICAL,
+        inverse=True,
+    ),
 )
 def rate_limit(
     signal: float,

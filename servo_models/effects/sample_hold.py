@@ -3,7 +3,7 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Clock, Grid, Memory, Param, SearchHints, effect
+from servo_models.core.block import Clock, Grid, Hints, Memory, Param, effect
 
 MULTIPLIER = 16807.0
 MODULUS = 2147483647.0
@@ -14,11 +14,11 @@ SHORTEST = 1e-6
 @effect(
     "signal",
     source="SG90 paper sec. 4.1 (20 ms frame); Park, Miller, CACM 31 (1988) 1192",
-    search=SearchHints(
+    hints=Hints(
         grid=Grid(low=0.15, high=10.0, least_spacing=0.0015, divides="duration"),
         assumed=("jitter",),
+        signature="clock",
     ),
-    signature="clock",
 )
 def sample_hold(
     signal: float,

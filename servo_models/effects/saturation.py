@@ -2,17 +2,17 @@
 
 from typing import Annotated
 
-from servo_models.core.block import LIMITS_OVER_TYPICAL, Ambiguity, Param, SearchHints, effect
+from servo_models.core.block import LIMITS_OVER_TYPICAL, Ambiguity, Hints, Param, effect
 
 
 @effect(
     "signal",
     source="Gelb, Vander Velde, Multiple-Input Describing Functions, 1968",
-    search=SearchHints(trial_values=LIMITS_OVER_TYPICAL),
-    ambiguities=(
-        Ambiguity(
-            "a ladder of steps up to the largest that the rig allows, back to back and spaced; log"
-            " the supply voltage",
+    hints=Hints(
+        trial_values=LIMITS_OVER_TYPICAL,
+        ambiguity=Ambiguity(
+            "a ladder of steps up to the largest that the rig allows, back to back and spaced;"
+            " log the supply voltage",
             ("saturation", "rate_limit", "supply_sag", "supply_limit", "torque_saturation"),
         ),
     ),

@@ -3,14 +3,14 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Param, effect
+from servo_models.core.block import Ambiguity, Hints, Param, effect
 
 
 @effect(
     "friction",
     source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083, eq. 3",
-    ambiguities=(
-        Ambiguity(
+    hints=Hints(
+        ambiguity=Ambiguity(
             "very slow ramps, as slow as it still moves, both ways, without and with a load",
             ("stribeck_friction",),
             ("coulomb_friction", "load_friction"),

@@ -2,15 +2,17 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Memory, Param, SearchHints, effect
+from servo_models.core.block import Ambiguity, Hints, Memory, Param, effect
 
 
 @effect(
     "signal",
     source="first-order thermal model, heating with the square of the drive",
-    search=SearchHints(assumed=("full_scale",)),
-    ambiguities=(
-        Ambiguity("ten minutes of the same step", ("thermal_drift",), ("supply_sag", "gain_error")),
+    hints=Hints(
+        assumed=("full_scale",),
+        ambiguity=Ambiguity(
+            "ten minutes of the same step", ("thermal_drift",), ("supply_sag", "gain_error")
+        ),
     ),
 )
 def thermal_drift(

@@ -3,7 +3,17 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Clock, DeadTime, Fault, Memory, Param, Queue, effect
+from servo_models.core.block import (
+    Ambiguity,
+    Clock,
+    DeadTime,
+    Fault,
+    Hints,
+    Memory,
+    Param,
+    Queue,
+    effect,
+)
 
 EDGES = 512
 
@@ -11,11 +21,11 @@ EDGES = 512
 @effect(
     "signal",
     source="valve paper eq. 12 (1.1 ms); Astrom, Hagglund, Advanced PID Control, 2006",
-    small_signal=DeadTime("time", input="newest", output="current"),
-    ambiguities=(
-        Ambiguity(
-            "a chirp up to 1 / (4 x the delay) or beyond: a delay turns the phase in a line, a lag"
-            " rolls off, a hold jitters on the clock of the command",
+    hints=Hints(
+        small_signal=DeadTime("time", input="newest", output="current"),
+        ambiguity=Ambiguity(
+            "a chirp up to 1 / (4 x the delay) or beyond: a delay turns the phase in a line, a"
+            " lag rolls off, a hold jitters on the clock of the command",
             ("transport_delay", "lag", "sample_hold"),
         ),
     ),

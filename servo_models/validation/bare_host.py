@@ -1,6 +1,6 @@
 """A bare FMI 2.0 host: ctypes and the standard library, a script for a process of its own.
 
-``host_process.py`` starts it with ``python -I -S``: the slave finds the standard library and
+``fmu_subject.py`` starts it with ``python -I -S``: the slave finds the standard library and
 what lies in its FMU, as in a host without pythonfmu, and nothing that is installed here.  It
 limits itself before it loads the FMU, answers one JSON line for each JSON line that it reads,
 and leaves standard output and error to the slave.

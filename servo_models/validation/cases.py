@@ -1,14 +1,20 @@
-"""The runs that are compared with references: what goes in, and what must come out.
+"""The runs that are compared with references, and what the folder of an actuator offers.
 
-Those of an actuator stand in its folder, ``validation/<actuator>/cases.py``.
+``validation/<actuator>/`` holds, each where there is any:
+
+    reference.py   its physics a second time, independent of the model
+    cases.py       ``cases()``: what goes in, and what must come out
+    paper.py       ``rows()``: the figures that its paper prints
+    pictures.py    ``SECTIONS`` of the report
 """
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import ModuleType
 
 import numpy as np
 
@@ -62,12 +68,19 @@ class Case:
         return LINEAR_MAIN if output == self.main else LINEAR
 
 
+def offered(part: str) -> dict[str, ModuleType]:
+    """Return the module ``part`` of every folder that has one, by actuator."""
+    found = {}
+    for folder in (one.name for one in pkgutil.iter_modules(validation.__path__) if one.ispkg):
+        package = importlib.import_module(f"{validation.__name__}.{folder}")
+        if part in {one.name for one in pkgutil.iter_modules(package.__path__)}:
+            found[folder] = importlib.import_module(f"{package.__name__}.{part}")
+    return found
+
+
 def all_cases() -> list[Case]:
     """Return every case, by actuator."""
-    folders = sorted(one.name for one in pkgutil.iter_modules(validation.__path__) if one.ispkg)
-    names = [f"{validation.__name__}.{folder}.cases" for folder in folders]
-    modules = [importlib.import_module(name) for name in names if importlib.util.find_spec(name)]
-    return [case for module in modules for case in module.cases()]
+    return [case for module in offered("cases").values() for case in module.cases()]
 
 
 def grid(stop: float, step: float) -> Array:

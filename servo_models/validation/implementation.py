@@ -12,9 +12,8 @@ from fmu_src.description import guid_of, model_description
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
+from servo_models.validation.fmu_subject import DESCRIPTION, Subject
 from servo_models.validation.rows import IMPLEMENTATION, Row, failure, judged
-from servo_models.validation.subject import Subject, drive
-from servo_models.validation.unpack import DESCRIPTION
 
 Element = tuple[str, dict[str, str]]
 """Tag and attributes of an element of a description."""
@@ -156,12 +155,12 @@ def _restored(subject: Subject, same_instance: bool) -> float:
         subject.instance(values, start, inputs[0]) as one,
         subject.instance(values, start, inputs[0]) as other,
     ):
-        drive(one, times[: middle + 1], inputs)
+        one.drive(times[: middle + 1], inputs)
         saved = one.saved()
-        drive(one, times, inputs, first=middle)
+        one.drive(times, inputs, first=middle)
         resumed = one if same_instance else other
         resumed.restore(saved)
-        return difference(expected[middle:], drive(resumed, times, inputs, first=middle))
+        return difference(expected[middle:], resumed.drive(times, inputs, first=middle))
 
 
 def _two_at_once(subject: Subject) -> float:

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from servo_models.core.block import RESERVED, Block, Clock, Fault
 from servo_models.core.plant import Placement, Plant
@@ -204,6 +203,8 @@ class PlainPlant:
         return end, known
 
     def _glide(self, now: float, end: float, inputs: Array) -> tuple[float, dict[Key, Any]]:
+        from scipy.integrate import solve_ivp
+
         scale = np.array([state.wire.scale for state in self.plant.states])
 
         def slopes(time: float, states: Array) -> list[float]:

@@ -6,14 +6,20 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from servo_models.report.result import Result
+
+if TYPE_CHECKING:
+    from servo_models.report.sections import Report
 
 IMPLEMENTATION = "implementation"
 """Claim: the FMU equals the simulation in this process."""
 MODEL = "model"
 """Claim: the response equals an independent reference."""
 PAPER = "paper"
-"""Claim: the model gives the figures printed in its paper."""
+"""Claim: the model gives the figures printed in its paper, or else those recomputed from the
+paper's own numbers.  What these numbers do not give is named, with the reason."""
 
 CLAIMS = (IMPLEMENTATION, MODEL, PAPER)
 
@@ -85,6 +91,40 @@ def failure(claim: str, where: tuple[str, str, str], reason: str, subject: str =
     return judged(claim, where, "failures of the run", 1.0, 0.0, "1", reason, subject)
 
 
+def figure(
+    where: tuple[str, str, str],
+    quantity: str,
+    got: float | None,
+    within: float,
+    unit: str = "1",
+    *,
+    printed: float | None = None,
+    recomputed: float | None = None,
+    note: str = "",
+) -> Row:
+    """Make a row that passes while ``got`` is within ``within`` of the printed figure.
+
+    ``where`` is actuator, variant and case.
+    """
+    target = recomputed if printed is None else printed
+    passed = got is not None and target is not None and bool(abs(got - target) <= within)
+    return Row(PAPER, *where, quantity, got, within, unit, passed, note, printed, recomputed)
+
+
+def not_reproducible(
+    where: tuple[str, str, str],
+    quantity: str,
+    got: float | None,
+    unit: str,
+    *,
+    printed: float,
+    recomputed: float,
+    note: str,
+) -> Row:
+    """Name a printed figure that its own paper contradicts, and why."""
+    return Row(PAPER, *where, quantity, got, None, unit, None, note, printed, recomputed)
+
+
 def tightest(rows: Iterable[Row]) -> Row:
     """Return the row that is worst: one that failed, else the one nearest to its limit."""
     return max(rows, key=_tightness)
@@ -122,8 +162,8 @@ class CostCurve:
     points: tuple[CostPoint, ...]
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Result):
     """The result of a validation.
 
     Attributes:
@@ -150,7 +190,13 @@ class Validation:
         """Return the rows of a claim."""
         return tuple(row for row in self.rows if row.claim == claim)
 
-    def as_dict(self) -> dict[str, Any]:
+    def report(self, date: str = "") -> Report:
+        """Return the verdict, what failed, every figure, and pictures of each actuator."""
+        from servo_models.validation.sections import report
+
+        return report(self, date)
+
+    def document(self) -> dict[str, Any]:
         """Return plain lists and dictionaries for JSON: the same figures, the same document.
 
         A figure that is not finite is None; times of the rows are left out.

@@ -10,35 +10,27 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
+from servo_models.build import build
+from servo_models.core.catalogue import actuators
+from servo_models.core.plant import Actuator
+from servo_models.core.simulate import Model, model
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.report.conditions import conditions
-from servo_models.validation.limits import LIMITS, Limits
-from servo_models.validation.rows import (
-    CLAIMS,
-    IMPLEMENTATION,
-    MODEL,
-    PAPER,
-    CostCurve,
-    CostPoint,
-    Row,
-    Validation,
-    failure,
-)
-
-if TYPE_CHECKING:
-    from servo_models.core.plant import Actuator
-    from servo_models.core.simulate import Model
-    from servo_models.validation.cases import Case
-    from servo_models.validation.subject import Subject
+from servo_models.validation.cases import Case, all_cases, offered
+from servo_models.validation.fmu_subject import LIMITS, Limits, Subject
+from servo_models.validation.implementation import implementation_rows
+from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
+from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
 
 Progress = Callable[[int, int, str], None]
 """Called with the number of jobs done, the number of all, and the name of the next one."""
-Job = tuple[str, Callable[[], "list[Row] | CostCurve"]]
+Job = tuple[str, Callable[[], list[Row] | CostCurve]]
+"""What is examined, and how; no rows where the FMU is over, since its first row says why."""
 
 
 def validate(
@@ -103,9 +95,6 @@ def validate(
 
 def every_model() -> list[Model]:
     """Return the default model of every actuator, and one for other equations that it has."""
-    from servo_models.core.catalogue import actuators
-    from servo_models.core.simulate import model
-
     return [
         model(actuator, variant.name)
         for actuator in actuators().values()
@@ -118,10 +107,6 @@ def every_model() -> list[Model]:
 def _open(
     subject: Model | str | Path, folder: Path, own: Actuator | None, limits: Limits
 ) -> Subject:
-    from servo_models.build import build
-    from servo_models.core.simulate import Model
-    from servo_models.validation.subject import Subject
-
     if isinstance(subject, Model):
         own = subject.actuator
         subject = build(subject, folder / f"{own.name}.fmu")
@@ -129,84 +114,48 @@ def _open(
 
 
 def _fmu_jobs(subject: Subject) -> list[Job]:
-    from servo_models.core.catalogue import actuators
-    from servo_models.validation.cases import all_cases
-    from servo_models.validation.implementation import implementation_rows
-    from servo_models.validation.plain_rows import named_cases
-
     own = subject.model
     name = own.actuator.name
-    jobs: list[Job] = [
-        (f"{name}: FMU against simulation", lambda: implementation_rows(subject)),
-    ]
     each = actuators().get(name) is not own.actuator  # those of the catalogue have references
-    for case_name, chosen in named_cases(own, each).items():
-        jobs.append((f"{name}: blocks, {case_name}", _plain_job(subject, chosen, case_name)))
-    for case in all_cases():
-        if case.actuator != name:
-            continue
-        if own.actuator.plant_of(case.variant).has_equations_of(own.plant):
-            jobs.append((f"{name} {case.variant}: {case.name}", _case_job(case, subject)))
-    return jobs
+    return [
+        (f"{name}: FMU against simulation", partial(implementation_rows, subject)),
+        *(
+            (f"{name}: blocks, {case_name}", partial(_plain_rows, subject, chosen, case_name))
+            for case_name, chosen in named_cases(own, each).items()
+        ),
+        *(
+            (f"{name} {case.variant}: {case.name}", partial(_case_rows, case, subject))
+            for case in all_cases()
+            if case.actuator == name
+            and own.actuator.plant_of(case.variant).has_equations_of(own.plant)
+        ),
+    ]
 
 
-def _plain_job(subject: Subject, chosen: Model, name: str) -> Callable[[], list[Row]]:
-    from servo_models.validation.plain_rows import plain_row
-
-    return lambda: [] if subject.over else [plain_row(subject, chosen, name)]
+def _plain_rows(subject: Subject, chosen: Model, name: str) -> list[Row]:
+    return [] if subject.over else [plain_row(subject, chosen, name)]
 
 
-def _case_job(case: Case, subject: Subject) -> Callable[[], list[Row]]:
-    from servo_models.core.simulate import model
-    from servo_models.validation.responses import response_rows
-
+def _case_rows(case: Case, subject: Subject) -> list[Row]:
+    if subject.over:
+        return []
     step = {"internal_step": subject.model.values["internal_step"]}
-    where = (case.actuator, case.variant, case.name)
-
-    def rows() -> list[Row]:
-        if subject.over:
-            return []  # its first row says why
-        try:
-            chosen = model(case.actuator, case.variant, {**case.parameters, **step})
-            return response_rows(case, chosen, subject.run, subject.name)
-        except UserError as error:
-            return [failure(MODEL, where, str(error), subject.name)]
-
-    return rows
+    try:
+        chosen = model(case.actuator, case.variant, {**case.parameters, **step})
+        return response_rows(case, chosen, subject.run, subject.name)
+    except UserError as error:
+        where = (case.actuator, case.variant, case.name)
+        return [failure(MODEL, where, str(error), subject.name)]
 
 
 def _actuator_jobs(opened: list[Subject]) -> list[Job]:
-    from servo_models.validation.cases import all_cases
-    from servo_models.validation.sg90 import paper as paper_sg90
-    from servo_models.validation.torque_motor import paper as paper_torque_motor
-
-    papers = {"sg90": paper_sg90.rows, "torque_motor": paper_torque_motor.rows}
     names = list(dict.fromkeys(subject.model.actuator.name for subject in opened))
-    jobs: list[Job] = [
-        (f"{name}: figures of the paper", papers[name]) for name in names if name in papers
+    papers = offered("paper")
+    return [
+        *((f"{name}: figures of the paper", papers[name].rows) for name in names if name in papers),
+        *(
+            (f"{case.actuator}: error against step size", partial(cost_curve, case))
+            for case in all_cases()
+            if case.cost and case.actuator in names
+        ),
     ]
-    for case in all_cases():
-        if case.cost and case.actuator in names:
-            jobs.append((f"{case.actuator}: error against step size", _cost_job(case)))
-    return jobs
-
-
-def _cost_job(case: Case) -> Callable[[], CostCurve]:
-    from servo_models.validation.cost import cost_curve
-
-    return lambda: cost_curve(case)
-
-
-__all__ = [
-    "CLAIMS",
-    "IMPLEMENTATION",
-    "MODEL",
-    "PAPER",
-    "CostCurve",
-    "CostPoint",
-    "Limits",
-    "Row",
-    "Validation",
-    "every_model",
-    "validate",
-]

@@ -1,4 +1,7 @@
-"""What could have been said of a case: fits to the logs without noise, begun at the truth.
+"""What a diagnosis says of a case, and what could have been said of it.
+
+A diagnosis sees the description and its logs.  The oracle knows the answer and the logs without
+noise, and begins its fits at the truth.
 
 Where the logs hardly tell the truth from something else, to miss it is no fault of a
 diagnosis.  So the truth and its rivals are fitted to the noise-free logs, the hidden effect
@@ -19,9 +22,10 @@ Both numbers were set before any diagnosis was scored.
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -33,20 +37,58 @@ from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.data.readers import read_columns
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.fitting.evidence import dispersion
 from servo_models.diagnosis.fitting.explanation import Bench, Explanation
 from servo_models.diagnosis.fitting.nominal import nominal_parameters
 from servo_models.diagnosis.search.fits import beside, likeliest, together
 from servo_models.diagnosis.search.pairs_seen import pairs
 from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.verdict import NO_GAP
+from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.withheld.said import Said
 
+FAILED = "failed"
 HALF = 0.5
 DISTANCE = 5.0
 RIVALS = 4
 """Nearest rivals that are fitted, of those that the diagnosis has tried."""
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """What a diagnosis said of a case.
+
+    Attributes:
+        case: its name.
+        verdict: one of the six, or ``"failed"``, with ``why``.
+        seconds: that it took, files read included.
+        named: effects of the explanation at first place, none where there is no gap.
+        members: effects of the set that cannot be told apart.
+        chances: probability of each effect, by name.
+        tried: effects of every explanation that was fitted, best first.
+        left: held-out error [noise floors] that each of them leaves.
+        values: free parameters [SI] of each of them, by name.
+        floors: noise floor [SI] by output.
+        imitated: effects that re-tuned parameters are said to imitate, None where that was not
+            looked at.
+        before, after: held-out error [noise floors] of the nominal model and of the one named.
+    """
+
+    case: str
+    verdict: str
+    seconds: float
+    why: str = ""
+    named: list[str] = field(default_factory=list)
+    members: list[str] = field(default_factory=list)
+    chances: dict[str, float] = field(default_factory=dict)
+    tried: list[list[str]] = field(default_factory=list)
+    left: list[float] = field(default_factory=list)
+    values: list[dict[str, float]] = field(default_factory=list)
+    floors: dict[str, float] = field(default_factory=dict)
+    before: float = 0.0
+    after: float = 0.0
+    imitated: list[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,7 +126,43 @@ class Question:
 
     folder: Path
     answer: dict[str, Any]
-    said: Said
+    said: Diagnosed
+
+
+def diagnose_case(folder: Path) -> dict[str, Any]:
+    """Diagnose the case in a folder; returns a ``Diagnosed`` as a dictionary.
+
+    Whatever goes wrong is an answer too, and a wrong one: the other cases go on.
+    """
+    begin = time.perf_counter()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = diagnose(folder / "description.toml", jobs=1)
+    except Exception as error:  # a crash is a figure of the diagnosis, not of this run
+        why = f"{type(error).__name__}: {error}" if not isinstance(error, UserError) else str(error)
+        return asdict(Diagnosed(folder.name, FAILED, time.perf_counter() - begin, why))
+    return asdict(_said(folder.name, found, time.perf_counter() - begin))
+
+
+def _said(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
+    causes, verdict = found.causes, found.verdict
+    tried = sorted([*causes.singles, *causes.pairs, *causes.more], key=lambda one: one.evidence.rms)
+    return Diagnosed(
+        case=case,
+        verdict=verdict.kind,
+        seconds=seconds,
+        named=[] if verdict.kind == NO_GAP else list(causes.taken.effects),
+        members=list(verdict.members),
+        chances=verdict.chances,
+        tried=[list(one.effects) for one in tried],
+        left=[one.evidence.rms for one in tried],
+        values=[one.values for one in tried],
+        floors=found.floors,
+        before=causes.before.rms,
+        after=causes.taken.evidence.rms,
+        imitated=[one.name for one in found.imitated],
+    )
 
 
 def seen(truth: float, rival: float, samples: int, noise: float) -> bool:
@@ -147,7 +225,7 @@ def _known(question: Question, names: Sequence[str]) -> Known:
     )
 
 
-def rivals(said: Said, names: Iterable[str], hidden: Iterable[str]) -> list[list[str]]:
+def rivals(said: Diagnosed, names: Iterable[str], hidden: Iterable[str]) -> list[list[str]]:
     """Return the nearest explanations tried that are not the truth, with no more effects.
 
     A cause outside the catalogue has no names, and every explanation is a rival.
@@ -201,7 +279,7 @@ def _error(explanation: Explanation) -> float:
     return float(np.sqrt(np.mean(explanation.evidence.errors**2)))
 
 
-def _bench(told: Description, said: Said) -> Bench:
+def _bench(told: Description, said: Diagnosed) -> Bench:
     return Bench(told.model, told.logs, nominal_parameters(told), dict(said.floors)).surveyed()
 
 

@@ -17,25 +17,36 @@ from __future__ import annotations
 
 import hashlib
 import json
+import multiprocessing
 import os
 import shutil
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, field
+from multiprocessing.connection import wait
 from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import write_whole
-from servo_models.withheld.answers import unlock
-from servo_models.withheld.generator.case import TIERS
-from servo_models.withheld.journal import work_through
-from servo_models.withheld.oracle import Known, Question, ask_oracle
-from servo_models.withheld.said import Said, diagnose_case
+from servo_models.report.conditions import conditions
+from servo_models.report.result import Result
+from servo_models.withheld.generator.cases import TIERS
+from servo_models.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case
 from servo_models.withheld.score import NOTHING, Cases, join
+
+if TYPE_CHECKING:
+    from servo_models.report.sections import Report
 
 Tell = Callable[[int, int, str], None]
 """Called with cases done, cases in all, and what is being done."""
+Task = TypeVar("Task")
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -47,14 +58,34 @@ class Asked:
     tiers: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Check:
-    """A withheld check that is done."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Result):
+    """A withheld check that is done.
+
+    Attributes:
+        seed, tiers: what it was asked for.
+        seal: of the answers.
+        cases: with their answers.
+        versions: of what it ran on, by name.
+    """
 
     seed: int
     tiers: tuple[str, ...]
     seal: str
     cases: Cases
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    def report(self, date: str = "") -> Report:
+        """Return the figures of every tier, what was mistaken for what, and the calibration."""
+        from servo_models.withheld.sections import report
+
+        return report(self, date)
+
+    def document(self) -> dict[str, Any]:
+        """Return the check by the schema in ``schema.json``."""
+        from servo_models.withheld.sections import document
+
+        return document(self)
 
 
 def check_tiers(words: str) -> tuple[str, ...]:
@@ -92,7 +123,7 @@ def run_blind(
     seal = sealed_cases(folder, asked, tell)
     announce(seal)
     said = {
-        case: Said(**row)
+        case: Diagnosed(**row)
         for case, row in work_through(
             folder / "results.jsonl",
             {case.name: case for case in sorted((folder / "cases").iterdir())},
@@ -116,7 +147,7 @@ def run_blind(
             lambda done, every: tell(done, every, "asking the oracle"),
         ).items()
     }
-    return Check(asked.seed, asked.tiers, seal, join(answers, said, known))
+    return Check(asked.seed, asked.tiers, seal, join(answers, said, known), conditions())
 
 
 def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
@@ -186,3 +217,116 @@ def _generated(folder: Path, asked: Asked, tell: Tell) -> str:
     if process.returncode:
         raise UserError(f"the generator cannot write '{folder}': {said.removeprefix('error: ')}")
     return seal
+
+
+def unlock(folder: Path, seal: str) -> list[dict[str, Any]]:
+    """Return the answers, one per case; see ``generator.files`` for what is in them.
+
+    Args:
+        folder: what the generator wrote.
+        seal: what it printed, before any diagnosis began.
+
+    Raises:
+        UserError: no answers there, answers that the seal is not of, or another file than the
+            generator wrote.
+    """
+    path = folder / "answers.json"
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise UserError(f"'{path}' cannot be read: {error.strerror}") from error
+    if hashlib.sha256(text).hexdigest() != seal:
+        raise UserError(f"'{path}' is not what was sealed: generate the cases again")
+    answers: list[dict[str, Any]] = json.loads(text)["cases"]
+    for answer in answers:
+        for name, digest in answer["files"].items():
+            file = folder / name
+            if not file.is_file() or hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+                raise UserError(f"'{file}' is not what was generated: generate the cases again")
+    return answers
+
+
+def work_through(
+    path: Path,
+    tasks: Mapping[str, Task],
+    do: Callable[[Task], Row],
+    jobs: int,
+    tell: Callable[[int, int], None],
+) -> dict[str, Row]:
+    """Return what ``do`` makes of every task, by case; what ``path`` holds is not done again.
+
+    Args:
+        path: a line of JSON for every case that is done.
+        tasks: by case.
+        do: from a task to a row with its ``"case"``, a function of a module.
+        jobs: processes.
+        tell: is told how many cases are done, and how many there are.
+
+    Raises:
+        UserError: a process ended before its work, or a task failed; all others are kept.
+    """
+    rows = _read(path)
+    left = {case: task for case, task in tasks.items() if case not in rows}
+    tell(len(rows), len(tasks))
+    if not left:
+        return rows
+    failed: dict[str, Exception] = {}
+    processes = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(jobs, len(left)), processes, initializer=_be_quiet)
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            begun = {pool.submit(do, task): case for case, task in left.items()}
+            for future in as_completed(begun):
+                try:
+                    row = future.result()
+                except BrokenProcessPool:
+                    raise
+                except Exception as error:  # the other cases go on
+                    failed[begun[future]] = error
+                    continue
+                rows[row["case"]] = row
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+                tell(len(rows), len(tasks))
+    except BrokenProcessPool as error:
+        raise UserError(
+            f"a process ended before its work after {len(rows)} cases: use fewer --jobs where"
+            " memory is short, and the same --folder to go on"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+    for case, reason in failed.items():
+        raise UserError(
+            f"{len(failed)} of {len(tasks)} cases failed, case '{case}' with"
+            f" {type(reason).__name__}: {reason}; the others are in '{path}': mend that, and use"
+            " the same --folder to go on"
+        ) from reason
+    return rows
+
+
+def _be_quiet() -> None:
+    """Ctrl-C is for the process that waits: the others finish their case and end.
+
+    Where that process is killed they end at once, since nobody would keep what they find.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent
+    wait([parent.sentinel])
+    os._exit(1)
+
+
+def _read(path: Path) -> dict[str, Row]:
+    """Rows by case; a line that was being written when everything stopped is cut off."""
+    if not path.exists():
+        return {}
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        path.write_bytes(whole)
+    rows = [json.loads(line) for line in whole.splitlines()]
+    return {row["case"]: row for row in rows}

@@ -12,13 +12,58 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from servo_models.diagnosis.verdict import FEW, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.withheld.interval import Figure, mean, share
-from servo_models.withheld.oracle import Known
-from servo_models.withheld.said import FAILED, Said
+from servo_models.withheld.oracle import FAILED, Diagnosed, Known
 
 NOTHING = "nothing"
 BINS = (0.0, 0.05, 0.5, 0.7, 0.9, 0.99, 1.0)
+"""Edges between which probabilities are compared with what happened."""
+CONFIDENCE = 0.95
+DRAWS, SEED = 2000, 0
+"""Of the bootstrap of a mean."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure, its 95 % interval, and the number of cases behind it; None for no cases."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+
+
+NONE = Figure(None, None, None, 0)
+
+
+def share(flags: Iterable[bool]) -> Figure:
+    """Return the share that is true, with its Wilson interval.
+
+    Source: E. B. Wilson, J. American Statistical Association 22 (1927) 209.
+    """
+    from scipy.stats import binomtest
+
+    found = list(flags)
+    if not found:
+        return NONE
+    test = binomtest(sum(found), len(found))
+    interval = test.proportion_ci(CONFIDENCE, method="wilson")
+    return Figure(float(test.statistic), float(interval.low), float(interval.high), len(found))
+
+
+def mean(values: Iterable[float]) -> Figure:
+    """Return the mean, with its bootstrap interval (percentiles).
+
+    Source: Efron, Tibshirani, An Introduction to the Bootstrap (1993), ch. 13.
+    """
+    found = np.array(list(values), dtype=float)
+    if not len(found):
+        return NONE
+    drawn = np.random.default_rng(SEED).choice(found, (DRAWS, len(found))).mean(axis=1)
+    low, high = np.quantile(drawn, [0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0])
+    return Figure(float(found.mean()), float(low), float(high), len(found))
 
 
 @dataclass(frozen=True)
@@ -38,7 +83,7 @@ class Case:
     kind: str
     truth: frozenset[str]
     hidden: frozenset[str]
-    said: Said
+    said: Diagnosed
     known: Known | None
 
     @property
@@ -76,7 +121,7 @@ Cases = Sequence[Case]
 
 
 def join(
-    answers: Iterable[dict[str, Any]], said: dict[str, Said], known: dict[str, Known]
+    answers: Iterable[dict[str, Any]], said: dict[str, Diagnosed], known: dict[str, Known]
 ) -> Cases:
     """Return the cases in the order of their answers."""
     return [
@@ -289,7 +334,7 @@ def confusion(cases: Cases) -> dict[str, dict[str, int]]:
     return {truth: dict(answers.most_common()) for truth, answers in sorted(found.items())}
 
 
-def _answer(said: Said) -> str:
+def _answer(said: Diagnosed) -> str:
     return (
         said.verdict if said.verdict == OUTSIDE else " + ".join(sorted(said.named)) or said.verdict
     )

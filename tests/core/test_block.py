@@ -18,11 +18,11 @@ from servo_models.core.block import (
     DeadTime,
     Fault,
     FirstOrderLag,
+    Hints,
     Memory,
     Mode,
     Param,
     Queue,
-    SearchHints,
     block,
     effect,
 )
@@ -101,25 +101,23 @@ def test_an_effect_without_switch_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("declared", "said"),
+    ("hints", "said"),
     [
-        ({"search": SearchHints(phase="angle")}, "declares what it has not: parameter 'angle'"),
-        ({"search": SearchHints(assumed=("size", "bits"))}, "has not: parameter 'bits'"),
-        ({"small_signal": DeadTime("time", "size", "size")}, "has not: parameter 'time'"),
-        ({"small_signal": FirstOrderLag("size", "last", "last")}, "has not: memory 'last'"),
-        ({"signature": "tones"}, "no signature 'tones' is known"),
-        ({"ambiguities": (Ambiguity("look", ("lag", "offset")),)}, "in no group of an ambiguity"),
+        (Hints(phase="angle"), "has no parameter 'angle' to hint at"),
+        (Hints(assumed=("size", "bits")), "has no parameter 'bits'"),
+        (Hints(small_signal=DeadTime("time", "size", "size")), "has no parameter 'time'"),
+        (Hints(small_signal=FirstOrderLag("size", "last", "last")), "has no memory 'last'"),
+        (Hints(signature="tones"), "no signature 'tones' is known"),  # type: ignore[arg-type]
+        (Hints(ambiguity=Ambiguity("look", ("lag", "offset"))), "is not in the group"),
     ],
 )
-def test_a_declaration_of_what_an_effect_has_not_is_refused(
-    declared: dict[str, Any], said: str
-) -> None:
+def test_a_hint_at_what_an_effect_has_not_is_refused(hints: Hints, said: str) -> None:
     def widened(signal: float, size: Annotated[float, Param("1", "size", switch=True)]) -> float:
         """Wider by a size."""
         return signal + size
 
     with pytest.raises(ValueError, match=f"effect 'widened'.*{said}"):
-        effect("signal", source="here", **declared)(widened)
+        effect("signal", source="here", hints=hints)(widened)
 
 
 @pytest.mark.parametrize(

@@ -114,20 +114,6 @@ def test_a_start_value_may_not_depend_on_inputs() -> None:
     assert flatten(plant(*CHAIN, start="doubled"), "fine").start[0][0] == "doubled"
 
 
-def test_one_name_for_two_things_is_refused() -> None:
-    twice = plant(*CHAIN)
-    clash = Plant(
-        inputs=twice.inputs,
-        wires=twice.wires,
-        chain=twice.chain,
-        states=(State(Wire("internal_step", "1", "state"), "slope"), *twice.states),
-        outputs=twice.outputs,
-        constants=twice.constants,
-    )
-    with pytest.raises(ValueError, match=r"\['internal_step'\] mean two things"):
-        flatten(clash, "clash")
-
-
 def test_effects_on_one_wire_act_in_the_order_of_the_chain() -> None:
     then_offset = held_bench(gain_error, place("after", offset, "signal"))
     then_gain = held_bench(offset, place("after", gain_error, "signal"))

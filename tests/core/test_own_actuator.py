@@ -6,7 +6,6 @@ import ast
 import math
 from collections.abc import Callable
 from pathlib import Path
-from zipfile import ZipFile
 
 import fmpy
 import numpy as np
@@ -18,6 +17,7 @@ from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError
 from tests.conftest import Run
+from tests.support.archives import with_description
 from tests.support.own_actuators import SOURCE, WITH_EFFECTS, runs, write
 
 
@@ -244,15 +244,12 @@ def test_an_fmu_names_no_file(
     path = write(tmp_path)
     monkeypatch.chdir(tmp_path)
     for name in ("joint.py", str(path)):
-        evil = tmp_path / "evil.fmu"
-        with ZipFile(fmu_file("torque_motor")) as good, ZipFile(evil, "w") as bad:
-            for entry in good.namelist():
-                content = good.read(entry)
-                if entry == "modelDescription.xml":
-                    changed = f'modelName="{name}"'.encode()
-                    content = content.replace(b'modelName="torque_motor"', changed)
-                    assert changed in content
-                bad.writestr(entry, content)
+        other = f'modelName="{name}"'.encode()
+        evil = with_description(
+            fmu_file("torque_motor"),
+            tmp_path / "evil.fmu",
+            lambda text, other=other: text.replace(b'modelName="torque_motor"', other),
+        )
         assert run("validate", evil)[0] in (1, 2)
         assert runs(path) == 0
 

@@ -20,7 +20,6 @@ from servo_models.data.schema import Section, read_toml
 from servo_models.errors import UserError
 from servo_models.files import read_regular
 from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
-from servo_models.units import parse
 from tests.conftest import Run
 from tests.support.own_actuators import write
 
@@ -28,6 +27,7 @@ FUZZ = Path(__file__).parents[1] / "fuzz" / "inputs.py"
 NO_END_SECONDS = 550
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="its limits are of Linux")
 def test_a_share_of_the_damaged_inputs() -> None:
     words = [sys.executable, str(FUZZ), "--count", "80", "--seed", "17"]
@@ -125,15 +125,6 @@ def test_sweeps_of_a_wrong_type(tmp_path: Path, sweeps: str) -> None:
         raw_records(read_toml(path))
 
 
-def test_times_that_last_too_long_are_told_with_the_file(tmp_path: Path, run: Run) -> None:
-    path = tmp_path / "in.csv"
-    path.write_text("time,pulse_width\n0,1.5e-3\n1e12,1.5e-3\n")
-    code, _, err = run("simulate", "sg90", "--inputs", path)
-    assert code == 2
-    assert f"'{path}', rows counted from 0" in err
-    assert "row 0" in err
-
-
 def test_a_limit_that_no_flag_raises_names_none(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_bytes(b"#" * 300)
@@ -189,12 +180,6 @@ def test_a_very_long_name_on_the_command_line(run: Run, command: list[str]) -> N
         code, _, err = run(*command, "x" * 3000 + suffix)
         assert code == 2
         assert "Traceback" not in err
-
-
-@pytest.mark.parametrize("text", ["xyz", "1.2.3", "1e999", "thousands", "1 parsec_", "1 mol"])
-def test_what_is_no_quantity_is_told_with_the_cure(text: str) -> None:
-    with pytest.raises(UserError, match=r"; (write one|correct it|name one)"):
-        parse(10**5000 if text == "thousands" else text, "rad")
 
 
 @pytest.mark.parametrize(

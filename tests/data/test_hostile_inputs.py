@@ -38,17 +38,25 @@ def small() -> Iterator[int]:
     largest_input.reset(token)
 
 
+CHECK_EACH = """
+import sys
+from servo_models.cli import main
+for path in sys.argv[1:]:
+    assert main(["check", path, *([] if path.endswith("toml") else ["--init"])]) == 2
+"""
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name here")
-@pytest.mark.parametrize("suffix", [".csv", ".json", ".parquet", ".mat", ".ulg", ".mcap", ".toml"])
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"pipe{suffix}"
-    os.mkfifo(path)
-    words = [sys.executable, "-m", "servo_models", "check", str(path)]
-    words += [] if suffix == ".toml" else ["--init"]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
-    assert done.returncode == 2
-    assert "no regular file" in done.stderr
-    assert "Traceback" not in done.stderr
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    """In a process of its own: one that waits cannot be ended otherwise."""
+    suffixes = ("csv", "json", "parquet", "mat", "ulg", "mcap", "toml")
+    paths = [tmp_path / f"pipe.{suffix}" for suffix in suffixes]
+    for path in paths:
+        os.mkfifo(path)
+    command = [sys.executable, "-c", CHECK_EACH, *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("no regular file") == len(paths)
 
 
 @pytest.mark.parametrize(

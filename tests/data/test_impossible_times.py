@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.core.simulate import model, simulate
@@ -94,6 +94,7 @@ def test_a_table_of_inputs_that_never_ends(tmp_path: Path, run: Run) -> None:
     (tmp_path / "pulses.csv").write_text("time,pulse_width\n0,0.0015\n1,0.0016\n1e12,0.0016\n")
     code, out, err = run("simulate", "sg90", "--inputs", tmp_path / "pulses.csv")
     assert (code, out) == (2, "")
+    assert "pulses.csv', rows counted from 0" in err
     assert "internal steps" in err
     assert "follows row 1" in err
 
@@ -143,6 +144,7 @@ def ask(text: str) -> None:
         factor(text, "m")
 
 
+@settings(max_examples=20)
 @given(st.lists(st.text("m9.*/^()- s%d1", min_size=1, max_size=40), min_size=50, max_size=50))
 def test_no_unit_hangs(units: list[str]) -> None:
     process = multiprocessing.get_context("fork").Process(target=lambda: [ask(u) for u in units])

@@ -41,6 +41,7 @@ def test_codes_under_a_little_noise_show_their_step(
     assert min(abs(one.size / step - 1.0) for one in found) < 0.005
 
 
+@pytest.mark.thorough
 def test_the_error_of_a_step_is_that_of_the_line_through_its_codes() -> None:
     """Standard scores of many draws have a deviation of one; noise with a memory has been
     allowed for, so that of white noise is less."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from servo_models.diagnosis.clock import Answers
-from servo_models.diagnosis.detectors import DOUBTFUL, Codes, detection, sentence
+from servo_models.diagnosis.detectors import DOUBTFUL_PROBABILITY, Codes, detection, sentence
 from servo_models.diagnosis.fitting.explanation import Explanation
 from servo_models.diagnosis.sections import pictures
 from servo_models.report.style import figure
@@ -42,7 +42,7 @@ def test_codes_are_as_bunched_as_the_noise_after_them_allows() -> None:
 def test_another_step_than_the_true_one_is_not_confirmed() -> None:
     seen = detection(with_codes({f"{QUANTISER}.step": STEP}, 0.618 * STEP), QUANTISER)
     assert seen is not None
-    assert seen.chance > DOUBTFUL
+    assert seen.chance > DOUBTFUL_PROBABILITY
     assert sentence(seen).endswith("which confirms nothing")
 
 
@@ -91,4 +91,4 @@ def test_where_a_reading_rests_is_no_code(seed: int) -> None:
         for size in ({f"{QUANTISER}.step": step} for step in steps)
     ]
     assert max(it.bunched for it in seen if it) > 0.5
-    assert min(it.chance for it in seen if it) > DOUBTFUL
+    assert min(it.chance for it in seen if it) > DOUBTFUL_PROBABILITY

@@ -49,12 +49,14 @@ def torque_motor(folder: Path) -> Diagnosis:
     return diagnose(folder / "torque_motor.toml")
 
 
+@pytest.mark.thorough
 def test_table_1_lacks_the_delay_of_eq_12_and_nothing_else(torque_motor: Diagnosis) -> None:
     assert torque_motor.verdict.kind == "effect"
     assert torque_motor.causes.taken.effects == ("transport_delay",)
     assert torque_motor.verdict.members == ("transport_delay",)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "printed", "within"),
     [
@@ -71,6 +73,7 @@ def test_the_diagnosis_finds_what_table_2_prints(
     assert found[name] == pytest.approx(printed, abs=within)
 
 
+@pytest.mark.thorough
 def test_parameters_alone_do_not_explain_the_torque_motor(torque_motor: Diagnosis) -> None:
     rms = torque_motor.gap.rms
     assert rms["before"] > rms["retuned"] > 10.0

@@ -23,6 +23,7 @@ def chances(better: Array, worse: Array, count: int = 200) -> Array:
     return np.array([consistency(one, other) for one, other in pairs])
 
 
+@pytest.mark.thorough
 def test_two_that_are_alike_differ_by_chance_as_often_as_is_said() -> None:
     """Of 2000 pairs; more than 0.065 would be three standard errors above 0.05."""
     even = np.ones(BLOCKS)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.analysis.experiment import in_time
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.tables import read_inputs
@@ -28,7 +28,7 @@ from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter
 from tests.conftest import Run
 from tests.support.logs import changed, measured
-from tests.support.two_levels import DEAD_ZONE, FLOOR, HEAD, LOG, STEP, TWO_LEVELS
+from tests.support.two_levels import DEAD_ZONE, FLOOR, HEAD, STEP, TWO_LEVELS, record
 
 KNOWN = {"resistance": 36.3, "stiffness": 0.011, "rotor_inertia": 7e-9}
 """Standard deviations: the constants of Table 1 to 1 %."""
@@ -85,22 +85,13 @@ def test_the_set_shrinks_to_the_truth(
     assert both.members == ("drive_dead_zone",)
 
 
-def record(file: Path, times: Array, voltage: Array, seed: int) -> str:
-    """Play a command on the rig with its dead zone; returns the lines that describe the log."""
-    rig = model("torque_motor", "estimated", {"end_stops.half_range": 0.0, **DEAD_ZONE})
-    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
-    angle = simulate(rig, times, {"voltage": voltage})["angle"] + noise
-    rows = np.column_stack([times, voltage, angle])
-    np.savetxt(file, rows, "%.12g", delimiter=",", header="t,u,angle", comments="")
-    return LOG.format(file.name)
-
-
 @pytest.mark.thorough
 def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Path) -> None:
     """From a description to a table, from the rig that plays it to a second log of the same."""
     rig, found = tmp_path / "rig.toml", tmp_path / "d.json"
+    true = model("torque_motor", "estimated", {"end_stops.half_range": 0.0, **DEAD_ZONE})
     times = STEP * np.arange(float(len(TWO_LEVELS)))
-    text = HEAD + record(tmp_path / "first.csv", times, TWO_LEVELS, 1)
+    text = HEAD + record(tmp_path / "first.csv", true, times, TWO_LEVELS, 1)
     rig.write_text(text)
     assert run("diagnose", rig, "--json", found)[0] == 1
     document = json.loads(found.read_text())
@@ -108,7 +99,7 @@ def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Pa
     assert {one["name"] for one in document["effects"] if one["in_set"]} >= STATIC
     told = max(document["next_experiments"], key=lambda it: it["separation"])
     times, inputs = read_inputs(tmp_path / told["file"], nominal().plant)
-    rig.write_text(text + record(tmp_path / "second.csv", times, inputs["voltage"], 2))
+    rig.write_text(text + record(tmp_path / "second.csv", true, times, inputs["voltage"], 2))
     assert run("diagnose", rig, "--json", found)[0] == 1
     document = json.loads(found.read_text())
     assert document["verdict"] == "effect"

@@ -29,7 +29,7 @@ from servo_models.diagnosis.verdict import Verdict
 from tests.conftest import Run
 from tests.support.delayed_motor import check_schema
 from tests.support.logs import changed
-from tests.support.two_levels import DEAD_ZONE, FLOOR, LOG, TWO_LEVELS
+from tests.support.two_levels import DEAD_ZONE, STEP, TWO_LEVELS, record
 
 MANY = np.repeat([0.0, 3.0, 10.0, -6.0, -1.0, 14.0, -14.0, 1.0, -4.0, 0.0], 120)
 HEAD = """
@@ -49,19 +49,10 @@ def rig(effects: dict[str, float]) -> Model:
     return model("torque_motor", "measured", values)
 
 
-def record(file: Path, effects: dict[str, float], volts: Array, seed: int, step: float) -> str:
-    """Play a command on a rig; returns the lines that describe its log."""
-    times = step * np.arange(float(len(volts)))
-    noise = FLOOR * np.random.default_rng(seed).standard_normal(len(times))
-    angle = simulate(rig(effects), times, {"voltage": volts})["angle"] + noise
-    rows = np.column_stack([times, volts, angle])
-    np.savetxt(file, rows, "%.12g", delimiter=",", header="t,u,angle", comments="")
-    return LOG.format(file.name)
-
-
 def described(folder: Path, effects: dict[str, float], volts: Array) -> Path:
     path = folder / "rig.toml"
-    path.write_text(HEAD + record(folder / "first.csv", effects, volts, 1, 5e-4))
+    times = STEP * np.arange(float(len(volts)))
+    path.write_text(HEAD + record(folder / "first.csv", rig(effects), times, volts, 1))
     return path
 
 
@@ -186,8 +177,7 @@ def test_the_next_experiment_shows_what_was_imitated(
     assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
     number = [one.other for one in planned].index(("drive_dead_zone",)) + 1
     table = np.loadtxt(folder / f"rig_next_{number}.csv", delimiter=",", skiprows=1)
-    step = float(np.median(np.diff(table[:, 0])))
-    second = record(folder / "second.csv", DEAD_ZONE, table[:, 1], 2, step)
+    second = record(folder / "second.csv", rig(DEAD_ZONE), *table.T, 2)
     (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
     both = diagnose(folder / "both.toml", jobs=1)
     assert both.verdict.members == ("drive_dead_zone",)

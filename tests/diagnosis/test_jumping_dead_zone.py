@@ -38,6 +38,7 @@ def rig(half_width: float, kept: float) -> tuple[Bench, Candidate]:
     return Bench(nominal, [log], free, {"angle": NOISE}).surveyed(), one
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("half_width", "kept"), [(0.55, 0.6), (0.55, 0.3), (0.3, 0.5), (0.8, 0.8), (0.4, 0.7)]
 )

@@ -14,9 +14,9 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
+from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.fitting.evidence import advantage
 from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.fitting.stepwise import shifted
 from servo_models.diagnosis.fitting.worth import LIKELY, earns
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.pairs_seen import pairs
@@ -90,6 +90,7 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
     assert found.evidence.rms < 1.2
 
 
+@pytest.mark.thorough
 def test_no_search_ends_on_the_edge_of_a_stair() -> None:
     """There the delay can only fall off, while the other parameters still make up for it."""
     nominal, step, count = model("sg90", "measured"), 1.2e-3, 700

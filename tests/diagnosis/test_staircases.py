@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.stepwise import shifted
+from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.looks import seen_beside
 from servo_models.diagnosis.search.pairing import stairs_seen
@@ -78,7 +78,7 @@ def test_an_effect_that_is_on_is_not_on_the_list() -> None:
 def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
     """Or they are as near each other as is worth it: with n stairs, n times the change."""
     plant = model("torque_motor").plant
-    grid = plant.main(name).effect.search.grid
+    grid = plant.main(name).effect.hints.grid
     assert grid
     (switch,) = [it for it in plant.parameters.values() if it.owner == name and it.param.switch]
     whole = stairs * switch.param.typical
@@ -113,6 +113,7 @@ def test_a_fit_from_the_size_of_a_hold_does_not_leave_it(second: str, period: fl
     assert found.evidence.rms == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("period", [1.7e-3, 2.43e-3, 3.11e-3])
 def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     """Its needle is narrower than the sizes that are looked at first are apart."""

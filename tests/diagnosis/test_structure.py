@@ -72,6 +72,7 @@ PARTS: dict[str, Callable[[int], Array]] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 @pytest.mark.parametrize(("count", "size"), [(100, 20.0), (300, 12.0), (1500, 12.0), (1500, 20.0)])
 def test_errors_louder_than_the_audit_allows_are_no_noise(
@@ -107,6 +108,7 @@ def test_audited_floor_is_a_seventh_of_noise_or_more(memory: float) -> None:
         assert difference_noise(reading) > 1.0 / LOUDEST
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("memory", "share"), [(0.0, 0.05), (0.5, 0.05), (0.7, 0.05), (0.9, 0.1)])
 @pytest.mark.parametrize("count", [300, 1500])
 def test_noise_of_any_colour_is_not_structured(memory: float, share: float, count: int) -> None:
@@ -123,6 +125,7 @@ def test_noise_is_estimated_without_bias_beside_what_is_structured(memory: float
     assert np.median([one.structured for one in found]) == pytest.approx(4.0, rel=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(PARTS))
 @pytest.mark.parametrize(("memory", "size"), [(0.0, 0.7), (0.6, 1.2)])
 def test_what_a_model_lacks_is_found(name: str, memory: float, size: float) -> None:
@@ -132,6 +135,7 @@ def test_what_a_model_lacks_is_found(name: str, memory: float, size: float) -> N
     assert sum(missing(one, one.total) for one in found) >= 0.9 * DRAWS
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(PARTS))
 @pytest.mark.parametrize("memory", [0.0, 0.7])
 def test_the_bound_is_below_the_truth_in_most_cases(name: str, memory: float) -> None:

@@ -124,6 +124,7 @@ def test_by_frequency() -> None:
     assert band.rms_before == pytest.approx(3.0 / np.sqrt(2.0), rel=0.01)
 
 
+@pytest.mark.thorough
 def test_by_signal() -> None:
     errors = np.concatenate([3.0 * noise(1), 4.0 * noise(3)])
     one = found(errors, errors, ("angle", "current"))["signal"]
@@ -181,6 +182,7 @@ def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Arr
     return found
 
 
+@pytest.mark.thorough
 def test_a_block_is_judged_from_its_measured_input() -> None:
     """A wrong winding does not make the mechanics wrong, a wrong spring does."""
     winding = alone(MODEL, {"resistance": 4500.0}, "voltage", VOLTAGE)
@@ -191,6 +193,7 @@ def test_a_block_is_judged_from_its_measured_input() -> None:
     assert spring.bins[0].relative_before == pytest.approx(0.2, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_each_model_is_judged_at_the_moment_that_suits_it_best() -> None:
     """Before is the rig itself; a lag that the rig has not closes nothing."""
     outputs = {name: clean()[name] for name in FLOOR}

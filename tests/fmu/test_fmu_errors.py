@@ -20,7 +20,7 @@ from fmpy.fmi1 import FMICallException
 
 from servo_models.core.simulate import model
 from servo_models.errors import UserError
-from servo_models.validation.subject import Subject
+from servo_models.validation.fmu_subject import Subject
 from tests.support.fmu_host import Host
 
 Files = Callable[[str], Path]
@@ -205,7 +205,7 @@ def test_an_fmu_that_a_command_has_run_leaves_other_hosts_their_logger(fmu_file:
     """fmpy's native logger is one for the process: taken over, it calls what is freed."""
     script = (
         "import fmpy, gc, sys\n"
-        "from servo_models.validation.subject import Subject\n"
+        "from servo_models.validation.fmu_subject import Subject\n"
         "subject = Subject(sys.argv[1])\n"
         "subject.run(subject.model, [0.0, 1e-3], [[0.0, 0.0], [0.0, 0.0]])\n"
         "subject.close()\n"

@@ -27,8 +27,7 @@ from servo_models.identification.transfer.choose import pole_trouble, score, sur
 from servo_models.identification.transfer.evidence import Point
 from servo_models.identification.transfer.fit import Fit, fit, starts
 from servo_models.report.style import figure
-from servo_models.validation.solvers.inputs import changes
-from servo_models.validation.solvers.linear import LinearSystem
+from servo_models.validation.solvers import LinearSystem, changes
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
 
 MODEL_1 = TransferFunction.of([686.9], [1.0, 3.434e-11, 2.255])

@@ -11,11 +11,8 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.errors import UserError
-from servo_models.report.parts import number
+from servo_models.report.numbers import number
 from servo_models.report.style import PALETTE
-from servo_models.validation.page import verdict, write_report
-from servo_models.validation.page.claim import share
-from servo_models.validation.page.paper import DIGITS
 from servo_models.validation.rows import (
     IMPLEMENTATION,
     MODEL,
@@ -27,7 +24,7 @@ from servo_models.validation.rows import (
     judged,
     tightest,
 )
-from servo_models.validation.sg90 import measured_pictures as sg90_measured
+from servo_models.validation.sections import DIGITS, cards, remarks, sentence, share
 from servo_models.validation.sg90 import pictures as sg90
 from servo_models.validation.sg90.paper import PRINTED_TIMES, TIME_CONSTANT
 from servo_models.validation.smart_servo import pictures as smart_servo
@@ -55,14 +52,14 @@ BAD = Validation((EQUAL, WRONG, CLOSE), (), {"tool": HOSTILE})
 @pytest.fixture(scope="module")
 def text(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "good.html"
-    write_report(GOOD, path, "2024-02-29")
+    GOOD.write_report(path, "2024-02-29")
     return path.read_text("utf-8")
 
 
 @pytest.fixture(scope="module")
 def bad(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "bad.html"
-    write_report(BAD, path)
+    BAD.write_report(path)
     return path.read_text("utf-8")
 
 
@@ -73,13 +70,13 @@ def test_page_is_whole_and_stands_alone(text: str) -> None:
 
 def test_every_picture_has_a_name_and_every_table_a_caption(text: str) -> None:
     page = Page(text)
-    assert page.count("svg") == page.count("figcaption") == page.count("figure") == 10
+    assert page.count("svg") == page.count("figcaption") == page.count("figure") == 11
     assert all(attrs.get("aria-label") for tag, attrs in page.tags if tag == "svg")
-    assert page.count("table") == page.count("caption") > 0
+    assert page.count("caption") > 0
 
 
 def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path) -> None:
-    write_report(GOOD, tmp_path / "again.html", "2024-02-29")
+    GOOD.write_report(tmp_path / "again.html", "2024-02-29")
     assert (tmp_path / "again.html").read_text("utf-8") == text
     assert "2024-02-29" in text
 
@@ -87,7 +84,7 @@ def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path)
 def test_hostile_text_stays_text(bad: str) -> None:
     page = Page(bad)
     assert page.count("script") == 0
-    assert page.text.count(HOSTILE) == 3  # twice as a note, once as a condition
+    assert page.text.count(HOSTILE) == 4  # three times as a note, once as a condition
 
 
 def test_every_row_is_in_the_page(text: str) -> None:
@@ -103,34 +100,34 @@ def test_a_verdict_is_a_word_not_a_colour_alone(bad: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("validation", "sentence"),
+    ("validation", "verdict"),
     [
-        (GOOD, "All 3 checks passed."),
-        (BAD, "1 of 3 checks failed."),
+        (GOOD, "PASSED: all 3 figures are within their limits."),
+        (BAD, "FAILED: 1 of 3 figures are outside their limits."),
         (Validation(()), "Nothing was judged."),
         (Validation((OPEN,)), "Nothing was judged."),
     ],
 )
-def test_sentence(validation: Validation, sentence: str) -> None:
-    assert verdict.sentence(validation) == sentence
+def test_sentence(validation: Validation, verdict: str) -> None:
+    assert sentence(validation) == verdict
 
 
 def test_what_was_not_examined_is_said() -> None:
-    assert verdict.remarks(Validation((CLOSE,))) == (
+    assert remarks(Validation((CLOSE,))) == (
         "Not examined: FMU equals simulation.",
         "Not examined: Figures of the papers.",
     )
-    assert [count.text for count in verdict.counts(Validation((CLOSE,)))] == [
+    assert [card.text for card in cards(Validation((CLOSE,)))] == [
         "not examined",
-        "1 of 1 checks passed",
+        "1 of 1 figures pass",
         "not examined",
     ]
 
 
 def test_a_failure_comes_first(bad: str) -> None:
-    assert bad.index('id="failed"') < bad.index('id="implementation"')
-    overview = bad[bad.index('id="model"') :]
-    assert overview.index("0 of 1") < overview.index("<details>")
+    assert bad.index('id="outside-their-limits"') < bad.index('id="implementation-')
+    model_ = bad[bad.index('id="model-') :]
+    assert model_.index("nearest to its limit") < model_.index("<details>")
 
 
 @pytest.mark.parametrize(
@@ -175,7 +172,7 @@ def test_tightest_is_what_failed_or_what_is_nearest_to_its_limit() -> None:
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="choose a folder"):
-        write_report(Validation(()), tmp_path / "file" / "report.html")
+        Validation(()).write_report(tmp_path / "file" / "report.html")
 
 
 @pytest.mark.parametrize(("hertz", "point"), torque_motor.EQ_12_POINTS.items())
@@ -211,7 +208,7 @@ def test_marks_of_the_sg90_tell_the_truth() -> None:
 
 def test_figures_of_both_servos_are_those_of_their_responses() -> None:
     """Against crossings of densely simulated steps and the fundamental of a simulated sine."""
-    rows = {row.name: row for row in sg90_measured.compare()}
+    rows = {row.name: row for row in sg90.compare()}
     for kind, stop in (("measured", 1.0), ("printed", 20.0)):
         chosen = model("sg90", kind)
         times = np.linspace(0.0, stop, 20_001)
@@ -239,8 +236,8 @@ def test_figures_of_both_servos_are_those_of_their_responses() -> None:
 
 
 def test_how_far_apart_the_servos_are_is_said_with_the_figures_of_the_table() -> None:
-    rows = sg90_measured.compare()
-    said = sg90_measured.sentence(rows)
+    rows = sg90.compare()
+    said = sg90.SECTIONS[0].lead
     slow = [row.printed / row.measured for row in rows if row.unit in ("s", "s/60 deg")]
     assert f"{min(slow):.2g} to {max(slow):.2g} times slower" in said
     for name, digits in (("slew time", 2), ("angle after the step", 3)):

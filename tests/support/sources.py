@@ -7,6 +7,7 @@ import functools
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+assert (ROOT / "pyproject.toml").is_file(), "no sources to look at"
 
 
 @functools.cache

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from tests.support.logs import measured
 
 STEP = 5e-4
 FLOOR = 2e-5
@@ -25,3 +31,11 @@ time = {{ column = "t", unit = "s" }}
 inputs.voltage = {{ column = "u", unit = "V" }}
 outputs.angle = {{ column = "angle", unit = "rad" }}
 """
+
+
+def record(file: Path, rig: Model, times: Array, voltage: Array, seed: int) -> str:
+    """Play a command on a rig; returns the lines that describe its log."""
+    log = measured(rig, times, {"voltage": voltage}, {"angle": FLOOR}, seed)
+    rows = np.column_stack([times, voltage, log.outputs["angle"]])
+    np.savetxt(file, rows, "%.12g", delimiter=",", header="t,u,angle", comments="")
+    return LOG.format(file.name)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from servo_models.withheld.oracle import Known
-from servo_models.withheld.said import Said
+from servo_models.withheld.oracle import Diagnosed, Known
 from servo_models.withheld.score import Case
 
 
@@ -36,14 +35,14 @@ def case(
     }
     words = named.split()
     chances = {words[0]: chance} if words else {}
-    said = Said("0", verdict, 2.0, "", words, members.split() or words, chances, before=11.0)
+    said = Diagnosed("0", verdict, 2.0, "", words, members.split() or words, chances, before=11.0)
     return Case(
         "easy",
         "sg90",
         kind,
         frozenset(truth.split()),
         frozenset(hidden.split()),
-        Said(**{**asdict(said), "after": after, "imitated": imitated and imitated.split()}),
+        Diagnosed(**{**asdict(said), "after": after, "imitated": imitated and imitated.split()}),
         None if kind == "nothing" else Known(case="0", **oracle),
     )
 

@@ -12,7 +12,9 @@ import pytest
 from servo_models.core.own_actuator import load_actuator
 from servo_models.errors import UserError
 from servo_models.validation import bare_host
-from servo_models.validation.runner import Limits, Validation, validate
+from servo_models.validation.fmu_subject import Limits
+from servo_models.validation.rows import Validation
+from servo_models.validation.runner import validate
 from tests.fuzz.fmus import Case, cases, judge, made_good
 
 SHARE = {
@@ -77,6 +79,7 @@ def nothing_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> object:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SHARE)
 def test_a_wrong_fmu_fails_with_a_sentence(name: str, ground: Ground) -> None:
     result = ground.validated(name)
@@ -100,6 +103,7 @@ def test_a_failure_is_told_once(ground: Ground) -> None:
     assert len(result.failures) == 1
 
 
+@pytest.mark.thorough
 def test_a_bomb_passes_where_the_limit_is_raised(ground: Ground) -> None:
     path = ground.home / "large.fmu"
     with zipfile.ZipFile(ground.good) as read, zipfile.ZipFile(path, "w", 8) as write:
@@ -112,6 +116,7 @@ def test_a_bomb_passes_where_the_limit_is_raised(ground: Ground) -> None:
     assert validate([path], own=own, limits=Limits(unpacked_megabytes=30.0)).passed
 
 
+@pytest.mark.thorough
 def test_the_command_ends_and_leaves_nothing(ground: Ground) -> None:
     """The command itself, on a slave whose children outlive it."""
     outcome = judge(ground.cases["has children at a step"], ground.source, ground.home)

@@ -13,8 +13,7 @@ import servo_models.validation.torque_motor.paper as of_motor
 from servo_models.analysis.linear_model import transfer_function
 from servo_models.analysis.linearise import linearise
 from servo_models.core.simulate import Model, model
-from servo_models.validation.paper import figure
-from servo_models.validation.rows import Row
+from servo_models.validation.rows import Row, figure
 
 
 @pytest.fixture(scope="module")

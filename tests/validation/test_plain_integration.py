@@ -27,11 +27,11 @@ from servo_models.effects.quantisation import quantisation
 from servo_models.effects.rate_limit import rate_limit
 from servo_models.effects.sample_hold import sample_hold
 from servo_models.effects.transport_delay import transport_delay
+from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.plain_integration import integrate
-from servo_models.validation.plain_rows import effects_off, named_cases, plain_row, switched_on
+from servo_models.validation.responses import effects_off, named_cases, plain_row, switched_on
 from servo_models.validation.rows import Row
 from servo_models.validation.runner import every_model
-from servo_models.validation.subject import Subject
 from tests.conftest import Run
 from tests.support.sources import ROOT, imported
 
@@ -294,7 +294,7 @@ def test_whatever_a_block_raises_is_a_failed_row(
     def fails(*_: object) -> None:
         raise TypeError("float expected")
 
-    monkeypatch.setattr("servo_models.validation.plain_rows.integrate", fails)
+    monkeypatch.setattr("servo_models.validation.responses.integrate", fails)
     row = row_of(on(""), tmp_path)
     assert row.passed is False
     assert row.note == "a block fails: TypeError: float expected"
@@ -366,6 +366,7 @@ def subjects(fmu_file: Callable[[str], Path]) -> Iterator[Callable[[str], Subjec
         yield found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "owner"), every_effect())
 def test_every_effect_of_the_catalogue_agrees(
     name: str, owner: str, subjects: Callable[[str], Subject]

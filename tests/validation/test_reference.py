@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from servo_models.core.types import Array
+from servo_models.validation import solvers
 from servo_models.validation.sg90 import reference as sg90
-from servo_models.validation.solvers import inputs
-from servo_models.validation.solvers.backlash import MotorBacklash, ServoBacklash
-from servo_models.validation.solvers.linear import LinearSystem
-from servo_models.validation.solvers.switching import Exit, Key, Regime, Values, follow
+from servo_models.validation.sg90.reference import ServoBacklash
+from servo_models.validation.solvers import Exit, Key, LinearSystem, Regime, Values, follow
 from servo_models.validation.torque_motor import reference as torque_motor
-from servo_models.validation.torque_motor.compliance import TwoMasses
+from servo_models.validation.torque_motor.reference import MotorBacklash, TwoMasses
 
 TABLE_1 = torque_motor.TABLE_1
 
@@ -28,13 +27,13 @@ def held(times: Array, **values: float | Array) -> dict[str, Array]:
 def test_edges_keep_changes_only_and_come_later_by_the_delay() -> None:
     times = np.array([0.0, 1.0, 2.0, 3.0])
     values = np.array([5.0, 5.0, 7.0, 5.0])
-    assert inputs.changes(times, values) == [(0.0, 5.0), (2.0, 7.0), (3.0, 5.0)]
-    assert inputs.changes(times, values, delay=0.5, rest=1.0)[:2] == [(0.0, 1.0), (0.5, 5.0)]
+    assert solvers.changes(times, values) == [(0.0, 5.0), (2.0, 7.0), (3.0, 5.0)]
+    assert solvers.changes(times, values, delay=0.5, rest=1.0)[:2] == [(0.0, 1.0), (0.5, 5.0)]
 
 
 def test_sampler_sees_an_edge_at_the_next_tick() -> None:
     edges = [(0.0, 1.0), (0.021, 2.0), (0.06, 3.0)]
-    assert inputs.sampled(edges, 0.02, 0.1) == [(0.0, 1.0), (0.04, 2.0), (0.06, 3.0)]
+    assert solvers.sampled(edges, 0.02, 0.1) == [(0.0, 1.0), (0.04, 2.0), (0.06, 3.0)]
 
 
 def test_linear_system_is_a_delayed_first_order_step_with_a_load() -> None:

@@ -21,14 +21,21 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.report.conditions import conditions
 from servo_models.validation.cases import Case, all_cases, grid, schedule
-from servo_models.validation.cost import cost_curve
+from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.implementation import LIMIT, excitation, implementation_rows, irregular
-from servo_models.validation.responses import response_rows
-from servo_models.validation.rows import IMPLEMENTATION, MODEL, PAPER, judged
-from servo_models.validation.runner import CostCurve, Validation, validate
+from servo_models.validation.responses import cost_curve, response_rows
+from servo_models.validation.rows import (
+    IMPLEMENTATION,
+    MODEL,
+    PAPER,
+    CostCurve,
+    Validation,
+    judged,
+)
+from servo_models.validation.runner import validate
 from servo_models.validation.sg90 import reference as sg90
-from servo_models.validation.subject import Subject
 from tests.conftest import Run
+from tests.support.archives import with_description
 from tests.support.own_actuators import WITH_A_FLAG, write
 
 FmuFile = Callable[[str], Path]
@@ -134,13 +141,11 @@ def with_wrong_slave(chosen: Model) -> Model:
 
 def test_an_fmu_with_a_wrong_description_fails(tmp_path: Path, fmu_file: FmuFile) -> None:
     """Initial unknowns are what a stock pythonfmu leaves out and simulation never misses."""
-    wrong = tmp_path / "wrong.fmu"
-    with zipfile.ZipFile(fmu_file("torque_motor")) as right, zipfile.ZipFile(wrong, "w") as out:
-        for name in right.namelist():
-            content = right.read(name)
-            if name == "modelDescription.xml":
-                content = re.sub(rb"(?s)<InitialUnknowns>.*</InitialUnknowns>", b"", content)
-            out.writestr(name, content)
+    wrong = with_description(
+        fmu_file("torque_motor"),
+        tmp_path / "wrong.fmu",
+        lambda text: re.sub(rb"(?s)<InitialUnknowns>.*</InitialUnknowns>", b"", text),
+    )
     subject = Subject(wrong)
     rows = implementation_rows(subject)
     subject.close()
@@ -195,13 +200,11 @@ def test_a_missing_or_damaged_fmu_is_refused_in_one_line(tmp_path: Path) -> None
 
 
 def test_an_fmu_of_an_unknown_actuator_is_refused(fmu_file: FmuFile, tmp_path: Path) -> None:
-    foreign = tmp_path / "foreign.fmu"
-    with zipfile.ZipFile(fmu_file("sg90")) as read, zipfile.ZipFile(foreign, "w") as write:
-        for name in read.namelist():
-            content = read.read(name)
-            if name == "modelDescription.xml":
-                content = content.replace(b'modelName="sg90"', b'modelName="sg91"')
-            write.writestr(name, content)
+    foreign = with_description(
+        fmu_file("sg90"),
+        tmp_path / "foreign.fmu",
+        lambda text: text.replace(b'modelName="sg90"', b'modelName="sg91"'),
+    )
     with pytest.raises(UserError, match=r"foreign.fmu.*did you mean 'sg90'\?"):
         validate([foreign])
 
@@ -214,9 +217,10 @@ def test_an_fmu_that_stops_says_why(fmu_file: FmuFile) -> None:
     subject.close()
 
 
+@pytest.mark.thorough
 def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("servo_models.validation.sg90.cases._steps", list)
-    monkeypatch.setattr("servo_models.validation.cost.FACTORS", (1.0,))
+    monkeypatch.setattr("servo_models.validation.responses.FACTORS", (1.0,))
     told: list[tuple[int, int, str]] = []
     result = validate([model("sg90")], lambda *now: told.append(now))
     jobs = told[-1][1]
@@ -226,8 +230,8 @@ def test_a_validation_of_a_model_tells_its_progress(monkeypatch: pytest.MonkeyPa
     assert {row.claim for row in result.rows} == {IMPLEMENTATION, MODEL, PAPER}
     assert result.passed
     assert all(row.seconds > 0.0 for row in result.rows)
-    assert "seconds" not in result.as_dict()["rows"][0]  # the same figures, the same document
-    again = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    assert "seconds" not in result.document()["rows"][0]  # the same figures, the same document
+    again = json.loads(json.dumps(result.document(), allow_nan=False))
     assert again["passed"] is True
     assert len(again["rows"]) == len(result.rows)
     assert {"numpy", "fmpy", "Python"} <= set(again["conditions"])
@@ -248,7 +252,7 @@ def test_rows_are_judged_and_failures_decide() -> None:
     assert [row.verdict for row in (good, none, bad)] == ["passed", "for information", "failed"]
     assert Validation((good, none)).passed
     assert Validation((good, bad, broken)).failures == (bad, broken)
-    shown = Validation((broken,)).as_dict()["rows"][0]
+    shown = Validation((broken,)).document()["rows"][0]
     assert shown["value"] is None
     assert conditions()["Python"]
 

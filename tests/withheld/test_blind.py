@@ -15,10 +15,9 @@ import servo_models.withheld as package
 from servo_models.cli import main
 from servo_models.data.description import read_description
 from servo_models.errors import UserError
-from servo_models.withheld.oracle import Question, _logs, rivals, seen
+from servo_models.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
 from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
-from servo_models.withheld.said import Said, diagnose_case
-from servo_models.withheld.sheet import BARS
+from servo_models.withheld.sections import BARS
 
 CASES, SEED = 3, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
@@ -56,6 +55,7 @@ def untimed(value: Any) -> Any:
     return [untimed(v) for v in value] if isinstance(value, list) else value
 
 
+@pytest.mark.thorough
 def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
     Draft202012Validator.check_schema(SCHEMA)
     found = result(finished)
@@ -67,6 +67,7 @@ def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
     assert [it["said"]["why"] for it in found["cases"]] == [""] * CASES
 
 
+@pytest.mark.thorough
 def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
     """The true effects at their true sizes leave less than what the product knows without them,
     though the laws of the generator are its own."""
@@ -77,9 +78,10 @@ def test_the_oracle_explains_the_noise_free_logs(finished: Path) -> None:
         assert it["truth"] < 1.0
 
 
+@pytest.mark.thorough
 def test_the_oracle_reads_noise_free_logs_that_stand_still(copy: Path) -> None:
     """A coarse quantiser's reading may not move at all: what a user's log may not do."""
-    said = Said(**json.loads((copy / "results.jsonl").read_text().splitlines()[0]))
+    said = Diagnosed(**json.loads((copy / "results.jsonl").read_text().splitlines()[0]))
     answers = json.loads((copy / "answers.json").read_text())["cases"]
     answer = next(it for it in answers if it["case"] == said.case)
     noisy, clean = _logs(Question(copy, answer, said))
@@ -97,12 +99,14 @@ def test_the_oracle_reads_noise_free_logs_that_stand_still(copy: Path) -> None:
     assert all(np.ptp([*log.outputs.values()][-1]) == 0.0 for log in still.logs)
 
 
+@pytest.mark.thorough
 def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) -> None:
     case = result(finished)["cases"][-1]["said"]
     alone = shutil.copytree(finished / "cases" / case["case"], tmp_path / case["case"])
     assert untimed(diagnose_case(alone)) == untimed(case)
 
 
+@pytest.mark.thorough
 def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     before = result(copy)
     lines = (copy / "results.jsonl").read_bytes().splitlines(keepends=True)
@@ -114,6 +118,7 @@ def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     assert (copy / "results.jsonl").read_bytes().startswith(b"".join(lines[:-1]))
 
 
+@pytest.mark.thorough
 def test_the_seal_is_printed_and_is_of_the_answers(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +147,7 @@ def test_the_seal_is_announced_before_anything_is_diagnosed(tmp_path: Path) -> N
     assert told == [("of the answers", False), ("diagnosing 0", False), ("diagnosing 1", True)]
 
 
+@pytest.mark.thorough
 def test_changed_answers_are_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = copy / "answers.json"
     path.write_bytes(path.read_bytes().replace(b'"kind": "one"', b'"kind": "two"', 1))
@@ -150,6 +156,7 @@ def test_changed_answers_are_refused(copy: Path, capsys: pytest.CaptureFixture[s
     assert not (copy / "new.json").exists()
 
 
+@pytest.mark.thorough
 def test_another_check_in_the_same_folder_is_refused(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -159,6 +166,7 @@ def test_another_check_in_the_same_folder_is_refused(
     assert len(said.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_what_other_code_began_is_not_gone_on_with(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -170,6 +178,7 @@ def test_what_other_code_began_is_not_gone_on_with(
     assert not (copy / "new.json").exists()
 
 
+@pytest.mark.thorough
 def test_a_case_whose_diagnosis_failed_shows_in_the_exit_code(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -208,7 +217,7 @@ def test_tiers_are_named_once_and_rightly() -> None:
 
 
 def test_a_case_that_cannot_be_read_is_a_wrong_answer(tmp_path: Path) -> None:
-    said = Said(**diagnose_case(tmp_path))
+    said = Diagnosed(**diagnose_case(tmp_path))
     assert said.verdict == "failed"
     assert "description.toml" in said.why
 
@@ -231,7 +240,7 @@ def test_an_ideal_observer_sees_five_deviations(
 
 def test_rivals_are_the_nearest_that_are_not_the_truth() -> None:
     tried = [["a"], ["b"], ["a", "b"], ["c"], ["d"], ["e"], ["f"]]
-    said = Said("0", "effect", 1.0, tried=tried)
+    said = Diagnosed("0", "effect", 1.0, tried=tried)
     assert rivals(said, ["a"], []) == [["b"], ["c"], ["d"], ["e"]]
     assert rivals(said, ["a"], ["b"]) == [["c"], ["d"], ["e"], ["f"]]
     assert rivals(said, ["b", "a"], []) == [["a"], ["b"], ["c"], ["d"]]

@@ -19,13 +19,11 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.errors import UserError
-from servo_models.withheld.answers import unlock
-from servo_models.withheld.generator.bench import BENCHES
-from servo_models.withheld.generator.case import HIDDEN, RATIO
-from servo_models.withheld.generator.effects import CATALOGUE
+from servo_models.withheld.generator.cases import HIDDEN, RATIO
+from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN
 from servo_models.withheld.generator.files import generate
-from servo_models.withheld.generator.foreign import FOREIGN
-from servo_models.withheld.run import Asked, sealed_cases
+from servo_models.withheld.generator.rigs import BENCHES
+from servo_models.withheld.run import Asked, sealed_cases, unlock
 
 CASES, SEED = 36, 20
 
@@ -64,6 +62,7 @@ def simulated(description: Description, name: str, parameters: dict[str, float])
     return np.concatenate(parts)
 
 
+@pytest.mark.thorough
 def test_logs_are_what_the_answers_say(folder: tuple[Path, str]) -> None:
     """Noise floor and gap from the written files; without the cause, by the product."""
     kinds = set()

@@ -13,19 +13,18 @@ from scipy.stats import kstest, norm
 from servo_models.core.catalogue import actuator
 from servo_models.core.simulate import model, simulate
 from servo_models.validation.torque_motor.reference import Constants, Contact
-from servo_models.withheld.generator.bench import BENCHES, Bench
-from servo_models.withheld.generator.case import (
+from servo_models.withheld.generator.cases import (
     LEAST_VALUE,
     VISIBLE,
     Acting,
     draw_experiment,
+    large_step,
+    rich,
     sized,
 )
-from servo_models.withheld.generator.cause import Cause, draw
-from servo_models.withheld.generator.effects import CATALOGUE
-from servo_models.withheld.generator.excitation import Plan, large_step, rich
-from servo_models.withheld.generator.experiment import Experiment
-from servo_models.withheld.generator.foreign import FOREIGN
+from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, draw
+from servo_models.withheld.generator.rigs import BENCHES, Bench
+from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 

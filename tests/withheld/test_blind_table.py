@@ -9,14 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.study_blind import case_of, row_of
 from servo_models.report.interchange import finite_json
-from servo_models.withheld.interval import Figure
-from servo_models.withheld.oracle import Known
+from servo_models.withheld.oracle import Diagnosed, Known
 from servo_models.withheld.run import Check
-from servo_models.withheld.said import Said
-from servo_models.withheld.score import FIGURES, Case, Cases, calibration, confusion, imitated_told
-from servo_models.withheld.sheet import document
-from servo_models.withheld.table import case_of, row_of
+from servo_models.withheld.score import (
+    FIGURES,
+    Case,
+    Cases,
+    Figure,
+    calibration,
+    confusion,
+    imitated_told,
+)
 from tests.support.withheld_cases import MADE
 
 NAMES = st.lists(st.sampled_from(["a", "b", "sensor_quantisation"]), unique=True, max_size=3)
@@ -34,7 +39,7 @@ KNOWN = st.builds(
     without=st.sampled_from(["", "effect", "outside-catalogue"]),
 )
 SAID = st.builds(
-    Said,
+    Diagnosed,
     case=st.just("0"),
     verdict=st.sampled_from(["no-gap", "parameters", "effect", "outside-catalogue", "failed"]),
     seconds=st.floats(0.0, 100.0),
@@ -59,7 +64,7 @@ ONE = st.builds(
 
 
 def written(cases: Cases) -> dict[str, Any]:
-    return document(Check(1, ("easy",), "0" * 64, cases), {})
+    return Check(1, ("easy",), "0" * 64, cases).document()
 
 
 def kept(cases: Cases) -> Cases:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from servo_models.actuators.sg90.measured import MEASURED
 from servo_models.actuators.sg90.plant import PLANT
-from servo_models.actuators.sg90.sets import OSCILLATORY, published
+from servo_models.actuators.sg90.variants import VARIANTS
 from servo_models.core.plant import Actuator
 
 ACTUATOR = Actuator(
@@ -17,7 +16,7 @@ ACTUATOR = Actuator(
     source="Kochuk, Nikitin, Hrinchenko, Bahaiev, Methodology of synthesis nonlinear"
     " mathematical model of a servo",
     plant=PLANT,
-    variants=(MEASURED, *published(), OSCILLATORY),
+    variants=VARIANTS,
     stop_time=20.0,
     step_size=0.02,
     step=("pulse_width", 2.0e-3),

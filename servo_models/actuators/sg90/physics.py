@@ -48,8 +48,7 @@ def rest_angle(
         float, Param("V", "voltage of a full frame", default=5.0, low=0.1, high=50.0)
     ],
     frame_time: Annotated[
-        float,
-        Param("s", "frame of the command", default=0.02, low=1e-3, high=0.1, display="ms"),
+        float, Param("s", "frame of the command", default=0.02, low=1e-3, high=0.1, display="ms")
     ],
     feedback_coefficient: Annotated[
         float, Param("1", "feedback coefficient K_f", default=0.1, low=0.01, high=1.0)
@@ -181,10 +180,7 @@ def motor_curve(
 
 @block("torque", source=f"{PAPER} eq. 6 (model 2)")
 def motor_lag(
-    free_speed: float,
-    motor_speed: float,
-    no_load_speed: float,
-    stall_torque: float,
+    free_speed: float, motor_speed: float, no_load_speed: float, stall_torque: float
 ) -> float:
     """Torque [N m] on the output; over the equivalent inertia it is (F - omega) / (24 T)."""
     return stall_torque / no_load_speed * (free_speed - motor_speed)

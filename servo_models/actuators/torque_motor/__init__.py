@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servo_models.actuators.torque_motor.plant import PLANT
-from servo_models.actuators.torque_motor.variants import VARIANTS
+from servo_models.actuators.torque_motor.variants import GREY_BOX, VARIANTS
 from servo_models.core.plant import Actuator
 
 ACTUATOR = Actuator(
@@ -18,4 +18,5 @@ ACTUATOR = Actuator(
     stop_time=0.2,
     step_size=1e-3,
     step=("voltage", 30.0),
+    grey_box=GREY_BOX,
 )

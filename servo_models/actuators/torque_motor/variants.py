@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from servo_models.actuators.torque_motor.plant import (
-    STOP,
-)
-from servo_models.core.plant import Variant
+from servo_models.actuators.torque_motor.plant import STOP
+from servo_models.core.plant import GreyBox, Variant
 
 TABLE_1 = {
     "torque_constant": 6.432,
@@ -51,6 +49,15 @@ def grey_box(
         "back_emf_constant": rest / torque_constant,
     }
 
+
+GREY_BOX = GreyBox(
+    source="voltage",
+    output="angle",
+    coefficients=("gain", "s2", "s1", "s0"),
+    known=("resistance", "rotor_inertia", "stiffness"),
+    solve=grey_box,
+    delay="transport_delay.time",
+)
 
 EQ_12 = (241560.0, 492.0, 1582240.0, 184512000.0)
 EQ_12_DELAY = 0.0011

@@ -17,11 +17,10 @@ from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
 from servo_models.diagnosis.fitting.descent import descend
-from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
-from servo_models.diagnosis.fitting.stepwise import (
-    NARROW,
-    SHIFTED,
-    WIDE,
+from servo_models.diagnosis.fitting.discontinuous import (
+    MOST_MOVES,
+    NARROW_RELATIVE_CHANGES,
+    WIDE_RELATIVE_CHANGES,
     begins_with_jump,
     others_first,
     past_an_edge,
@@ -30,6 +29,7 @@ from servo_models.diagnosis.fitting.stepwise import (
     staircases_of,
     turned,
 )
+from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
 from servo_models.diagnosis.fitting.structure import LeftOver, left_over
 from servo_models.diagnosis.fitting.view import View, view
 from servo_models.identification.optimise import steps
@@ -255,9 +255,12 @@ class Bench:
         if stepwise:
             assert widths is not None  # a staircase has no small slopes
             vector = others_first(problem, vector, stepwise, widths, tolerance, limit)
-            vector, known = sharpened(problem, vector, stepwise, widths, WIDE), None
+            vector, known = (
+                sharpened(problem, vector, stepwise, widths, WIDE_RELATIVE_CHANGES),
+                None,
+            )
         vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
-        for _ in range(SHIFTED):
+        for _ in range(MOST_MOVES):
             moved = shifted(problem, vector)
             if moved is None:
                 moved = past_an_edge(problem, vector, widths, tolerance, limit)
@@ -268,7 +271,7 @@ class Bench:
         if onward is not None:
             vector, met, slopes = descend(problem, onward, tolerance, limit, widths)
         if stepwise:
-            return sharpened(problem, vector, stepwise, widths, NARROW), met, None
+            return sharpened(problem, vector, stepwise, widths, NARROW_RELATIVE_CHANGES), met, None
         return vector, met, slopes
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.stepwise import delays_of
+from servo_models.diagnosis.fitting.discontinuous import delays_of
 from servo_models.diagnosis.fitting.view import View
 from servo_models.diagnosis.trial_values import Settings
 from servo_models.errors import UserError

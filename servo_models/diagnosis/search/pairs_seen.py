@@ -134,7 +134,7 @@ def _limits(part: Sequence[Sight]) -> tuple[Array, Array]:
     ends = [
         shares(it.candidate)
         if it.waves is not None
-        else (LEAST if it.candidate.search.inverse else 0.0, STRETCH)
+        else (LEAST if it.candidate.hints.inverse else 0.0, STRETCH)
         for it in part
     ]
     low, high = np.array(ends).T

@@ -66,7 +66,7 @@ class Sight:
 
     def at(self, scale: float) -> dict[str, float]:
         """Return the settings with so many times the effect, its size inside its bounds."""
-        scale = 1.0 / scale if self.candidate.search.inverse else scale
+        scale = 1.0 / scale if self.candidate.hints.inverse else scale
         one = self.candidate
         switches = {free.name: free for free in one.free if free.name in one.switches}
         return {
@@ -148,7 +148,7 @@ def shares(one: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
     if one.ripple:
         return -LARGEST, LARGEST
-    if one.search.inverse:
+    if one.hints.inverse:
         return LEAST, STRETCH
     return (1.0, 1.0) if one.discontinuous else (0.0, STRETCH)
 

@@ -8,17 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.actuators.torque_motor.grey_box import (
-    DELAY,
-    KNOWN,
-    Constant,
-    PhysicalConstants,
-    torque_motor_constants,
-)
 from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from servo_models.errors import UserError
+from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
 from servo_models.identification.transfer.choose import (
     Candidate,
     choose,
@@ -224,21 +218,28 @@ def _grey_box(
     chosen: Candidate,
     known_errors: Mapping[str, float] | None,
 ) -> tuple[PhysicalConstants | None, tuple[str, ...]]:
-    """Constants from the third-order candidate, chosen or not; and what to say of it."""
-    if (model.actuator.name, *(wire.name for wire in ends)) != ("torque_motor", "voltage", "angle"):
+    """Constants from the candidate that the actuator's grey box solves, chosen or not; and what
+    to say of it."""
+    box = model.actuator.grey_box
+    if not box or (box.source, box.output) != tuple(wire.name for wire in ends):
         return None, ()
-    shaped = [c for c in candidates if c.fit and _third_order(c.function.structure)]
+    order = box.poles
+    shaped = [c for c in candidates if c.fit and _all_pole(c.function.structure, order)]
     sound = [c for c in shaped if not c.fault]
     if not sound:
         faults = "; ".join(f"'{c.name}': {c.fault}" for c in shaped) or "none was asked for"
-        return None, (f"no physical constants, since no third-order function will do ({faults})",)
+        return None, (
+            f"no physical constants, since no function of order {order} will do ({faults})",
+        )
     taken = chosen if chosen in sound else min(sound, key=lambda c: c.bic)
     assert taken.fit
-    known = {name: model.values[name] for name in KNOWN}
-    found = torque_motor_constants(
-        taken.fit.coefficients, taken.fit.covariance, known, known_errors
+    found, moved = _inside(
+        physical_constants(
+            box, taken.fit.coefficients, model.values, taken.fit.covariance, known_errors
+        ),
+        model,
+        box.delay,
     )
-    found, moved = _inside(found, model)
     if taken is chosen:
         return found, moved
     return found, (
@@ -248,12 +249,14 @@ def _grey_box(
     )
 
 
-def _inside(found: PhysicalConstants, model: Model) -> tuple[PhysicalConstants, tuple[str, ...]]:
+def _inside(
+    found: PhysicalConstants, model: Model, delay: str
+) -> tuple[PhysicalConstants, tuple[str, ...]]:
     """Constants that the actuator takes: no delay where the function has none, and those beyond
     a bound on it, with what to say of these."""
     known, constants, said = model.plant.parameters, dict(found.constants), []
-    if model.values.get(DELAY):
-        constants.setdefault(DELAY, Constant(DELAY, 0.0, None))
+    if model.values.get(delay):
+        constants.setdefault(delay, Constant(delay, 0.0, None))
     for name, one in constants.items():
         low, high = known[name].param.low, known[name].param.high
         if not low <= one.value <= high:
@@ -267,5 +270,5 @@ def _inside(found: PhysicalConstants, model: Model) -> tuple[PhysicalConstants, 
     return replace(found, constants=constants), tuple(said)
 
 
-def _third_order(structure: Structure) -> bool:
-    return (structure.poles, structure.zeros) == (3, 0)
+def _all_pole(structure: Structure, order: int) -> bool:
+    return (structure.poles, structure.zeros) == (order, 0)

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.validation.solvers.inputs import SAME_TIME, Edges, changes, value_at
-from servo_models.validation.solvers.sliding import Sliding
+from servo_models.validation.solvers import SAME_TIME, Edges, Sliding, changes, value_at
 
 TICK = 1e-3
 LATE = 1e-7

@@ -6,8 +6,6 @@ import math
 
 from servo_models.validation.cases import EVENTS, EXACT, TRANSFER, Case, grid, schedule
 from servo_models.validation.sg90 import reference as sg90
-from servo_models.validation.sg90.measured_reference import RealServo
-from servo_models.validation.solvers.backlash import ServoBacklash
 
 
 def cases() -> list[Case]:
@@ -21,7 +19,7 @@ def _real() -> list[Case]:
     loads = schedule(odd, (0, 0.0), (0.6, 0.03), (1.6, -0.02))
     weak = schedule(odd, (0, 5.0), (1.2, 4.0))
     work = {"pulse_width": pulses, "load_torque": loads, "supply_voltage": weak}
-    real, name = RealServo(), "measured"
+    real, name = sg90.RealServo(), "measured"
     return [
         Case(
             "sg90",
@@ -134,7 +132,7 @@ def _others() -> list[Case]:
             "backlash of +/- 2 deg in the loop, every 7.3 ms",
             odd,
             work,
-            ServoBacklash(2.0),
+            sg90.ServoBacklash(2.0),
             EVENTS,
             False,
             parameters=play,

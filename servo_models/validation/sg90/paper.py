@@ -13,9 +13,14 @@ from servo_models.analysis.linearise import linearise
 from servo_models.core.simulate import Result, model, simulate
 from servo_models.core.types import Array
 from servo_models.validation.cases import grid
-from servo_models.validation.paper import figure, not_reproducible
-from servo_models.validation.rows import PAPER, Row
-from servo_models.validation.sg90.reference import GEAR, K_FS, LOADED, POLE, UNLOADED
+from servo_models.validation.rows import PAPER, Row, figure, not_reproducible
+from servo_models.validation.sg90.reference import (
+    K_FS,
+    LOADED,
+    UNLOADED,
+    equation_7,
+    equation_7_coefficients,
+)
 
 TIME_CONSTANT = 1.0 - math.exp(-2.0)
 """Part of the step at which the paper seems to read its time constants (an inference): two of the
@@ -24,7 +29,6 @@ PRINTED_TIMES = {0.1: 4.6, 0.18: 2.6, 0.05: 7.5}
 """Time constant T_SA [s] for each K_f (SG90 paper sec. 6)."""
 PRINTED_OVERSHOOT = 0.0484
 """At K_f = 0.18."""
-LOOP = 633.3 / GEAR * K_FS
 DEGREE = 180.0 / math.pi
 
 
@@ -34,12 +38,8 @@ def rows() -> list[Row]:
 
 
 def exact_step(k_f: float, k_ap: float, times: Array) -> Array:
-    """Unit step response of eq. 7 in closed form (Ogata, sec. 5-3), shape of ``times``."""
-    natural = math.sqrt(LOOP * k_ap * k_f)
-    damping = POLE / (2.0 * natural)
-    damped = natural * np.sqrt(complex(1.0 - damping**2))
-    swing = np.cos(damped * times) + damping * natural / damped * np.sin(damped * times)
-    response: Array = 1.0 - np.exp(-damping * natural * times) * np.real(swing)
+    """Step response of eq. 7 over its final value, shape of ``times``."""
+    response: Array = equation_7(k_f, k_ap).response(times, [[(0.0, k_f * K_FS)]])[:, 0]
     return response
 
 
@@ -96,8 +96,7 @@ def _shape(times: Array) -> list[Row]:
     where = ("sg90", "linear", "step to 2 ms")
     fast, slow = _response("linear_kf018")["angle"], _response("linear")["angle"]
     exact = exact_step(0.1, LOADED, times)
-    damping = POLE / (2.0 * math.sqrt(LOOP * LOADED * 0.18))
-    peak = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
+    peak = float(np.max(exact_step(0.18, LOADED, times))) - 1.0
     got = overshoot(times, fast, final=_resting(0.18))
     ours = "not printed in the paper: closed form of eq. 7"
     return [
@@ -137,7 +136,7 @@ def _equation_7() -> list[Row]:
     )
     per_volt = gain * DEGREE / 250.0
     where = ("sg90", "linear", "state space of the flattened model")
-    loop = LOOP * LOADED * 0.1
+    numerator, (_, pole, loop) = equation_7_coefficients()
     return [
         figure(
             where,
@@ -146,9 +145,9 @@ def _equation_7() -> list[Row]:
             0.005,
             "deg/(V.s2)",
             printed=197.11,
-            recomputed=633.3 * LOADED / GEAR,
+            recomputed=numerator,
         ),
-        figure(where, "eq. 7, s", poles[1], 0.0005, "1/s", printed=1.307, recomputed=1.307),
+        figure(where, "eq. 7, s", poles[1], 0.0005, "1/s", printed=1.307, recomputed=pole),
         figure(where, "eq. 7, constant", poles[2], 0.005, "1/s2", printed=0.49, recomputed=loop),
         figure(
             where,

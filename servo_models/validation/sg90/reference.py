@@ -2,7 +2,8 @@
 
 Source: S. Kochuk et al., "Methodology of synthesis nonlinear mathematical model of a
 servo"; secs. 4.1 to 4.4, eqs. 5 to 7.  The angle is counted from the middle of the
-potentiometer, at which the servo rests with a pulse of 1.5 ms.
+potentiometer, at which the servo rests with a pulse of 1.5 ms.  ``RealServo`` is another one: the
+servo that people have.
 """
 
 from __future__ import annotations
@@ -15,9 +16,18 @@ from typing import ClassVar
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.validation.solvers.inputs import Edges, changes, sampled
-from servo_models.validation.solvers.linear import LinearSystem
-from servo_models.validation.solvers.switching import Exit, Key, Regime, Values, follow
+from servo_models.validation.solvers import (
+    Edges,
+    Exit,
+    Key,
+    LinearSystem,
+    Play,
+    Regime,
+    Values,
+    changes,
+    follow,
+    sampled,
+)
 
 VOLTS_PER_SECOND = 5.0 / 0.020
 REST = 1.5e-3
@@ -87,10 +97,18 @@ class Linear:
         return LinearSystem.of(a, b, c, d)
 
 
-def equation_7(k_f: float = 0.1, k_ap: float = LOADED) -> LinearSystem:
-    """Angle [deg] over command [V] as a transfer function, unrounded (eq. 7 at K_f = 0.1)."""
+def equation_7_coefficients(
+    k_f: float = 0.1, k_ap: float = LOADED
+) -> tuple[float, tuple[float, float, float]]:
+    """Numerator and denominator of angle [deg] over command [V], unrounded (eq. 7, K_f = 0.1)."""
     gain = 633.3 * k_ap / GEAR
-    return LinearSystem.transfer([gain], [1.0, POLE, gain * k_f * K_FS])
+    return gain, (1.0, POLE, gain * k_f * K_FS)
+
+
+def equation_7(k_f: float = 0.1, k_ap: float = LOADED) -> LinearSystem:
+    """Eq. 7 as a system."""
+    gain, poles = equation_7_coefficients(k_f, k_ap)
+    return LinearSystem.transfer([gain], poles)
 
 
 def equation_7_response(times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
@@ -195,3 +213,100 @@ class Printed:
             speed,
             1.0 if top or abs(volts) >= limit else 0.0,
         )
+
+
+@dataclass(frozen=True)
+class ServoBacklash:
+    """The linear servo whose output and potentiometer lag the gearbox by a play [deg]."""
+
+    half_width: float
+    k_f: float = 0.1
+    k_ap: float = LOADED
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Response with located events; inputs pulse_width, load_torque."""
+        linear = Linear(self.k_f, self.k_ap).system()
+        a, b = np.zeros((3, 3)), np.zeros((3, 2))
+        a[:2, :2], b[:2] = linear.a, linear.b
+        a[1, 0], a[1, 2] = 0.0, linear.a[1, 0]
+        angle, _, feedback, volts, speed = linear.c
+        c = np.array([[0.0, row[1], row[0]] for row in (angle, feedback, volts, speed)])
+        system = Play(
+            a=a,
+            b=b,
+            c=c,
+            d=linear.d[[0, 2, 3, 4]],
+            shaft=0,
+            turning=a[0],
+            half_width=self.half_width,
+            scale=(90.0, 600.0, 90.0),
+            longest_step=0.05,
+        )
+        command = changes(times, VOLTS_PER_SECOND * (inputs["pulse_width"] - REST))
+        columns = follow(system, times, [command, changes(times, inputs["load_torque"])])
+        names = ("angle", "feedback_voltage", "motor_voltage", "motor_speed", "rate")
+        out = {name: columns[:, k] for k, name in enumerate(names)}
+        out["rate"] = DEGREE * out["rate"]
+        out["feedback_voltage"] += VOLTS_PER_SECOND * REST / self.k_f
+        return out
+
+
+REAL_T, REAL_G, REAL_A, REAL_DELAY = 0.0347, 51.1, 77.7, 0.0289
+REAL_BACK = VOLTS_PER_SECOND * 1856e-6 / math.pi
+"""K_f k_FS [V/rad]."""
+REAL_VOLTS_PER_LOAD = 4.8 / 0.1765
+
+
+@dataclass(frozen=True)
+class RealServo:
+    """A real SG90 as its steps show it: first-order motor, drive limit, delayed command.
+
+    theta' = w / 24, T w' = G u - w, u = A (U - K_f k_FS theta) limited to the supply, less the
+    volts of a load; in SI.  The structure is that of eqs. 2 and 6, with K_f k_FS such that 544 to
+    2400 us are 180 degrees.  States angle [rad] from that of 1.5 ms, and motor speed [rad/s].
+    """
+
+    start: ClassVar[Sequence[float]] = (0.0, 0.0)
+    scale: ClassVar[Sequence[float]] = (1.6, 250.0)
+    longest_step: ClassVar[float] = 2e-3
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Response with located events; inputs pulse_width, load_torque, supply_voltage."""
+        pulses = changes(times, inputs["pulse_width"], REAL_DELAY, REST)
+        others = [changes(times, inputs[name]) for name in ("load_torque", "supply_voltage")]
+        return _named(follow(self, times, [pulses, *others]))
+
+    def wanted(self, x: Array, u: Values) -> float:
+        """Voltage [V] that the amplifier would give without a limit."""
+        return REAL_A * (VOLTS_PER_SECOND * (u[0] - REST) - REAL_BACK * float(x[0]))
+
+    def enter(self, x: Array, u: Values) -> tuple[Key, Array]:
+        """At either limit, or between."""
+        wanted, limit = self.wanted(x, u), abs(u[2])
+        return ("low" if wanted < -limit else "high" if wanted > limit else "free"), x
+
+    def regime(self, key: Key, u: Values) -> Regime:
+        """One side of a limit or between them."""
+        limit = abs(u[2])
+
+        def rates(x: Array) -> tuple[float, float]:
+            volts = {"low": -limit, "high": limit}.get(str(key), self.wanted(x, u))
+            pull = REAL_G * (volts - REAL_VOLTS_PER_LOAD * u[1])
+            return x[1] / GEAR, (pull - x[1]) / REAL_T
+
+        above = Exit(lambda x: self.wanted(x, u) + limit, 1.0, lambda x: ("low", x))
+        below = Exit(lambda x: limit - self.wanted(x, u), 1.0, lambda x: ("high", x))
+        if key == "free":
+            return Regime(rates, (above, below))
+        inward = -1.0 if key == "low" else 1.0
+        back = Exit(lambda x: inward * self.wanted(x, u) - limit, 1.0, lambda x: ("free", x))
+        return Regime(rates, (back,))
+
+    def outputs(self, key: Key, x: Array, u: Values) -> tuple[float, ...]:
+        """See ``OUTPUTS``; SI."""
+        limit = abs(u[2])
+        volts = min(max(self.wanted(x, u), -limit), limit)
+        angle, speed = float(x[0]), float(x[1])
+        feedback = (VOLTS_PER_SECOND * REST + REAL_BACK * angle) / 0.1
+        full = 1.0 if abs(volts) >= limit else 0.0
+        return angle, speed / GEAR, feedback, volts, speed, full

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.validation.solvers.inputs import changes, value_at
-from servo_models.validation.solvers.sliding import Sliding
+from servo_models.validation.solvers import Sliding, changes, value_at
 
 TICK = 1e-3
 COUNTS = 4096

@@ -9,9 +9,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.validation.cases import EVENTS, EXACT, TRANSFER, Case, Reference, grid, schedule
-from servo_models.validation.solvers.backlash import MotorBacklash
 from servo_models.validation.torque_motor import reference as torque_motor
-from servo_models.validation.torque_motor.compliance import TwoMasses
 
 MOTOR_SETS = (
     ("identified", torque_motor.IDENTIFIED),
@@ -69,7 +67,7 @@ def _others() -> list[Case]:
     k = torque_motor.IDENTIFIED
     rough, free = "+/- 50 V and load, every 0.7 ms", "+/- 50 V and load, stops off, every 0.7 ms"
     dry, sticky, play = 0.006, 0.004, math.radians(0.1)
-    spring = TwoMasses(k, compliance=0.3, inertia=2e-7, damping=0.05)
+    spring = torque_motor.TwoMasses(k, compliance=0.3, inertia=2e-7, damping=0.05)
 
     def case(
         name: str,
@@ -118,7 +116,7 @@ def _others() -> list[Case]:
         ),
         case(
             "backlash of +/- 0.1 deg",
-            MotorBacklash(k, play),
+            torque_motor.MotorBacklash(k, play),
             EVENTS,
             False,
             backlash__half_width=play,

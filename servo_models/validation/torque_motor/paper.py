@@ -15,8 +15,7 @@ from servo_models.analysis.sine_test import SineTest
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.validation.cases import grid
-from servo_models.validation.paper import figure, not_reproducible
-from servo_models.validation.rows import Row
+from servo_models.validation.rows import Row, figure, not_reproducible
 from servo_models.validation.torque_motor import reference
 from servo_models.validation.torque_motor.cases import NO_STOPS
 

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.analysis.sine_test import SineTest
 from servo_models.core.simulate import Result, model, simulate
-from servo_models.report.parts import Section, quantity
-from servo_models.report.style import Picture, colour, drawing, label, picture
-from servo_models.validation.rows import Validation
+from servo_models.report.numbers import number, with_unit
+from servo_models.report.sections import Picture, Section
+from servo_models.report.style import colour, label
 from servo_models.validation.torque_motor.reference import DELAY, EQ_12
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-TITLE = "Torque motor: steps, frequency response, waveforms"
 NO_STOPS = {"end_stops.half_range": 0.0}
 FINAL = 3.0004
 """Angle [deg] at which eq. 12 rests at 40 V."""
@@ -44,52 +49,29 @@ def _step(volt: float, stops: bool) -> Result:
     return simulate(chosen, grid, {"voltage": volt})
 
 
-def section(validation: Validation) -> Section | None:
-    """Return the section, None if this actuator was not examined."""
-    if all(row.actuator != "torque_motor" for row in validation.rows):
-        return None
-    pictures = (_free_step(), _step_into_stop(), _bode(), _waveforms())
-    return Section(
-        "torque_motor", TITLE, "Identified variant (eq. 12) throughout.", pictures=pictures
-    )
-
-
-def _free_step() -> Picture:
+def _free_step(panels: Sequence[Axes]) -> None:
     run = _step(40.0, stops=False)
-    with drawing("motor-step") as (figure, (axes,)):
-        axes.plot(run.times * 1e3, np.degrees(run["angle"]), color=colour("blue"))
-        axes.axhline(FINAL, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
-        label(axes, (60.0, FINAL), "3.0004 deg", "muted", (0, 8), "right")
-        for milliseconds, share in FRACTIONS.items():
-            axes.plot(milliseconds, share * FINAL, "o", color=colour("orange"), mfc="none", ms=8)
-            note = f"{100 * share:g} % at {milliseconds:.2f} ms"
-            label(axes, (milliseconds, share * FINAL), note, "orange", (8, -6))
-        axes.set(xlabel="time [ms]", ylabel="angle [deg]", xlim=(0, 60), ylim=(0, 3.4))
-        return picture(
-            figure,
-            "motor-step",
-            "Step of 40 V, stops off (eq. 12)",
-            "Circles: where the identified transfer function must pass, its 1.1 ms delay included.",
-        )
+    (axes,) = panels
+    axes.plot(run.times * 1e3, np.degrees(run["angle"]), color=colour("blue"))
+    axes.axhline(FINAL, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
+    label(axes, (60.0, FINAL), "3.0004 deg", "muted", (0, 8), "right")
+    for milliseconds, share in FRACTIONS.items():
+        axes.plot(milliseconds, share * FINAL, "o", color=colour("orange"), mfc="none", ms=8)
+        note = f"{100 * share:g} % at {milliseconds:.2f} ms"
+        label(axes, (milliseconds, share * FINAL), note, "orange", (8, -6))
+    axes.set(xlabel="time [ms]", ylabel="angle [deg]", xlim=(0, 60), ylim=(0, 3.4))
 
 
-def _step_into_stop() -> Picture:
+def _step_into_stop(panels: Sequence[Axes]) -> None:
     run, free = _step(50.0, stops=True), _step(50.0, stops=False)
-    with drawing("motor-stop") as (figure, (axes,)):
-        axes.axhspan(STOP, 4.2, color=colour("shade"), lw=0)
-        axes.plot(free.times * 1e3, np.degrees(free["angle"]), color=colour("orange"), ls="--")
-        axes.plot(run.times * 1e3, np.degrees(run["angle"]), color=colour("blue"))
-        label(axes, (60.0, 3.75), "stops off", "orange", (0, 8), "right")
-        label(axes, (60.0, STOP), "stops on", "blue", (0, -9), "right")
-        label(axes, (0.0, 3.8), "beyond the stop", "muted", (6, 0))
-        axes.set(xlabel="time [ms]", ylabel="angle [deg]", xlim=(0, 60), ylim=(0, 4.2))
-        return picture(
-            figure,
-            "motor-stop",
-            "Step of 50 V into the stop",
-            "The rotor comes to rest on the stop without rebound; without stops the same voltage"
-            " would turn it to 3.75 deg.",
-        )
+    (axes,) = panels
+    axes.axhspan(STOP, 4.2, color=colour("shade"), lw=0)
+    axes.plot(free.times * 1e3, np.degrees(free["angle"]), color=colour("orange"), ls="--")
+    axes.plot(run.times * 1e3, np.degrees(run["angle"]), color=colour("blue"))
+    label(axes, (60.0, 3.75), "stops off", "orange", (0, 8), "right")
+    label(axes, (60.0, STOP), "stops on", "blue", (0, -9), "right")
+    label(axes, (0.0, 3.8), "beyond the stop", "muted", (6, 0))
+    axes.set(xlabel="time [ms]", ylabel="angle [deg]", xlim=(0, 60), ylim=(0, 4.2))
 
 
 def _sine(hertz: float, periods: int, points: int = 400) -> Result:
@@ -120,33 +102,26 @@ def _degrees(response: Complex) -> Real:
     return np.degrees(np.unwrap(np.angle(response)))
 
 
-def _bode() -> Picture:
+def _bode(panels: Sequence[Axes]) -> None:
     simulated = np.array([_response(hertz) for hertz in SINES])
     curve = np.geomspace(1.0, 400.0, 200)
     exact = _eq_12(curve)
-    with drawing("motor-bode", rows=2, height=4.2) as (figure, (gain, phase)):
-        gain.semilogx(curve, _decibel(exact), color=colour("blue"))
-        gain.plot(SINES, _decibel(simulated), "o", color=colour("orange"), mfc="none")
-        phase.plot(curve, _degrees(exact), color=colour("blue"))
-        phase.plot(SINES, _degrees(simulated), "o", color=colour("orange"), mfc="none")
-        for hertz, (decibel, degrees) in EQ_12_POINTS.items():
-            for axes, value, text in ((gain, decibel, "dB"), (phase, degrees, "deg")):
-                axes.plot(hertz, value, "+", color=colour("ink"), ms=9)
-                label(axes, (hertz, value), quantity(value, text), "ink", (-4, -11), "right")
-        gain.set(ylabel="gain re. static [dB]", ylim=(-42, 5))
-        phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]", xlim=(1, 400))
-        phase.set_yticks(range(-360, 1, 90))
-        phase.set_xticks([1, 10, 100], ["1", "10", "100"])
-        return picture(
-            figure,
-            "motor-bode",
-            "Frequency response",
-            "Line: eq. 12. Circles: settled sine runs of the simulation, 40 V peak, stops off."
-            " Crosses with figures: eq. 12 at 10, 50 and 100 Hz.",
-        )
+    gain, phase = panels
+    gain.semilogx(curve, _decibel(exact), color=colour("blue"))
+    gain.plot(SINES, _decibel(simulated), "o", color=colour("orange"), mfc="none")
+    phase.plot(curve, _degrees(exact), color=colour("blue"))
+    phase.plot(SINES, _degrees(simulated), "o", color=colour("orange"), mfc="none")
+    for hertz, (decibel, degrees) in EQ_12_POINTS.items():
+        for axes, value, text in ((gain, decibel, "dB"), (phase, degrees, "deg")):
+            axes.plot(hertz, value, "+", color=colour("ink"), ms=9)
+            label(axes, (hertz, value), with_unit(number(value), text), "ink", (-4, -11), "right")
+    gain.set(ylabel="gain re. static [dB]", ylim=(-42, 5))
+    phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]", xlim=(1, 400))
+    phase.set_yticks(range(-360, 1, 90))
+    phase.set_xticks([1, 10, 100], ["1", "10", "100"])
 
 
-def _waveforms() -> Picture:
+def _waveforms(panels: Sequence[Axes]) -> None:
     run = _sine(10.0, 4)
     shown = run.times >= 0.2
     rows = (
@@ -154,20 +129,51 @@ def _waveforms() -> Picture:
         ("current", 1e3, "current [mA]", "orange"),
         ("angle", 180.0 / np.pi, "angle [deg]", "blue"),
     )
-    with drawing("motor-sine", rows=3, height=4.2) as (figure, every):
-        for axes, (name, scale, text, series) in zip(every, rows):
-            axes.plot(
-                (run.times[shown] - 0.2) * 1e3, scale * run[name][shown], color=colour(series)
-            )
-            axes.set_ylabel(text)
-            axes.margins(y=0.15)
-        for peak in (PEAK, -PEAK):
-            every[2].axhline(peak, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
-        label(every[2], (200.0, PEAK), f"{PEAK:g} deg", "muted", (0, -8), "right")
-        every[2].set(xlabel="time [ms]", xlim=(0, 200))
-        return picture(
-            figure,
-            "motor-sine",
-            "Waveforms at 10 Hz, 40 V peak",
-            "Third and fourth period. Dashed: the peak angle that eq. 12 gives, 2.66 deg.",
-        )
+    for axes, (name, scale, text, series) in zip(panels, rows):
+        axes.plot((run.times[shown] - 0.2) * 1e3, scale * run[name][shown], color=colour(series))
+        axes.set_ylabel(text)
+        axes.margins(y=0.15)
+    for peak in (PEAK, -PEAK):
+        panels[2].axhline(peak, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
+    label(panels[2], (200.0, PEAK), f"{PEAK:g} deg", "muted", (0, -8), "right")
+    panels[2].set(xlabel="time [ms]", xlim=(0, 200))
+
+
+SECTIONS = (
+    Section(
+        "Torque motor: steps, frequency response, waveforms",
+        "Identified variant (eq. 12) throughout.",
+        pictures=(
+            Picture(
+                "Step of 40 V, stops off (eq. 12)",
+                _free_step,
+                "Circles: where the identified transfer function must pass, its 1.1 ms delay"
+                " included.",
+            ),
+            Picture(
+                "Step of 50 V into the stop",
+                _step_into_stop,
+                "The rotor comes to rest on the stop without rebound; without stops the same"
+                " voltage would turn it to 3.75 deg.",
+            ),
+            Picture(
+                "Frequency response",
+                _bode,
+                "Line: eq. 12. Circles: settled sine runs of the simulation, 40 V peak, stops off."
+                " Crosses with figures: eq. 12 at 10, 50 and 100 Hz.",
+                rows=2,
+                height=4.2,
+                shared=True,
+            ),
+            Picture(
+                "Waveforms at 10 Hz, 40 V peak",
+                _waveforms,
+                "Third and fourth period. Dashed: the peak angle that eq. 12 gives, 2.66 deg.",
+                rows=3,
+                height=4.2,
+                shared=True,
+            ),
+        ),
+        folded=True,
+    ),
+)

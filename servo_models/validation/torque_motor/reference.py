@@ -14,9 +14,17 @@ from typing import ClassVar
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.validation.solvers.inputs import Edges, changes
-from servo_models.validation.solvers.linear import LinearSystem
-from servo_models.validation.solvers.switching import Exit, Key, Regime, Values, follow
+from servo_models.validation.solvers import (
+    Edges,
+    Exit,
+    Key,
+    LinearSystem,
+    Play,
+    Regime,
+    Values,
+    changes,
+    follow,
+)
 
 OUTPUTS = ("angle", "rate", "current", "motor_torque", "at_stop")
 STOP = 3.0 * math.pi / 180.0
@@ -201,3 +209,72 @@ class Contact:
         """See ``OUTPUTS``; SI."""
         on_stop = 1.0 if abs(float(x[1])) >= self.stop else 0.0
         return float(x[1]), float(x[2]), float(x[0]), self.constants.k_t * float(x[0]), on_stop
+
+
+@dataclass(frozen=True)
+class TwoMasses:
+    """The output is the load's side of the spring; the load torque acts there.
+
+    ``compliance`` [rad/(N m)], ``inertia`` of the load [kg m^2], ``damping`` ratio of the
+    load on its spring with the rotor held.
+    """
+
+    constants: Constants
+    compliance: float
+    inertia: float
+    damping: float
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Exact response; inputs voltage, load_torque."""
+        voltage = changes(times, inputs["voltage"], self.constants.delay)
+        signals = [voltage, changes(times, inputs["load_torque"])]
+        columns = self.system().response(times, signals)
+        named = {name: columns[:, k] for k, name in enumerate(OUTPUTS[:4])}
+        return {**named, "at_stop": np.zeros(len(times))}
+
+    def system(self) -> LinearSystem:
+        """States current, rotor angle and speed, load angle and speed."""
+        k, stiffness = self.constants, 1.0 / self.compliance
+        drag = 2.0 * self.damping * math.sqrt(self.inertia * stiffness)
+        twist = np.array([0.0, stiffness, drag, -stiffness, -drag])
+        own = np.array([k.k_t, -k.k_s, -k.k_f, 0.0, 0.0])
+        a = [
+            np.array([-k.r / k.l, 0.0, -k.k_b / k.l, 0.0, 0.0]),
+            np.eye(5)[2],
+            (own - twist) / k.j,
+            np.eye(5)[4],
+            twist / self.inertia,
+        ]
+        b = np.zeros((5, 2))
+        b[0, 0], b[4, 1] = 1.0 / k.l, -1.0 / self.inertia
+        c = np.array([np.eye(5)[3], np.eye(5)[4], np.eye(5)[0], k.k_t * np.eye(5)[0]])
+        return LinearSystem(np.array(a), b, c, np.zeros((4, 2)))
+
+
+@dataclass(frozen=True)
+class MotorBacklash:
+    """Torque motor without stops behind whose rotor is a play of +/- ``half_width`` [rad]."""
+
+    constants: Constants
+    half_width: float
+
+    def __call__(self, times: Array, inputs: Mapping[str, Array]) -> dict[str, Array]:
+        """Response with located events; inputs voltage, load_torque."""
+        linear, k = Linear(self.constants).system(), self.constants
+        a, b = np.zeros((4, 4)), np.zeros((4, 2))
+        a[:3, :3], b[:3] = linear.a, linear.b
+        system = Play(
+            a=a,
+            b=b,
+            c=np.array([np.eye(4)[3], np.eye(4)[0], k.k_t * np.eye(4)[0]]),
+            d=np.zeros((3, 2)),
+            shaft=1,
+            turning=np.eye(4)[2],
+            half_width=self.half_width,
+            scale=(0.01, 0.05, 50.0, 0.05),
+            longest_step=2e-4,
+        )
+        voltage = changes(times, inputs["voltage"], k.delay)
+        columns = follow(system, times, [voltage, changes(times, inputs["load_torque"])])
+        names = ("angle", "current", "motor_torque", "rate")
+        return {name: columns[:, k] for k, name in enumerate(names)}

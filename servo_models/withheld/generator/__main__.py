@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from servo_models.withheld.generator.case import TIERS
+from servo_models.withheld.generator.cases import TIERS
 from servo_models.withheld.generator.files import generate
 
 

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.withheld.generator.bench import Bench, Signal
-from servo_models.withheld.generator.case import TIERS, Acting, Case, draw_case
+from servo_models.withheld.generator.cases import TIERS, Acting, Case, draw_case
+from servo_models.withheld.generator.rigs import Bench, Signal
 
 Array = NDArray[np.float64]
 

@@ -1,16 +1,25 @@
-"""A withheld check on the terminal and as JSON, its figures beside the bars set for them."""
+"""A withheld check as people and programs read it, its figures beside the bars set for them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 from servo_models.diagnosis.verdict import OUTSIDE
-from servo_models.report.sheets import Sheet, Table
-from servo_models.withheld.interval import Figure
+from servo_models.report.numbers import Quantity
+from servo_models.report.sections import Card, Cell, Mark, Report, Section, Table
 from servo_models.withheld.run import Check
-from servo_models.withheld.score import FIGURES, Case, Cases, calibration, confusion, false_causes
+from servo_models.withheld.score import (
+    FIGURES,
+    NOTHING,
+    Case,
+    Cases,
+    Figure,
+    calibration,
+    confusion,
+    false_causes,
+)
 
 VERSION = 1
 """Of the schema: it counts up when a reader of the one before would go wrong."""
@@ -42,7 +51,7 @@ BARS: dict[str, dict[str, Bar]] = {
     },
     "poor": {"owns_up": (AT_LEAST, 0.90), **QUICK},
 }
-COLUMNS = ("figure", "value", "95 %", "cases", "bar", "")
+COLUMNS = ("figure", "value (95 %)", "cases", "bar", "")
 
 
 def met(figure: Figure, bar: Bar) -> bool | None:
@@ -65,44 +74,68 @@ def by_tier(check: Check) -> dict[str, Cases]:
     return {tier: cases for tier, cases in found.items() if cases}
 
 
-def check_sheet(check: Check) -> Sheet:
+def report(check: Check, date: str = "") -> Report:
     """Return the figures of every tier, what was mistaken for what, and the calibration."""
+    tiers = by_tier(check)
+    counts = {tier: _bars_met(tier, cases) for tier, cases in tiers.items()}
     failed = [case.said for case in check.cases if case.said.why]
-    texts = [
-        "A case counts for first_place, both_named and recall where the noise-free log separates"
-        f" the truth from its best rival.  Fewer than {MOST_WANTED} cases leave a figure open.",
-        *(f"Case {said.case} failed: {said.why}" for said in failed),
+    return Report(
+        f"withheld check, seed {check.seed}",
+        f"{len(check.cases)} cases; " + "; ".join(f"{t}: {text}" for t, text in counts.items()),
+        cards=tuple(Card(tier, text, section=_title(tier)) for tier, text in counts.items()),
+        remarks=(
+            "A case counts for first_place, both_named and recall where the noise-free log"
+            " separates the truth from its best rival. Fewer than"
+            f" {MOST_WANTED} cases leave a figure open.",
+            *(f"Case {said.case} failed: {said.why}" for said in failed),
+        ),
+        sections=(
+            *(_tier_section(tier, cases) for tier, cases in tiers.items()),
+            _calibration(check.cases),
+        ),
+        date=date,
+    )
+
+
+def _title(tier: str) -> str:
+    return f"Tier {tier}"
+
+
+def _bars_met(tier: str, cases: Cases) -> str:
+    bars = BARS[tier]
+    found = [
+        met(define(cases), bars[define.__name__]) for define in FIGURES if define.__name__ in bars
     ]
-    tables = []
-    for tier, cases in by_tier(check).items():
-        wrong = tuple(_mistaken(cases))
-        tables.append(Table(f"{tier}, {len(cases)} cases", COLUMNS, tuple(_rows(tier, cases))))
-        if wrong:
-            title = f"{tier}: most frequent confusions"
-            tables.append(Table(title, ("truth", "said", "cases"), wrong))
-    curve = tuple(_curve(check.cases))
-    if curve:
-        title = "Calibration, all tiers"
-        tables.append(Table(title, ("probability", "mean", "there", "95 %", "cases"), curve))
-    return Sheet(f"Withheld check, seed {check.seed}", tuple(texts), tuple(tables))
+    judged = [one for one in found if one is not None]
+    return f"{sum(judged)} of {len(judged)} bars met"
 
 
-def _rows(tier: str, cases: Cases) -> Iterator[tuple[str, ...]]:
+def _tier_section(tier: str, cases: Cases) -> Section:
+    columns = ("truth", "said", "cases")
+    mistaken = Table(f"{tier}: most frequent confusions", columns, _mistaken(cases))
+    figures = Table(f"{tier}, {len(cases)} cases", COLUMNS, tuple(_rows(tier, cases)))
+    return Section(_title(tier), tables=(figures, mistaken))
+
+
+def _rows(tier: str, cases: Cases) -> Iterator[tuple[Cell, ...]]:
     for define in FIGURES:
         figure, bar = define(cases), BARS[tier].get(define.__name__)
-        if figure.value is None:
-            continue
-        beside = ("", "")
-        if bar:
-            beside = (f"{bar[0]} {bar[1]:g}", standing(figure, bar))
-        yield (define.__name__, f"{figure.value:.3g}", _interval(figure), str(figure.n), *beside)
+        if figure.n:
+            beside: tuple[Cell, Cell] = ("", "")
+            if bar:
+                said = standing(figure, bar)
+                beside = (f"{bar[0]} {bar[1]:g}", Mark(said, met(figure, bar)))
+            yield (define.__name__, _quantity(figure), figure.n, *beside)
 
 
-def _interval(figure: Figure) -> str:
-    return f"{figure.low:.3g}..{figure.high:.3g}"
+def _quantity(figure: Figure) -> Quantity:
+    assert figure.value is not None
+    assert figure.low is not None
+    assert figure.high is not None
+    return Quantity(figure.value, interval=(figure.low, figure.high), digits=3)
 
 
-def _mistaken(cases: Cases) -> Iterator[tuple[str, ...]]:
+def _mistaken(cases: Cases) -> tuple[tuple[Cell, ...], ...]:
     """Truths and other answers, the most frequent first."""
     wrong = [case for case in cases if not _good(case)]
     found = [
@@ -110,37 +143,35 @@ def _mistaken(cases: Cases) -> Iterator[tuple[str, ...]]:
         for truth, answers in confusion(wrong).items()
         for answer, count in answers.items()
     ]
-    for truth, answer, count in sorted(found, key=lambda it: -it[2])[:SHOWN]:
-        yield truth, answer, str(count)
+    return tuple(sorted(found, key=lambda one: -one[2])[:SHOWN])
 
 
 def _good(case: Case) -> bool:
     """Whether the answer to a case is the truth."""
-    if case.kind == "nothing":
+    if case.kind == NOTHING:
         return not false_causes([case]).value
     outside = case.said.verdict == OUTSIDE
     return outside if case.kind == "foreign" else case.right and not outside
 
 
-def _curve(cases: Cases) -> Iterator[tuple[str, ...]]:
-    for one in calibration(cases):
-        yield (
-            f"{one.low:g}..{one.high:g}",
-            f"{one.probability:.3g}",
-            f"{one.right.value:.3g}",
-            _interval(one.right),
-            str(one.right.n),
-        )
+def _calibration(cases: Cases) -> Section:
+    rows = tuple(
+        (f"{one.low:g} to {one.high:g}", one.probability, _quantity(one.right), one.right.n)
+        for one in calibration(cases)
+    )
+    title = "Calibration, all tiers"
+    columns = ("probability", "mean", "effect is there (95 %)", "cases")
+    return Section(title, tables=(Table(title, columns, rows),), folded=True)
 
 
-def document(check: Check, versions: Mapping[str, str]) -> dict[str, Any]:
+def document(check: Check) -> dict[str, Any]:
     """Return a check as what JSON is made of, by the schema in ``schema.json``."""
     return {
         "schema_version": VERSION,
         "seed": check.seed,
         "n": len(check.cases),
         "seal": check.seal,
-        "versions": dict(versions),
+        "versions": dict(check.versions),
         "tiers": {tier: _tier(tier, cases) for tier, cases in by_tier(check).items()},
         "cases": [_case(case) for case in check.cases],
     }

@@ -9,8 +9,83 @@ as none is logged.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from servo_models.withheld.generator.cause import Cause, Quantity
+import numpy as np
+
+from servo_models.withheld.generator.rigs import Bench
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of a cause: its name, the setting it becomes, and its range.
+
+    Attributes:
+        weak, strong: range [SI], drawn evenly on a logarithmic scale, or a linear one where
+            ``weak`` is not above 0; a cause grows from ``weak`` to ``strong``.
+        unit: name of the factor from SI to the setting, see ``Bench.units``.
+        signed: either sign.
+        grid: a time in whole steps of the simulation.
+    """
+
+    name: str
+    setting: str
+    weak: float
+    strong: float
+    unit: str = "1"
+    signed: bool = False
+    grid: bool = False
+
+    @property
+    def decades(self) -> float:
+        """Natural logarithm of the range."""
+        return abs(math.log(self.strong / self.weak))
+
+    def at(self, share: float) -> float:
+        """Return the value at a share of the range, 0 to 1."""
+        if self.weak <= 0.0:
+            return self.weak + share * (self.strong - self.weak)
+        return self.weak * math.pow(self.strong / self.weak, share)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One thing that a model leaves out; ``size`` makes it large or small, ``others`` shape it."""
+
+    name: str
+    size: Quantity
+    others: tuple[Quantity, ...] = ()
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A cause with its sign and shape drawn, its size open."""
+
+    cause: Cause
+    sign: float
+    others: Mapping[str, float]
+
+    def values(self, share: float, step: float) -> dict[str, float]:
+        """Return its parameters [SI] by name, sized at ``share`` of the range."""
+        size = self.cause.size
+        value = self.sign * size.at(share)
+        if size.grid:
+            value = max(1, round(value / step)) * step
+        return {size.name: value, **self.others}
+
+    def settings(self, share: float, bench: Bench, units: Mapping[str, float]) -> dict[str, float]:
+        """Return what the simulation takes."""
+        values = self.values(share, bench.step)
+        every = (self.cause.size, *self.cause.others)
+        return {q.setting: values[q.name] * units[q.unit] for q in every}
+
+
+def draw(cause: Cause, rng: np.random.Generator) -> Drawn:
+    """Draw the sign and the shape of a cause."""
+    sign = float(rng.choice([-1.0, 1.0])) if cause.size.signed else 1.0
+    return Drawn(cause, sign, {q.name: q.at(float(rng.random())) for q in cause.others})
+
 
 D = math.pi / 180.0
 TURN = 2.0 * math.pi
@@ -137,3 +212,43 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
 )
 
 CATALOGUE = {"sg90": SG90, "torque_motor": TORQUE_MOTOR}
+
+
+def _causes(
+    torque: float, speed: float, angle: float, hertz: float, slow: float
+) -> tuple[Cause, ...]:
+    """Those of a rig with this full torque [N m], speed [rad/s], angle [rad] and bandwidth [Hz].
+
+    ``slow`` is the slew rate [rad/s] of a sensor that shows.
+    """
+
+    def part(setting: str, weak: float, strong: float, name: str = "size") -> Quantity:
+        return Quantity(name, setting, weak, strong)
+
+    mode = (
+        part("mode_frequency", TURN * 0.6 * hertz, TURN * 2.5 * hertz, "frequency"),
+        part("mode_damping", 0.05, 0.3, "damping"),
+    )
+    kink = Quantity("size", "kink_slope", 0.05 / angle, 3.0 / angle, signed=True)
+    bend = Quantity("angle", "kink_angle", -0.3 * angle, 0.3 * angle)
+    travel = part("bouc_travel", 0.05 * angle, 0.3 * angle, "travel")
+    hum = part("hum_frequency", TURN * hertz, TURN * 2.0 * hertz, "frequency")
+    square = torque / (speed * speed)
+    return (
+        Cause("quadratic_drag", part("quadratic_drag", 0.02 * square, 2.0 * square)),
+        Cause("asymmetric_drag", part("forward_drag", 0.02 * torque / speed, torque / speed)),
+        Cause("bouc_wen_hysteresis", part("bouc_torque", 0.01 * torque, 0.6 * torque), (travel,)),
+        Cause("dropped_commands", part("lost_share", 0.03, 0.6)),
+        Cause("gain_bursts", part("burst", 0.03, 0.8)),
+        Cause("second_resonance", part("mode_share", 0.03, 1.0), mode),
+        Cause("gain_kink", kink, (bend,)),
+        Cause("sensor_slew", part("reading_slew", slow, 0.1 * slow)),
+        Cause("intermittent_sticking", part("sticking", 0.02 * torque, 0.6 * torque)),
+        Cause("hum", part("hum", 0.01 * torque, 0.4 * torque), (hum,)),
+    )
+
+
+FOREIGN = {
+    "sg90": _causes(torque=0.18, speed=10.0, angle=70.0 * D, hertz=6.0, slow=12.0),
+    "torque_motor": _causes(torque=0.04, speed=10.0, angle=2.0 * D, hertz=80.0, slow=10.0),
+}

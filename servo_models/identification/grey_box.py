@@ -1,7 +1,7 @@
-"""Physical constants from the coefficients of an identified transfer function.
+"""Physical constants from the coefficients of an identified transfer function, by a grey box.
 
-Source: valve paper sec. 5; Ljung, System Identification, 2nd ed., sec. 9.6 for the way of
-the covariance from coefficients to constants (first order, "delta method").
+Source: Ljung, System Identification, 2nd ed., sec. 9.6 for the way of the covariance from
+coefficients to constants (first order, "delta method").
 """
 
 from __future__ import annotations
@@ -12,19 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from servo_models.actuators.torque_motor.variants import TABLE_1, grey_box
+from servo_models.core.plant import GreyBox
 from servo_models.core.types import Array
 
-COEFFICIENTS = ("gain", "s2", "s1", "s0")
-"""Of gain / (s^3 + s2 s^2 + s1 s + s0)."""
-KNOWN = ("resistance", "rotor_inertia", "stiffness")
-"""What the torque motor's four coefficients cannot tell."""
 VAGUE = 0.3
 """A constant whose standard error is a larger part of it is not determined."""
 TOUCHY = 10.0
 """Without standard errors: 1 % in a coefficient moves a constant that is not determined by
 more than this [%]."""
-DELAY = "transport_delay.time"
 
 
 @dataclass(frozen=True)
@@ -67,7 +62,7 @@ class Constant:
 
 @dataclass(frozen=True, eq=False)
 class PhysicalConstants:
-    """Constants of the torque motor by name, and their covariance in that order, SI."""
+    """Constants of an actuator by name, and their covariance in that order, SI."""
 
     constants: Mapping[str, Constant]
     covariance: Array | None
@@ -82,28 +77,28 @@ class PhysicalConstants:
         return {c.name: (c.value, c.standard_error) for c in self.constants.values()}
 
 
-def torque_motor_constants(
+def physical_constants(
+    grey_box: GreyBox,
     coefficients: ArrayLike,
+    known: Mapping[str, float],
     covariance: ArrayLike | None = None,
-    known: Mapping[str, float] | None = None,
     known_errors: Mapping[str, float] | None = None,
 ) -> PhysicalConstants:
-    """Return inductance, torque constant, friction coefficient and back EMF constant.
+    """Return the constants that a grey box makes of a transfer function.
 
     Args:
-        coefficients: gain, s2, s1, s0 of gain / (s^3 + s2 s^2 + s1 s + s0), SI, from voltage
-            [V] to angle [rad]; a fifth one is the delay [s] and becomes
-            ``transport_delay.time``.
+        grey_box: of the actuator.
+        coefficients: of the function, as many as the grey box names, SI; one more is the delay
+            [s] and becomes the grey box's ``delay``.
+        known: its known parameters by name, SI.
         covariance: of the coefficients, SI.
-        known: resistance, rotor_inertia and stiffness, SI; default Table 1.
-        known_errors: their standard errors, SI; exact where not named.
+        known_errors: standard errors of the known ones, SI; exact where not named.
     """
-    given = np.asarray(coefficients, dtype=float)
-    held = {name: (known or TABLE_1)[name] for name in KNOWN}
-    base = np.array([*given[:4], *held.values()])
+    given, count = np.asarray(coefficients, dtype=float), len(grey_box.coefficients)
+    base = np.array([*given[:count], *(known[name] for name in grey_box.known)])
 
     def solve(x: Array) -> dict[str, float]:
-        return grey_box(*map(float, x))
+        return grey_box.solve(*map(float, x))
 
     values = solve(base)
     names = list(values)
@@ -111,20 +106,20 @@ def torque_motor_constants(
     spread = None
     if covariance is not None:
         joint = np.zeros((len(base), len(base)))
-        joint[:4, :4] = np.asarray(covariance, dtype=float)[:4, :4]
-        for k, name in enumerate(KNOWN, start=4):
+        joint[:count, :count] = np.asarray(covariance, dtype=float)[:count, :count]
+        for k, name in enumerate(grey_box.known, start=count):
             joint[k, k] = (known_errors or {}).get(name, 0.0) ** 2
         spread = slopes @ joint @ slopes.T
-    causes = (*(f"coefficient {c}" for c in COEFFICIENTS), *KNOWN)
+    causes = (*(f"coefficient {c}" for c in grey_box.coefficients), *grey_box.known)
     found: dict[str, Constant] = {}
     for k, name in enumerate(names):
         elasticity = slopes[k] * base / values[name]
         most = int(np.argmax(np.abs(elasticity)))
         error = None if spread is None else float(np.sqrt(spread[k, k]))
         found[name] = Constant(name, values[name], error, causes[most], float(elasticity[most]))
-    if len(given) > 4:
-        error = None if covariance is None else float(np.sqrt(np.asarray(covariance)[4, 4]))
-        found[DELAY] = Constant(DELAY, float(given[4]), error)
+    if len(given) > count:
+        error = None if covariance is None else float(np.sqrt(np.asarray(covariance)[count, count]))
+        found[grey_box.delay] = Constant(grey_box.delay, float(given[count]), error)
     return PhysicalConstants(found, spread)
 
 

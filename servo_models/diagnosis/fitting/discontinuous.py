@@ -2,71 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from servo_models.core.block import Block, DeadTime
+from servo_models.core.block import DeadTime, Hints
+from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
 from servo_models.data.log import ROUNDING
 from servo_models.diagnosis.fitting.descent import descend
-from servo_models.identification.problem import Problem
+from servo_models.identification.problem import Free, Problem
 
-WIDE, NARROW = (0.02, 0.01), (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
-"""Relative changes of a stepwise size that are tried in turn, before a search and after it."""
-JUMP = 0.2
-"""Part of the range of a reading that it jumps between two samples, from which every delay of a
-sample more puts the jump between two other ones."""
-SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
-"""Samples by which such a delay is moved."""
-PARTS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
-"""Parts of its period by which a delay before a hold is moved."""
-WORTH, SHIFTED = 0.98, 8
-"""Cost over that before from which a move is taken, and how often."""
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)
+"""Of a discontinuous parameter, tried in turn before a search."""
+NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
+"""The same after it."""
+JUMP_OVER_RANGE = 0.2
+"""Between two samples of a reading: every delay of a sample more then puts the jump between two
+other ones."""
+DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
+"""Of the delay before such a reading."""
+DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
+"""Of a delay before a hold."""
+MOVED_COST_OVER_COST = 0.98
+"""From which a move is taken."""
+MOST_MOVES = 8
 
 
 def staircases_of(problem: Problem) -> list[int]:
     """Which free parameters are discontinuous: the response is a staircase of them."""
     return [
         i
-        for i, free in enumerate(problem.free)
-        if free.prior is None and _is(problem, free.name, _discontinuous)
+        for i, free, parameter, hints in _of_effects(problem)
+        if hints.grid and parameter.param.switch and free.prior is None
     ]
 
 
 def begins_with_jump(problem: Problem) -> bool:
     """Whether effects begin with a part of a jump: small changes then move where it comes by a
     sample, or not at all."""
-    return any(it.start > 0.0 and _is(problem, it.name, _jump) for it in problem.free)
+    return any(
+        free.start > 0.0 and parameter.key == hints.jump
+        for _, free, parameter, hints in _of_effects(problem)
+    )
 
 
-def _is(problem: Problem, name: str, keys: Callable[[Block], tuple[str, ...]]) -> bool:
-    """Whether a parameter is among those ``keys`` of the effect that it belongs to."""
+def _of_effects(problem: Problem) -> Iterator[tuple[int, Free, Parameter, Hints]]:
+    """Free parameters of effects: which, as what they were declared, and what is known of them."""
     plant = problem.model.plant
-    effect = plant.owner(name)
-    return effect is not None and plant.parameters[name].key in keys(effect)
-
-
-def _discontinuous(effect: Block) -> tuple[str, ...]:
-    return effect.switches if effect.search.grid else ()
-
-
-def _jump(effect: Block) -> tuple[str, ...]:
-    return (effect.search.jump,)
-
-
-def _phase(effect: Block) -> tuple[str, ...]:
-    return (effect.search.phase,)
-
-
-def _delay(effect: Block) -> tuple[str, ...]:
-    linear = effect.small_signal
-    return (linear.time,) if isinstance(linear, DeadTime) else ()
-
-
-def _period(effect: Block) -> tuple[str, ...]:
-    return effect.switches if effect.signature == "clock" else ()
+    for i, free in enumerate(problem.free):
+        parameter = plant.parameters[free.name]
+        if parameter.owner:
+            yield i, free, parameter, plant.main(parameter.owner).effect.hints
 
 
 def others_first(
@@ -109,7 +97,7 @@ def past_an_edge(
         begin = np.clip(begin, *problem.bounds)
         found.append(others_first(problem, begin, delays, widths, tolerance, limit))
     before, *after = problem.costs([vector, *found])
-    return found[int(np.argmin(after))] if min(after) < WORTH * before else None
+    return found[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
 
 
 def sharpened(
@@ -148,8 +136,8 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
     the next tick, and the delay is such a staircase too.
     """
-    moves = [it * sample for sample in _jumping(problem) for it in SAMPLES]
-    moves += [it * period for period in _periods(problem, vector) for it in PARTS]
+    moves = [it * sample for sample in _jumping(problem) for it in DELAY_MOVES_IN_SAMPLES]
+    moves += [it * period for period in _periods(problem, vector) for it in DELAY_MOVES_IN_PERIODS]
     trials = []
     for i in delays_of(problem):
         for move in (sign * it for it in moves if it for sign in (-1.0, 1.0)):
@@ -159,7 +147,7 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     if not trials:
         return None
     before, costs = problem.costs([vector])[0], problem.costs(trials)
-    return trials[int(np.argmin(costs))] if min(costs) < WORTH * before else None
+    return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
 
 
 def turned(problem: Problem, vector: Array) -> Array | None:
@@ -168,8 +156,8 @@ def turned(problem: Problem, vector: Array) -> Array | None:
     The response is the same there, and the search may go on where the bound has stopped it.
     """
     sides, found = problem.sides(vector), vector.copy()
-    for i, free in enumerate(problem.free):
-        if sides[i] and _is(problem, free.name, _phase):
+    for i, free, parameter, hints in _of_effects(problem):
+        if sides[i] and parameter.key == hints.phase:
             found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
     found = np.clip(found, *problem.bounds)
     return None if np.array_equal(found, vector) else found
@@ -177,14 +165,20 @@ def turned(problem: Problem, vector: Array) -> Array | None:
 
 def delays_of(problem: Problem) -> list[int]:
     """Which free parameters are times of a transport delay."""
-    names = [free.name for free in problem.free]
-    return [i for i, name in enumerate(names) if _is(problem, name, _delay)]
+    return [
+        i
+        for i, _, parameter, hints in _of_effects(problem)
+        if isinstance(hints.small_signal, DeadTime) and parameter.key == hints.small_signal.time
+    ]
 
 
 def _periods(problem: Problem, vector: Array) -> list[float]:
     """Periods [s] of the holds that are on."""
+    plant = problem.model.plant
     values = {**problem.model.values, **problem.values(vector)}
-    return [it for name, it in values.items() if it > 0.0 and _is(problem, name, _period)]
+    places = [plant.main(name) for name in plant.placements]
+    found = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
+    return [period for period in found if period > 0.0]
 
 
 def _jumping(problem: Problem) -> list[float]:
@@ -193,7 +187,7 @@ def _jumping(problem: Problem) -> list[float]:
     for log in problem.logs:
         for values in log.outputs.values():
             change = np.max(np.abs(np.diff(values)), initial=0.0)
-            if change > JUMP * np.ptp(values) > 0.0:
+            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
                 step = float(np.median(np.diff(log.times)))
                 if not any(abs(step - it) <= ROUNDING * it for it in found):
                     found.append(step)

@@ -1,0 +1,306 @@
+"""A validation as people read it: on a terminal, on a page, in a notebook."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from servo_models.report.numbers import Quantity, number, percent, with_unit
+from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
+from servo_models.report.style import SERIES, colour
+from servo_models.validation.cases import offered
+from servo_models.validation.rows import (
+    CLAIMS,
+    IMPLEMENTATION,
+    MODEL,
+    PAPER,
+    CostCurve,
+    Row,
+    Validation,
+    tightest,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CARDS = {
+    IMPLEMENTATION: "FMU equals simulation",
+    MODEL: "Responses equal references",
+    PAPER: "Figures of the papers",
+}
+HEADINGS = {
+    IMPLEMENTATION: "Implementation: the FMU equals the simulation",
+    MODEL: "Model: the response equals an independent reference",
+    PAPER: "Figures of the papers",
+}
+LEADS = {
+    IMPLEMENTATION: (
+        "The FMU and the simulation in this process get the same inputs on the same"
+        " communication points. A value of 0 is equality to the last bit."
+    ),
+    MODEL: (
+        "The references are written from the published equations a second time, without"
+        " the blocks of the model, and solved by other methods. Errors are shares of full scale,"
+        ' the largest absolute reference value of each output. "Blocks as plain functions" is'
+        " another kind: it calls the blocks of the model, without the text that is printed and"
+        " compiled of them, at a tenth of the internal step; errors are shares of the range of"
+        " each output, and the limit is 1e-4 and twice what the step changes in that"
+        " integration."
+    ),
+    PAPER: (
+        "Printed: the figure in the paper. Recomputed: the same from the paper's own numbers,"
+        " without this model. Model: what the simulation gives. A figure that cannot be"
+        " reproduced is named with its reason; it does not fail the validation."
+    ),
+}
+FAILED, COUNTS = "Outside their limits", "Figures that pass"
+BRIEF = ("FMU = simulation", "model = reference", "figures of its paper")
+"""Headings of the claims in the counts, in their order."""
+PLACE = ("actuator", "variant", "case", "quantity")
+FIGURE = ("", *PLACE, "run", "value", "limit", "used", "note")
+PRINTED = ("", *PLACE, "printed", "recomputed", "model", "within", "note")
+DIGITS = 7
+"""Enough for every coefficient that the papers print."""
+MARKERS = "os^D"
+
+
+def report(validation: Validation, date: str = "", every: bool = False) -> Report:
+    """Return everything; a terminal prints of each case the figure nearest to its limit.
+
+    Args:
+        validation: the result.
+        date: shown beside the title.
+        every: a terminal prints every figure.
+    """
+    examined = dict.fromkeys(row.actuator for row in validation.rows)
+    return Report(
+        f"{', '.join(examined) or 'nothing'} against references",
+        sentence(validation),
+        None if not any(row.passed is not None for row in validation.rows) else validation.passed,
+        cards=cards(validation),
+        remarks=remarks(validation),
+        sections=(
+            _failures(validation),
+            _counts(validation),
+            *(_claim(claim, validation.of(claim), every) for claim in CLAIMS),
+            *(
+                section
+                for actuator, module in offered("pictures").items()
+                if actuator in examined
+                for section in module.SECTIONS
+            ),
+            _cost(validation.cost),
+            Section("Conditions", facts=tuple(validation.conditions.items()), folded=True),
+        ),
+        date=date,
+    )
+
+
+def summary(validation: Validation) -> Report:
+    """Return the verdict, how many figures of each actuator pass, and what failed."""
+    sections = (_counts(validation), _failures(validation))
+    return Report(sentence(validation), "", sections=sections)
+
+
+def sentence(validation: Validation) -> str:
+    """Return the verdict in one sentence."""
+    judged = sum(row.passed is not None for row in validation.rows)
+    failed = len(validation.failures)
+    if not judged:
+        return "Nothing was judged."
+    if failed:
+        return f"FAILED: {failed} of {judged} figures are outside their limits."
+    return f"PASSED: all {judged} figures are within their limits."
+
+
+def remarks(validation: Validation) -> tuple[str, ...]:
+    """Return what the verdict leaves open: figures without a match, claims not examined."""
+    unmatched = sum(row.passed is None for row in validation.of(PAPER))
+    figures = "figure" if unmatched == 1 else "figures"
+    return (
+        *(
+            (f"{unmatched} printed {figures} cannot be reproduced; the reasons are given.",)
+            if unmatched
+            else ()
+        ),
+        *(
+            f"Not examined: {title}."
+            for claim, title in CARDS.items()
+            if validation.rows and not validation.of(claim)
+        ),
+    )
+
+
+def cards(validation: Validation) -> tuple[Card, ...]:
+    """Return how many figures of each claim pass."""
+    made = []
+    for claim, title in CARDS.items():
+        rows = validation.of(claim)
+        text = f"{_passed(rows)} figures pass" if rows else "not examined"
+        made.append(Card(title, text, _judgement(rows), HEADINGS[claim] if rows else ""))
+    return tuple(made)
+
+
+def share(row: Row) -> str:
+    """Return how much of its limit a row uses."""
+    if row.value is None or not row.limit:
+        return ""
+    used = row.value / row.limit
+    return f"{number(used, 2)} times" if used >= 10.0 else percent(used)
+
+
+def figure(value: float | None, unit: str) -> Cell:
+    """Return a measured figure as a cell."""
+    return None if value is None else Quantity(value, unit)
+
+
+def in_words(row: Row) -> str:
+    """Return a figure beside what it is held against, in one line of text."""
+    if row.claim == PAPER:
+        printed, recomputed = row.printed, row.recomputed
+        given = {"printed": printed, "recomputed": recomputed, "within": row.limit}
+        held = ", ".join(f"{name} {_plain(v, row)}" for name, v in given.items() if v is not None)
+    else:
+        held = "" if row.limit is None else f"<= {_plain(row.limit, row)}"
+    note = f"; {row.note}" if row.note else ""
+    return f"{row.verdict}: {_plain(row.value, row)} {held}".rstrip() + note
+
+
+def _plain(value: float | None, row: Row) -> str:
+    return "none" if value is None else with_unit(f"{value:.5g}", row.unit)
+
+
+def _failures(validation: Validation) -> Section:
+    rows = tuple(
+        (
+            row.actuator,
+            row.variant,
+            f"{row.case}, {row.subject}" if row.subject else row.case,
+            row.quantity,
+            figure(row.value, row.unit),
+            figure(row.limit, row.unit),
+            row.note,
+        )
+        for row in validation.failures
+    )
+    return Section(FAILED, tables=(Table(FAILED, (*PLACE, "value", "limit", "note"), rows),))
+
+
+def _counts(validation: Validation) -> Section:
+    names = dict.fromkeys(row.actuator for row in validation.rows)
+    rows = tuple(
+        (name, *(_count(validation.of(claim), name) for claim in CLAIMS)) for name in names
+    )
+    return Section(COUNTS, tables=(Table(COUNTS, ("actuator", *BRIEF), rows),))
+
+
+def _count(rows: Sequence[Row], actuator: str) -> str:
+    own = [row for row in rows if row.actuator == actuator]
+    named = sum(row.passed is None and row.claim == PAPER for row in own)
+    counts = [_passed(own)] if any(row.passed is not None for row in own) else []
+    return ", ".join([*counts, *([f"{named} not reproducible"] if named else [])])
+
+
+def _passed(rows: Iterable[Row]) -> str:
+    judged = [row for row in rows if row.passed is not None]
+    return f"{sum(bool(row.passed) for row in judged)} of {len(judged)}"
+
+
+def _judgement(rows: Iterable[Row]) -> bool | None:
+    """False if any row failed, True if some were judged, else None."""
+    verdicts = {row.passed for row in rows}
+    return False if False in verdicts else (True if True in verdicts else None)
+
+
+def _claim(claim: str, rows: Sequence[Row], every: bool) -> Section:
+    if claim == PAPER:
+        table = Table(HEADINGS[claim], PRINTED, tuple(map(_printed, rows)))
+        return Section(HEADINGS[claim], LEADS[claim], tables=(table,), folded=True)
+    nearest = Table(
+        f"{HEADINGS[claim]}; of each case the figure nearest to its limit",
+        FIGURE,
+        tuple(_nearest(group) for group in _cases(rows)),
+        folded=every,
+    )
+    figures = tuple(_measured(row) for row in rows)
+    all_ = Table(f"{HEADINGS[claim]}; all {len(rows)} figures", FIGURE, figures, folded=not every)
+    return Section(HEADINGS[claim], LEADS[claim], tables=(nearest, all_), folded=True)
+
+
+def _cases(rows: Sequence[Row]) -> Iterable[list[Row]]:
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.actuator, row.variant, row.case, row.subject), []).append(row)
+    return groups.values()
+
+
+def _nearest(rows: Sequence[Row]) -> tuple[Cell, ...]:
+    """The figure of a case that is nearest to its limit, and how many of them pass."""
+    note = f"{_passed(rows)} figures pass" if len(rows) > 1 else ""
+    worst = tightest(rows)
+    return (*_measured(worst)[:-1], note or (worst.note if worst.passed is False else ""))
+
+
+def _measured(row: Row) -> tuple[Cell, ...]:
+    """A row under ``FIGURE``."""
+    return (
+        *_place(row),
+        row.subject or "simulation",
+        figure(row.value, row.unit),
+        figure(row.limit, row.unit),
+        share(row),
+        row.note,
+    )
+
+
+def _printed(row: Row) -> tuple[Cell, ...]:
+    """A row under ``PRINTED``; it keeps the digits of its paper."""
+    figures = (row.printed, row.recomputed, row.value, row.limit)
+    cells = (None if v is None else Quantity(v, row.unit, digits=DIGITS) for v in figures)
+    return (*_place(row), *cells, row.note)
+
+
+def _place(row: Row) -> tuple[Cell, ...]:
+    return Mark(row.verdict, row.passed), row.actuator, row.variant, row.case, row.quantity
+
+
+def _cost(curves: Iterable[CostCurve]) -> Section:
+    pictures = tuple(
+        Picture(
+            f"{curve.actuator}, {curve.variant}: {curve.case}",
+            partial(_draw_cost, curve),
+            f"Default internal step {number(1e6 * curve.default_step)} µs.",
+            rows=2,
+            height=4.2,
+            shared=True,
+        )
+        for curve in curves
+    )
+    return Section(
+        "Error against step size, and its cost",
+        "Above: the largest error of each output as a share of its full scale. Below: seconds"
+        " of computing per second simulated. Dashed: the default internal step.",
+        pictures=pictures,
+        folded=True,
+    )
+
+
+def _draw_cost(curve: CostCurve, panels: Sequence[Axes]) -> None:
+    error, cost = panels
+    steps = [point.internal_step * 1e6 for point in curve.points]
+    for series, mark, output in zip(SERIES, MARKERS, curve.points[0].error):
+        values = [point.error[output] for point in curve.points]
+        error.loglog(steps, values, f"{mark}-", color=colour(series), ms=4.5, label=output)
+    error.legend(loc="best", frameon=False)
+    cost.loglog(steps, [p.seconds for p in curve.points], "o-", color=colour("ink"), ms=4.5)
+    for axes in panels:
+        axes.axvline(curve.default_step * 1e6, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
+        low, high = (math.log10(end) for end in axes.dataLim.intervaly)
+        # whole powers of ten around both ends, so that an axis has numbers on it
+        axes.set_ylim(10.0 ** math.floor(low), 10.0 ** math.ceil(high))
+        axes.minorticks_off()
+    error.set_ylabel("error / full scale")
+    cost.set(xlabel="internal step [µs]", ylabel="cost [s/s]")
+    cost.set_xticks(steps, [f"{step:g}" for step in steps])
