@@ -107,7 +107,7 @@ def figures_report(found: Figures, date: str = "") -> Report:
         ),
         sections=(
             Section(
-                "Figures of merit",
+                "Response",
                 tables=(figures, step),
                 pictures=(_bode(found, linear),) if linear and found.small else (),
             ),

@@ -29,37 +29,39 @@ VERSION = 1
 FLOORS = "noise floor"
 
 
-def document(found: Diagnosis) -> dict[str, Any]:
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as what JSON is made of: figures in SI or noise floors, no date."""
-    confirmation = found.confirmation
+    confirmation = diagnosis.confirmation
     return {
         "schema_version": VERSION,
-        "actuator": found.model.actuator.name,
-        "variant": found.model.variant,
-        "verdict": found.verdict.kind,
-        "sentence": summary.sentence(found),
-        "tolerance": found.tolerance,
-        "gap": {**_reduction(found.gap, FLOORS), "outputs": _outputs(found)},
-        "confirmation": _confirmation(found, confirmation) if confirmation else None,
-        "effects": [_effect(found, claim) for claim in found.claims],
-        "ruled_out": [{"name": n, "reason": why} for n, why in summary.ruled_out(found).items()],
-        "imitated": [_imitated(found, one) for one in found.imitated],
-        "parameters": [_parameter(found, value) for value in found.found],
-        "held_out": [asdict(one) for one in found.held_out],
-        "where": [asdict(breakdown) for breakdown in found.localisation],
-        "next_experiments": [_experiment(one) for one in found.next_experiments],
-        "warnings": list(summary.warnings(found)),
-        "seed": found.seed,
+        "actuator": diagnosis.model.actuator.name,
+        "variant": diagnosis.model.variant,
+        "verdict": diagnosis.verdict.kind,
+        "sentence": summary.sentence(diagnosis),
+        "tolerance": diagnosis.tolerance,
+        "gap": {**_reduction(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
+        "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
+        "effects": [_effect(diagnosis, claim) for claim in diagnosis.claims],
+        "ruled_out": [
+            {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
+        ],
+        "imitated": [_imitated(diagnosis, one) for one in diagnosis.imitated],
+        "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
+        "held_out": [asdict(one) for one in diagnosis.held_out],
+        "where": [asdict(breakdown) for breakdown in diagnosis.localisation],
+        "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
+        "warnings": list(summary.warnings(diagnosis)),
+        "seed": diagnosis.seed,
         "versions": conditions(),
-        "logs": [_log(found, audit) for audit in found.audits],
+        "logs": [_log(diagnosis, audit) for audit in diagnosis.audits],
     }
 
 
-def github(found: Diagnosis) -> Iterator[str]:
+def github(diagnosis: Diagnosis) -> Iterator[str]:
     """Return workflow commands: the verdict, an error where there is a gap, and all warnings."""
-    title, said = f"servo-models: {found.model.actuator.name}", summary.sentence(found)
-    yield command("notice" if found.within_tolerance else "error", title, said)
-    for text in summary.warnings(found):
+    title, said = f"servo-models: {diagnosis.model.actuator.name}", summary.sentence(diagnosis)
+    yield command("notice" if diagnosis.within_tolerance else "error", title, said)
+    for text in summary.warnings(diagnosis):
         yield command("warning", title, text)
 
 
@@ -76,21 +78,21 @@ def _reduction(gap: Reduction, unit: str) -> dict[str, Any]:
     }
 
 
-def _outputs(found: Diagnosis) -> dict[str, Any]:
+def _outputs(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         gap.output: {
-            **_reduction(gap, found.model.plant.wire[gap.output].unit),
+            **_reduction(gap, diagnosis.model.plant.wire[gap.output].unit),
             "floor_origin": gap.origin,
             "nrmse": gap.nrmse,
             "delay": gap.delay,
             "worst": {"log": gap.worst[0], "time": gap.worst[1]},
         }
-        for gap in found.gaps
+        for gap in diagnosis.gaps
     }
 
 
-def _confirmation(found: Diagnosis, confirmation: Confirmation) -> dict[str, Any]:
-    wires = found.model.plant.wire
+def _confirmation(diagnosis: Diagnosis, confirmation: Confirmation) -> dict[str, Any]:
+    wires = diagnosis.model.plant.wire
     return {
         "difference": confirmation.difference,
         "outputs": {
@@ -108,14 +110,14 @@ def _whole(rows: Sequence[Accuracy], output: str, part: str) -> dict[str, float]
     return {stage: overall(rows, output, part, stage) for stage in ("before", "after")}
 
 
-def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
+def _effect(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     return {
         "name": claim.name,
         "block": claim.wire,
         "probability": claim.probability,
         "in_set": claim.in_set,
         "taken": claim.taken,
-        "parameters": [_value(found, value) for value in claim.parameters],
+        "parameters": [_value(diagnosis, value) for value in claim.parameters],
         "gap_after": claim.gap_after,
         "closed": claim.closed,
         "converged": claim.converged,
@@ -125,8 +127,8 @@ def _effect(found: Diagnosis, claim: Claim) -> dict[str, Any]:
     }
 
 
-def _imitated(found: Diagnosis, one: Imitated) -> dict[str, Any]:
-    wire = found.model.plant.main_wire(one.name)
+def _imitated(diagnosis: Diagnosis, one: Imitated) -> dict[str, Any]:
+    wire = diagnosis.model.plant.main_wire(one.name)
     return {"name": one.name, "block": wire, "up_to": one.moved}
 
 
@@ -139,23 +141,23 @@ def _detected(seen: Detection) -> dict[str, Any]:
     }
 
 
-def _parameter(found: Diagnosis, value: Value) -> dict[str, Any]:
-    moved, doubt = summary.moves(found), summary.doubts(found)
-    retuned = {one.name: one.value for one in found.moved}
+def _parameter(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
+    moved, doubt = summary.moves(diagnosis), summary.doubts(diagnosis)
+    retuned = {one.name: one.value for one in diagnosis.moved}
     return {
-        **_value(found, value),
+        **_value(diagnosis, value),
         "retuned": retuned.get(value.name),
         "prior_deviations": moved.get(value.name),
         "doubt": doubt.get(value.name, ""),
     }
 
 
-def _value(found: Diagnosis, value: Value) -> dict[str, Any]:
-    unit = found.model.plant.parameters[value.name].param.unit
+def _value(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
+    unit = diagnosis.model.plant.parameters[value.name].param.unit
     return {**asdict(value), "unit": unit}
 
 
-def _log(found: Diagnosis, audit: Audit) -> dict[str, Any]:
+def _log(diagnosis: Diagnosis, audit: Audit) -> dict[str, Any]:
     log, clock = audit.log, audit.sampling
     return {
         "name": log.name,
@@ -167,14 +169,14 @@ def _log(found: Diagnosis, audit: Audit) -> dict[str, Any]:
         "jitter": clock.jitter,
         "gaps": len(clock.gaps),
         "at_rest": audit.at_rest,
-        "readings": {one.name: _reading(found, one) for one in audit.readings},
+        "readings": {one.name: _reading(diagnosis, one) for one in audit.readings},
     }
 
 
-def _reading(found: Diagnosis, reading: Reading) -> dict[str, Any]:
+def _reading(diagnosis: Diagnosis, reading: Reading) -> dict[str, Any]:
     floor = reading.floor
     return {
-        "unit": found.model.plant.wire[reading.name].unit,
+        "unit": diagnosis.model.plant.wire[reading.name].unit,
         "low": reading.low,
         "high": reading.high,
         "step": reading.step,
@@ -199,10 +201,10 @@ def _experiment(next_: Experiment) -> dict[str, Any]:
     }
 
 
-def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
-    """Return ``found.fitted`` with standard errors, and what it is known from."""
-    model = found.fitted
-    tuned = () if found.within_tolerance else found.found  # without a gap nothing is
+def parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
+    """Return ``diagnosis.fitted`` with standard errors, and what it is known from."""
+    model = diagnosis.fitted
+    tuned = () if diagnosis.within_tolerance else diagnosis.found  # without a gap nothing is
     estimated = {
         one.name: Estimate(one.name, one.value, known_error(one.standard_error), "diagnosed")
         for one in tuned
@@ -212,17 +214,17 @@ def parameter_set(found: Diagnosis, date: datetime.date | None = None) -> Parame
         actuator=model.actuator.key,
         variant=model.variant,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
-        method=f"diagnosis, {found.verdict.kind}: {_causes(found)}",
-        logs={name: f"sha256:{digest}" for name, digest in hashes(found.logs).items()},
+        method=f"diagnosis, {diagnosis.verdict.kind}: {_causes(diagnosis)}",
+        logs={name: f"sha256:{digest}" for name, digest in hashes(diagnosis.logs).items()},
         date=date,
         figures={
             f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)
-            for gap in found.gaps
+            for gap in diagnosis.gaps
         },
-        warnings=summary.warnings(found),
+        warnings=summary.warnings(diagnosis),
     )
 
 
-def _causes(found: Diagnosis) -> str:
-    taken = found.causes.taken.effects
-    return f"parameters and {summary.placed(found, taken)}" if taken else "parameters alone"
+def _causes(diagnosis: Diagnosis) -> str:
+    taken = diagnosis.causes.taken.effects
+    return f"parameters and {summary.placed(diagnosis, taken)}" if taken else "parameters alone"

@@ -9,6 +9,8 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
@@ -19,6 +21,7 @@ from servo_models.diagnosis.search.causes import Causes
 from servo_models.diagnosis.search.imitated import Imitated
 from servo_models.diagnosis.unseen import Unseen, unseen
 from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
+from servo_models.identification.readings import Reading, reading
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
 
@@ -122,6 +125,38 @@ class Diagnosis(Result):
     def held_out(self) -> tuple[Unseen, ...]:
         """What the model leaves of samples that the description holds out, by log."""
         return unseen(self.causes)
+
+    @property
+    def stages(self) -> dict[str, str]:
+        """The stages of ``Gap.rms`` that differ, each with its name for people."""
+        effects = self.causes.taken.effects
+        named = {"before": "before"}
+        if self.causes.retuned.problem.free and not self.within_tolerance:
+            named["retuned"] = "re-tuned"
+        if effects:
+            named["after"] = "with effects" if len(effects) > 1 else "with effect"
+        return named
+
+    @cached_property
+    def readings(self) -> tuple[Reading, ...]:
+        """Every output of every log beside what the model of each stage makes of it.
+
+        A model that cannot be simulated on a log that no fit has seen makes nothing of it.
+        """
+        nominal, readings = self.causes.retuned.problem, []
+        values = {
+            "before": nominal.values(self.causes.before.vector),
+            "retuned": self.causes.retuned.values,
+            "after": self.causes.taken.values,
+        }
+        for log, run in zip(self.logs, nominal.runs):
+            every = {name: run.outputs_or_nan(values[stage]) for stage, name in self.stages.items()}
+            finite = {name: out for name, out in every.items() if np.isfinite(out).all()}
+            for k, output in enumerate(log.outputs):
+                wire = self.model.plant.wire[output]
+                simulated = {name: out[:, k] for name, out in finite.items()}
+                readings.append(reading(log, wire, simulated))
+        return tuple(readings)
 
     @cached_property
     def localisation(self) -> tuple[Breakdown, ...]:

@@ -38,31 +38,39 @@ SURPRISING = 3.0
 """Prior standard deviations from which a nominal parameter has moved further than it should."""
 
 
-def sentence(found: Diagnosis) -> str:
+def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence, with what only another experiment would show."""
-    kind, said = found.verdict.kind, headline(found)
-    before, retuned = found.gap.rms["before"], found.gap.rms["retuned"]
+    kind, said = diagnosis.verdict.kind, headline(diagnosis)
+    before, retuned = diagnosis.gap.rms["before"], diagnosis.gap.rms["retuned"]
     if kind == NO_GAP:
-        allowed = f"{found.tolerance:g} are allowed"
-        return f"{said}: the model leaves {before:.3g} noise floors, {allowed}{elsewhere(found)}."
+        allowed = f"{diagnosis.tolerance:g} are allowed"
+        return (
+            f"{said}: the model leaves {before:.3g} noise floors, {allowed}{elsewhere(diagnosis)}."
+        )
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
-        return f"{said}; {change(found)}{elsewhere(found)}."
-    alone = f", parameters alone leave {retuned:.3g}" if found.moved and kind != PARAMETERS else ""
-    ends = f"{alone}{rivals(found)}{rest(found)}{not_shown(found)}{elsewhere(found)}"
-    return f"{said}: {change(found)}{ends}."
+        return f"{said}; {change(diagnosis)}{elsewhere(diagnosis)}."
+    alone = (
+        f", parameters alone leave {retuned:.3g}" if diagnosis.moved and kind != PARAMETERS else ""
+    )
+    ends = (
+        f"{alone}{rivals(diagnosis)}{rest(diagnosis)}{not_shown(diagnosis)}{elsewhere(diagnosis)}"
+    )
+    return f"{said}: {change(diagnosis)}{ends}."
 
 
-def rest(found: Diagnosis) -> str:
+def rest(diagnosis: Diagnosis) -> str:
     """Return a clause on errors that are left and are no noise, "" where something is missing
     anyway."""
-    left = found.verdict.rest if found.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
+    left = (
+        diagnosis.verdict.rest if diagnosis.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
+    )
     return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
 
 
-def not_shown(found: Diagnosis) -> str:
+def not_shown(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that another experiment shows and these logs do not, beside
     parameters that explain the gap; "" for none."""
-    names = [name for one in found.next_experiments if not one.one for name in one.other]
+    names = [name for one in diagnosis.next_experiments if not one.one for name in one.other]
     if not names:
         return ""
     many = len(names) > 1
@@ -70,63 +78,65 @@ def not_shown(found: Diagnosis) -> str:
     return f"; {listed(names)} would not show in these logs, and {others}"
 
 
-def shown_by(one: Imitated, found: Diagnosis) -> str:
+def shown_by(one: Imitated, diagnosis: Diagnosis) -> str:
     """Return the numbers of experiments that would show an effect that parameters imitate."""
-    every = enumerate(found.next_experiments, start=1)
+    every = enumerate(diagnosis.next_experiments, start=1)
     return ", ".join(str(k) for k, it in every if it.other == one.explanation.effects)
 
 
-def elsewhere(found: Diagnosis) -> str:
+def elsewhere(diagnosis: Diagnosis) -> str:
     """Return a clause on the log that is held out and missed most, "" for none."""
-    most = max(missed(found), key=lambda one: one.after, default=None)
+    most = max(missed(diagnosis), key=lambda one: one.after, default=None)
     return (
         f"; of log '{most.log}', held out, it leaves {most.after:.3g} noise floors" if most else ""
     )
 
 
-def missed(found: Diagnosis) -> list[Unseen]:
+def missed(diagnosis: Diagnosis) -> list[Unseen]:
     """Return logs with samples held out of which much more is left than of those judged."""
-    least = max(found.tolerance, ELSEWHERE * found.gap.rms["after"])
-    return [one for one in found.held_out if one.after > least]
+    least = max(diagnosis.tolerance, ELSEWHERE * diagnosis.gap.rms["after"])
+    return [one for one in diagnosis.held_out if one.after > least]
 
 
-def headline(found: Diagnosis) -> str:
+def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in a clause, without figures and rivals."""
-    taken, kind = found.causes.taken.effects, found.verdict.kind
-    whole = "most of the gap" if found.verdict.rest else "the gap"
+    taken, kind = diagnosis.causes.taken.effects, diagnosis.verdict.kind
+    whole = "most of the gap" if diagnosis.verdict.rest else "the gap"
     if kind == NO_GAP:
         return "No gap"
-    if found.explained:
+    if diagnosis.explained:
         return f"Re-tuned parameters explain {whole}, no effect is needed"
     if kind == PARAMETERS:
         return f"{whole.capitalize()} cannot be told from noise, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
-        return _undecided(found)
+        return _undecided(diagnosis)
     if kind == OUTSIDE:
-        alone = "with parameters re-tuned" if found.moved else "with the nominal model"
-        best = f"with the nearest, {placed(found, taken)}" if taken else alone
+        alone = "with parameters re-tuned" if diagnosis.moved else "with the nominal model"
+        best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
         return f"Outside the catalogue: {best}, something is left"
-    return f"{placed(found, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+    return f"{placed(diagnosis, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
 
 
-def _undecided(found: Diagnosis) -> str:
+def _undecided(diagnosis: Diagnosis) -> str:
     """What is not told apart; effects that every explanation left names are no part of it."""
-    left, members = found.verdict.rivals, found.verdict.members
+    left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
     surely = [name for name in members if left and all(name in one.effects for one in left)]
     others = ", ".join(name for name in members if name not in surely)
     said = "These logs cannot tell which effect it is"
     if not others:
         others = ", ".join(members)
     elif surely:
-        said = f"It is {placed(found, surely)}, and these logs cannot tell which other effect"
+        said = f"It is {placed(diagnosis, surely)}, and these logs cannot tell which other effect"
     return f"{said}: {others} leave much the same"
 
 
-def rivals(found: Diagnosis) -> str:
+def rivals(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that do as well as the ones taken, "" for none."""
-    if found.verdict.kind not in (EFFECT, EFFECTS):
+    if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
         return ""
-    others = [name for name in found.verdict.members if name not in found.causes.taken.effects]
+    others = [
+        name for name in diagnosis.verdict.members if name not in diagnosis.causes.taken.effects
+    ]
     return f"; cannot be told apart from {', '.join(others)}" if others else ""
 
 
@@ -136,21 +146,21 @@ def listed(names: Iterable[str]) -> str:
     return f"{', '.join(most)} and {last}" if most else last
 
 
-def placed(found: Diagnosis, effects: Iterable[str]) -> str:
+def placed(diagnosis: Diagnosis, effects: Iterable[str]) -> str:
     """Return effects with the wires on which they act."""
-    plant = found.model.plant
+    plant = diagnosis.model.plant
     return listed(f"{name} on '{plant.main_wire(name)}'" for name in effects)
 
 
-def change(found: Diagnosis) -> str:
+def change(diagnosis: Diagnosis) -> str:
     """Return how far the gap closes, in noise floors and in the unit of each output."""
-    rms, outputs = found.gap.rms, []
-    for gap in found.gaps:
-        scale, unit = display(found.model.plant.wire[gap.output])
+    rms, outputs = diagnosis.gap.rms, []
+    for gap in diagnosis.gaps:
+        scale, unit = display(diagnosis.model.plant.wire[gap.output])
         before, after = (f"{scale * gap.rms[stage]:.3g}" for stage in ("before", "after"))
         outputs.append(f"{gap.output} {before} -> {after} {unit}".rstrip())
     floors = f"{rms['before']:.3g} -> {rms['after']:.3g} noise floors held out"
-    return f"{floors} ({', '.join(outputs)}){_closing(found.gap)}"
+    return f"{floors} ({', '.join(outputs)}){_closing(diagnosis.gap)}"
 
 
 def _closing(gap: Reduction) -> str:
@@ -167,17 +177,17 @@ def closed(gap: Reduction) -> str:
     return f"{share} % ({low}..{high})"
 
 
-def ruled_out(found: Diagnosis) -> dict[str, str]:
+def ruled_out(diagnosis: Diagnosis) -> dict[str, str]:
     """Return why each effect is not named, by its name, the nearest first.
 
     What parameters imitate is not ruled out.
     """
-    reach = found.causes.reach
-    named = {*found.verdict.members, *found.causes.taken.effects}
-    named |= {one.name for one in found.imitated}
-    fitted = found.causes.fitted
+    reach = diagnosis.causes.reach
+    named = {*diagnosis.verdict.members, *diagnosis.causes.taken.effects}
+    named |= {one.name for one in diagnosis.imitated}
+    fitted = diagnosis.causes.fitted
     rest = [name for name in reach if name not in named and name not in fitted]
-    said = {name: _loses(found, name, one) for name, one in fitted.items() if name not in named}
+    said = {name: _loses(diagnosis, name, one) for name, one in fitted.items() if name not in named}
     for name in sorted(rest, key=lambda name: -reach[name].shown):
         said[name] = "explains too little beside those that were fitted"
     unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
@@ -196,16 +206,16 @@ def _unseen(reach: Reach) -> str:
     )
 
 
-def _loses(found: Diagnosis, name: str, fitted: Explanation) -> str:
+def _loses(diagnosis: Diagnosis, name: str, fitted: Explanation) -> str:
     others = [it for it in fitted.effects if it != name]
     beside = f" beside {listed(others)}" if others else ""
     left = f"leaves {fitted.evidence.rms:.3g} noise floors held out{beside}"
-    return ", ".join([left, *marks(found, fitted)])
+    return ", ".join([left, *marks(diagnosis, fitted)])
 
 
-def marks(found: Diagnosis, fitted: Explanation) -> list[str]:
+def marks(diagnosis: Diagnosis, fitted: Explanation) -> list[str]:
     """Return what speaks against an explanation beside the error that it leaves."""
-    worse = fitted.evidence.rms >= found.gap.rms["retuned"]
+    worse = fitted.evidence.rms >= diagnosis.gap.rms["retuned"]
     said = {
         "worse than parameters alone": worse,
         "on a bound": fitted.disguised,
@@ -214,46 +224,48 @@ def marks(found: Diagnosis, fitted: Explanation) -> list[str]:
     return [text for text, holds in said.items() if holds]
 
 
-def moves(found: Diagnosis) -> dict[str, float]:
+def moves(diagnosis: Diagnosis) -> dict[str, float]:
     """Return how far nominal parameters moved, in prior standard deviations, by name."""
-    free = {one.name: one for one in found.causes.taken.problem.free}
+    free = {one.name: one for one in diagnosis.causes.taken.problem.free}
     return {
         value.name: (value.value - value.nominal) / prior
-        for value in found.found
+        for value in diagnosis.found
         if (prior := free[value.name].prior) is not None
     }
 
 
-def doubts(found: Diagnosis) -> dict[str, str]:
+def doubts(diagnosis: Diagnosis) -> dict[str, str]:
     """Return in a few words why a parameter's value is doubtful, by name, if it is."""
-    free = {one.name: one for one in found.causes.taken.problem.free}
+    free = {one.name: one for one in diagnosis.causes.taken.problem.free}
     said = {
         value.name: doubt(free[value.name], value.value, value.standard_error)
-        for value in found.found
+        for value in diagnosis.found
     }
     return {name: text for name, text in said.items() if text}
 
 
-def warnings(found: Diagnosis) -> tuple[str, ...]:
+def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return what to be careful with: logs first, then noise, the model, and its parameters."""
     return (
-        *_about_logs(found),
-        *_about_repeats(found),
-        *_about_motion(found),
-        *_about_fits(found),
-        *_about_held_out(found),
-        *_about_parameters(found),
+        *_about_logs(diagnosis),
+        *_about_repeats(diagnosis),
+        *_about_motion(diagnosis),
+        *_about_fits(diagnosis),
+        *_about_held_out(diagnosis),
+        *_about_parameters(diagnosis),
     )
 
 
-def _about_logs(found: Diagnosis) -> Iterator[str]:
-    for one in found.audits:
+def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
+    for one in diagnosis.audits:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
-    taken = found.causes.taken
+    taken = diagnosis.causes.taken
     yield from false_starts(taken.problem.runs, taken.values)
-    yield from (f"'{name}' is a flag, 0 or 1, and is left out of errors" for name in found.flags)
-    short = [log.name for log in found.logs if 0 < log.fitted.sum() < LEAST_SAMPLES]
-    if short and found.verdict.kind != NO_GAP:
+    yield from (
+        f"'{name}' is a flag, 0 or 1, and is left out of errors" for name in diagnosis.flags
+    )
+    short = [log.name for log in diagnosis.logs if 0 < log.fitted.sum() < LEAST_SAMPLES]
+    if short and diagnosis.verdict.kind != NO_GAP:
         each = f"'{short[0]}'" if len(short) == 1 else f"each of {len(short)} logs"
         yield (
             f"fewer than {LEAST_SAMPLES} samples of {each} are fitted, too few to tell noise from"
@@ -261,10 +273,10 @@ def _about_logs(found: Diagnosis) -> Iterator[str]:
         )
 
 
-def _about_repeats(found: Diagnosis) -> Iterator[str]:
+def _about_repeats(diagnosis: Diagnosis) -> Iterator[str]:
     """Noise floors from repeats that differ by more than samples scatter."""
-    floors = [(one.name, one.floor) for audit in found.audits for one in audit.readings]
-    for gap in found.gaps:
+    floors = [(one.name, one.floor) for audit in diagnosis.audits for one in audit.readings]
+    for gap in diagnosis.gaps:
         scatter = max(max(it.quantum, it.residual) for name, it in floors if name == gap.output)
         if gap.origin == REPEATS and gap.floor > UNLIKE * scatter:
             seen = scatter > EXACT * gap.full_scale  # readings of a simulation scatter by nothing
@@ -272,48 +284,48 @@ def _about_repeats(found: Diagnosis) -> Iterator[str]:
             yield (
                 f"'{gap.output}' differs between repeats of a command by {times} it scatters by"
                 " from sample to sample: something that acts otherwise each time, such as a clock"
-                f" or heat, counts as noise{_sought(found)}"
+                f" or heat, counts as noise{_sought(diagnosis)}"
             )
 
 
-def _about_motion(found: Diagnosis) -> Iterator[str]:
+def _about_motion(diagnosis: Diagnosis) -> Iterator[str]:
     """Noise floors that a simulation without noise has as well."""
-    for gap in found.gaps:
+    for gap in diagnosis.gaps:
         if gap.motion > MOTION * gap.floor:
             yield (
                 f"the noise floor of '{gap.output}' contains motion that is fast for these samples:"
                 f" the simulation, which has no noise, gives {gap.motion / gap.floor:.2g} of it;"
-                f" log faster or repeat a command{_sought(found)}"
+                f" log faster or repeat a command{_sought(diagnosis)}"
             )
 
 
-def _sought(found: Diagnosis) -> str:
+def _sought(diagnosis: Diagnosis) -> str:
     """What to do about a floor that is too high: nothing where a gap shows above it."""
-    return "; give a smaller --tolerance to look for it" if found.verdict.kind == NO_GAP else ""
+    return "; give a smaller --tolerance to look for it" if diagnosis.verdict.kind == NO_GAP else ""
 
 
-def _about_fits(found: Diagnosis) -> Iterator[str]:
-    taken = found.causes.taken
+def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
+    taken = diagnosis.causes.taken
     for name in not_followed(taken):
         yield (
             f"the model explains hardly anything of '{name}': check scale and sign of its"
-            f" column, and that the log is of '{found.model.actuator.name}'"
+            f" column, and that the log is of '{diagnosis.model.actuator.name}'"
         )
-    if found.unconfirmed:
-        yield f"the FMU of the diagnosed model {found.unconfirmed}"
+    if diagnosis.unconfirmed:
+        yield f"the FMU of the diagnosed model {diagnosis.unconfirmed}"
     if taken.effects and not taken.converged:
         yield f"the fit with {listed(taken.effects)} did not converge"
-    if found.verdict.hunting:
+    if diagnosis.verdict.hunting:
         yield (
             "the simulated response has a limit cycle that does not repeat: parameters changed"
-            f" within their standard errors move it by {found.verdict.hunting:.3g} noise floors, so"
-            " a remaining error of that size does not count as a missing effect"
+            f" within their standard errors move it by {diagnosis.verdict.hunting:.3g} noise"
+            " floors, so a remaining error of that size does not count as a missing effect"
         )
 
 
-def _about_held_out(found: Diagnosis) -> Iterator[str]:
-    effects = found.causes.taken.effects
-    for one in found.held_out:
+def _about_held_out(diagnosis: Diagnosis) -> Iterator[str]:
+    effects = diagnosis.causes.taken.effects
+    for one in diagnosis.held_out:
         if np.isnan(one.retuned):
             helped = ", so it is not known there whether the effects help" if effects else ""
             yield (
@@ -331,30 +343,30 @@ def _about_held_out(found: Diagnosis) -> Iterator[str]:
                 f" {one.retuned:.3g} noise floors, with {listed(effects)} it is"
                 f" {one.after:.3g}; there, something else is missing"
             )
-        elif one in missed(found):
+        elif one in missed(diagnosis):
             yield (
                 f"held out of log '{one.log}', {one.after:.3g} noise floors are left, of what is"
-                f" judged {found.gap.rms['after']:.3g}: something else acts there; judge that log"
-                " as well"
+                f" judged {diagnosis.gap.rms['after']:.3g}: something else acts there;"
+                " judge that log as well"
             )
 
 
-def _about_parameters(found: Diagnosis) -> Iterator[str]:
-    if not found.moved:
+def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
+    if not diagnosis.moved:
         yield (
             "no nominal parameter has an uncertainty: all are held fixed, and a wrong value looks"
             " like an effect; add [uncertainty] to the description"
         )
-    far = {name: by for name, by in moves(found).items() if abs(by) > SURPRISING}
+    far = {name: by for name, by in moves(diagnosis).items() if abs(by) > SURPRISING}
     if far:
         each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in far.items())
         yield (
             f"moved further than their uncertainties allow, in prior deviations: {each}; either"
             " these were too small, or the parameters stand in for an effect that is missing"
         )
-    taken = found.causes.taken
+    taken = diagnosis.causes.taken
     own = [free.name for free in taken.problem.free if free.prior is None]
     yield from (together(group, own) for group in taken.together)
-    for name, doubtful in doubts(found).items():
-        if name.rpartition(".")[0] in found.causes.taken.effects:
+    for name, doubtful in doubts(diagnosis).items():
+        if name.rpartition(".")[0] in diagnosis.causes.taken.effects:
             yield f"'{name}' is {doubtful}"

@@ -94,7 +94,7 @@ class Check(Result):
                     "sizes": dict(reach.sizes),
                     "output": reach.output,
                     "moves_noise_floors": reach.moves,
-                    "shown": reach.shown,
+                    "shown": bool(reach.shown),
                 }
                 for reach in seen.effects
             },

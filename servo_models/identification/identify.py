@@ -72,7 +72,7 @@ class Outcome(Result):
         return {
             "converged": self.converged,
             "believable": self.believable,
-            "parameters": self.parameters and self.parameters.document(),
+            "parameter_set": self.parameters and self.parameters.document(),
             "result": self.result.document(),
         }
 

@@ -12,16 +12,15 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from servo_models.report import sections
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from servo_models.report.sections import Picture
 
 PALETTE = {
     "ink": ("#1d2329", "#e4e8ec"),
@@ -50,21 +49,6 @@ def colour(name: str) -> str:
     return PALETTE[name][0]
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure of the report.
-
-    Attributes:
-        svg: inline SVG, markup of our own.
-        title: what it shows, its caption's first words and its name for a screen reader.
-        text: what the reader should see in it.
-    """
-
-    svg: Markup
-    title: str
-    text: str
-
-
 @contextmanager
 def drawing(
     name: str, rows: int = 1, height: float = 2.7, shared: bool = True
@@ -86,12 +70,7 @@ def drawing(
         yield figure, list(axes[:, 0])
 
 
-def picture(figure: Figure, name: str, title: str, text: str = "") -> Picture:
-    """Return a figure as a picture for the page, whoever drew it."""
-    return Picture(svg(figure, name, title), title, text)
-
-
-def figure(picture: sections.Picture) -> Figure:
+def figure(picture: Picture) -> Figure:
     """Return a picture of a section, drawn."""
     with drawing("", picture.rows, picture.height, picture.shared) as (drawn, axes):
         if picture.width:

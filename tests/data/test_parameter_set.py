@@ -218,7 +218,7 @@ def test_commands_take_the_file_in_place_of_a_name(
     assert "mine.toml" in out
     assert main(["explain", "--params", str(file)]) == 0
     out = capsys.readouterr().out
-    for said in ("5.228  ", "6.432", "sha256:0a", "not excited", "0.011 deg"):
+    for said in ("5.228 +- ", "6.432", "sha256:0a", "not excited", "0.011 deg"):
         assert said in out
 
 

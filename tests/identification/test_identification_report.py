@@ -281,7 +281,7 @@ def test_an_identification_offers_what_every_result_does(outcome: Outcome, tmp_p
     errors = table["estimate [N.m/A] standard error"].to_list()
     assert errors == pytest.approx(found.standard_errors.tolist())
     document = json.loads(outcome.to_json())
-    assert document["parameters"]["torque_constant"]["value"] == found.values[0]
+    assert document["parameter_set"]["parameters"]["torque_constant"]["value"] == found.values[0]
     axes = Figure().subplots()
     assert outcome.plot(axes) is axes
     measured = next(line for line in axes.lines if line.get_label() == "measured")

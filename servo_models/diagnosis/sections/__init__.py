@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from servo_models.analysis.explain import display_scale
 from servo_models.data.parameters import installed_version
 from servo_models.diagnosis import summary
+from servo_models.diagnosis.belief import COVERED
 from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
@@ -20,149 +21,156 @@ ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
 
 
-def report(found: Diagnosis, date: str = "") -> Report:
+def report(diagnosis: Diagnosis, date: str = "") -> Report:
     """Return the report of a diagnosis."""
-    model = found.model
+    model = diagnosis.model
     return Report(
-        title=f"{found.name}: {model.actuator.name}, variant {model.variant}",
-        sentence=summary.headline(found) + summary.rivals(found),
-        passed=judgement(found),
-        cards=tuple(_cards(found)),
+        title=f"{diagnosis.name}: {model.actuator.name}, variant {model.variant}",
+        sentence=summary.headline(diagnosis) + summary.rivals(diagnosis),
+        passed=judgement(diagnosis),
+        cards=tuple(_cards(diagnosis)),
         sections=(
-            _answer(found),
-            Section(WARNINGS, items=tuple(_sentences(summary.warnings(found))), folded=True),
-            _errors(found),
-            _where(found),
-            _effects(found),
-            _detectors(found),
-            _ruled_out(found),
-            _imitated(found),
-            _parameters(found),
-            _next(found),
-            _provenance(found),
+            _answer(diagnosis),
+            Section(WARNINGS, items=tuple(_sentences(summary.warnings(diagnosis))), folded=True),
+            _errors(diagnosis),
+            _where(diagnosis),
+            _effects(diagnosis),
+            _detectors(diagnosis),
+            _ruled_out(diagnosis),
+            _imitated(diagnosis),
+            _parameters(diagnosis),
+            _next(diagnosis),
+            _provenance(diagnosis),
         ),
         date=date,
     )
 
 
-def judgement(found: Diagnosis) -> bool | None:
+def judgement(diagnosis: Diagnosis) -> bool | None:
     """Return True if there is no gap, None if it is explained, False if it is not."""
-    if found.within_tolerance:
+    if diagnosis.within_tolerance:
         return True
-    return False if found.verdict.kind in (OUTSIDE, NOT_IDENTIFIABLE) else None
+    return False if diagnosis.verdict.kind in (OUTSIDE, NOT_IDENTIFIABLE) else None
 
 
-def _cards(found: Diagnosis) -> Iterator[Card]:
-    yield from _causes(found)
-    floors, rms = "noise floors", found.gap.rms
-    before = [
-        f"{gap.output} {tables.error(found, gap, gap.rms['before'])} RMS" for gap in found.gaps
-    ]
-    yield Card("before", "\n".join([*before, f"{number(rms['before'], 3)} {floors}"]), None, ANSWER)
-    yield Card("left", "\n".join(_left(found)), None, ERRORS)
-    yield Card("do next", _to_do(found), None, NEXT if found.next_experiments else "")
-    count = len(summary.warnings(found))
+def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
+    if not diagnosis.within_tolerance:
+        yield from _causes(diagnosis)
+        yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
+    yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
+    yield Card("do next", _to_do(diagnosis), None, NEXT if diagnosis.next_experiments else "")
+    count = len(summary.warnings(diagnosis))
     if count:
         many = f"{count} warnings" if count > 1 else "1 warning"
         yield Card("mind", f"{many}, before using the values", False, WARNINGS)
 
 
-def _causes(found: Diagnosis) -> Iterator[Card]:
+def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
     """Effects with their sizes, or what re-tuning moved most."""
-    if found.verdict.kind == PARAMETERS:
-        moves = summary.moves(found)
+    if diagnosis.verdict.kind == PARAMETERS:
+        moves = summary.moves(diagnosis)
         most = sorted(moves, key=lambda name: -abs(moves[name]))[:FEW]
-        lines = [_moved(found, value) for value in found.found if value.name in most]
+        lines = [_moved(diagnosis, value) for value in diagnosis.found if value.name in most]
         if lines:
             yield Card("re-tuned most", "\n".join(lines), None, PARAMETER)
         return
-    named = [claim for claim in found.claims if claim.taken or claim.in_set]
-    if found.within_tolerance or not named:
+    named = [claim for claim in diagnosis.claims if claim.taken or claim.in_set]
+    if not named:
         return
-    lines = [_cause(found, claim) for claim in named[: FEW + 1]]
+    lines = [_cause(diagnosis, claim) for claim in named[: FEW + 1]]
     more = [f"and {len(named) - len(lines)} more"] if len(named) > len(lines) else []
-    title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(found.verdict.kind, "cause")
+    title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(diagnosis.verdict.kind, "cause")
     yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
 
 
-def _cause(found: Diagnosis, claim: Claim) -> str:
-    rival = not claim.taken and any(one.taken for one in found.claims)
+def _cause(diagnosis: Diagnosis, claim: Claim) -> str:
+    rival = not claim.taken and any(one.taken for one in diagnosis.claims)
     sizes = ", ".join(
-        f"{value.name.rpartition('.')[2]} {tables.size(found, value)}" for value in claim.parameters
+        f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
+        for value in claim.parameters
     )
-    chance = f", {tables.probability(claim)}" if found.verdict.chances else ""
+    told = diagnosis.verdict.chances and diagnosis.verdict.kind != OUTSIDE
+    chance = f", {tables.probability(claim)}" if told else ""
     return f"{'or ' * rival}{claim.name} on '{claim.wire}'{chance}: {sizes}"
 
 
-def _moved(found: Diagnosis, value: Value) -> str:
-    parameter = found.model.plant.parameters[value.name]
+def _moved(diagnosis: Diagnosis, value: Value) -> str:
+    parameter = diagnosis.model.plant.parameters[value.name]
     nominal = number(display_scale(parameter) * value.nominal)
-    return f"{value.name} {nominal} {ARROW} {tables.size(found, value)}"
+    return f"{value.name} {nominal} {ARROW} {tables.size(diagnosis, value)}"
 
 
-def _left(found: Diagnosis) -> Iterator[str]:
-    for gap in found.gaps:
-        floor = tables.error(found, gap, gap.floor, 2)
-        yield f"{gap.output} {tables.error(found, gap, gap.rms['after'])} RMS, noise {floor}"
-    left = f"{number(found.gap.rms['after'], 3)} noise floors"
-    if found.gap.closed:
-        left += f"; {percent(found.gap.closed[0])} of the gap is closed"
+def _before(diagnosis: Diagnosis) -> Iterator[str]:
+    for gap in diagnosis.gaps:
+        yield f"{gap.output} {tables.error(diagnosis, gap, gap.rms['before'])} RMS"
+    yield f"{number(diagnosis.gap.rms['before'], 3)} noise floors"
+
+
+def _left(diagnosis: Diagnosis) -> Iterator[str]:
+    for gap in diagnosis.gaps:
+        floor = tables.error(diagnosis, gap, gap.floor, 2)
+        yield f"{gap.output} {tables.error(diagnosis, gap, gap.rms['after'])} RMS, noise {floor}"
+    left = f"{number(diagnosis.gap.rms['after'], 3)} noise floors"
+    if diagnosis.gap.closed and not diagnosis.within_tolerance:
+        left += f"; {percent(diagnosis.gap.closed[0])} of the gap is closed"
     yield left
-    if found.moved and found.causes.taken.effects:
-        yield f"{number(found.gap.rms['retuned'], 3)} noise floors with parameters alone"
-    for clause in (summary.rest(found), summary.elsewhere(found)):
+    if diagnosis.moved and diagnosis.causes.taken.effects:
+        yield f"{number(diagnosis.gap.rms['retuned'], 3)} noise floors with parameters alone"
+    for clause in (summary.rest(diagnosis), summary.elsewhere(diagnosis)):
         if clause:
             yield clause.removeprefix("; ")
 
 
-def _to_do(found: Diagnosis) -> str:
-    planned = [one for one in found.next_experiments if one.telling]
-    if found.within_tolerance:
+def _to_do(diagnosis: Diagnosis) -> str:
+    planned = [one for one in diagnosis.next_experiments if one.telling]
+    if diagnosis.within_tolerance:
         return "Nothing: the model is as good as these logs can show."
     if planned:
         file = f" ({planned[0].file})" if planned[0].file else ""
-        return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(found)}."
-    if found.verdict.kind == OUTSIDE:
+        return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
+    if diagnosis.verdict.kind == OUTSIDE:
         return (
             "Look where the rest lies, below; what acts there has no effect in the catalogue yet."
         )
-    if found.verdict.kind == NOT_IDENTIFIABLE:
+    if diagnosis.verdict.kind == NOT_IDENTIFIABLE:
         return "Record a log with other commands: more amplitudes, speeds and reversals."
     return (
-        f"Use the diagnosed model: servo-models diagnose {found.name}.toml --out PARAMS.toml, then"
-        " servo-models build --params PARAMS.toml."
+        f"Use the diagnosed model: servo-models diagnose {diagnosis.name}.toml --out PARAMS.toml,"
+        " then servo-models build --params PARAMS.toml."
     )
 
 
-def _answer(found: Diagnosis) -> Section:
-    return Section(ANSWER, tables=(tables.gap(found),), pictures=pictures.responses(found)[:2])
+def _answer(diagnosis: Diagnosis) -> Section:
+    return Section(
+        ANSWER, tables=(tables.gap(diagnosis),), pictures=pictures.responses(diagnosis)[:2]
+    )
 
 
-def _errors(found: Diagnosis) -> Section:
+def _errors(diagnosis: Diagnosis) -> Section:
     return Section(
         ERRORS,
         "RMS errors. Those of the gap are of stretches of time that the fit has not seen, with"
         " 95 % intervals over the stretches.",
-        tables=(tables.nominal(found), tables.fmu(found), tables.held_out(found)),
-        pictures=pictures.responses(found)[2:],
+        tables=(tables.nominal(diagnosis), tables.fmu(diagnosis), tables.held_out(diagnosis)),
+        pictures=pictures.responses(diagnosis)[2:],
         folded=True,
     )
 
 
-def _where(found: Diagnosis) -> Section:
+def _where(diagnosis: Diagnosis) -> Section:
     return Section(
         WHERE,
         "RMS errors in noise floors, and above each pair of bars the share of the squared error,"
         " before and after. Errors after are of stretches that no fit has seen, but for those by"
         " block of the model.",
-        tables=(tables.places(found), *(tables.place(one) for one in found.localisation)),
-        pictures=tuple(pictures.place(one) for one in found.localisation if len(one.bins) > 1),
+        tables=(tables.places(diagnosis), *(tables.place(one) for one in diagnosis.localisation)),
+        pictures=tuple(pictures.place(one) for one in diagnosis.localisation if len(one.bins) > 1),
         folded=True,
     )
 
 
-def _effects(found: Diagnosis) -> Section:
-    causes = found.causes
+def _effects(diagnosis: Diagnosis) -> Section:
+    causes = diagnosis.causes
     groups = {
         "Effects, fitted one at a time": causes.singles,
         "Pairs of effects": causes.pairs,
@@ -171,22 +179,25 @@ def _effects(found: Diagnosis) -> Section:
     return Section(
         EFFECTS,
         "Every effect was switched on and fitted, with the nominal parameters free inside their"
-        " uncertainty; what counts is the error on stretches that the fit has not seen. Read"
+        " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
+        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability. Read"
         " probabilities as a ranking: they come out too sure."
-        f"{_refined(found)}",
+        f"{_refined(diagnosis)}",
         tables=(
-            tables.effects(found),
-            *(tables.fits(found, fits, title) for title, fits in groups.items()),
+            tables.effects(diagnosis),
+            *(tables.fits(diagnosis, fits, title) for title, fits in groups.items()),
         ),
-        pictures=tuple(pictures.fits(found, fits, title) for title, fits in groups.items() if fits),
+        pictures=tuple(
+            pictures.fits(diagnosis, fits, title) for title, fits in groups.items() if fits
+        ),
         folded=True,
     )
 
 
-def _refined(found: Diagnosis) -> str:
+def _refined(diagnosis: Diagnosis) -> str:
     """What fitting to the end made of the explanation that is told everywhere else."""
-    taken = found.causes.taken
-    left = {one.effects: number(one.evidence.rms, 3) for one in found.causes.alike}
+    taken = diagnosis.causes.taken
+    left = {one.effects: number(one.evidence.rms, 3) for one in diagnosis.causes.alike}
     now = number(taken.evidence.rms, 3)
     then = left.get(taken.effects, now)
     if now == then:
@@ -197,52 +208,52 @@ def _refined(found: Diagnosis) -> str:
     )
 
 
-def _detectors(found: Diagnosis) -> Section:
+def _detectors(diagnosis: Diagnosis) -> Section:
     return Section(
         "Codes and ticks",
         "A quantiser leaves codes in its reading, and a hold answers commands on its ticks. Both"
         " show, or do not, whatever error a fit leaves.",
-        tables=(tables.detected(found),),
-        pictures=pictures.detectors(found),
+        tables=(tables.detected(diagnosis),),
+        pictures=pictures.detectors(diagnosis),
         folded=True,
     )
 
 
-def _ruled_out(found: Diagnosis) -> Section:
+def _ruled_out(diagnosis: Diagnosis) -> Section:
     return Section(
         "Ruled out",
         "An effect moves the outputs by what the largest size tried does, without what nominal"
         " parameters can imitate. One that moves them by less than the noise floor may be there"
         " all the same.",
-        tables=(tables.reasons(found), tables.ruled_out(found)),
+        tables=(tables.reasons(diagnosis), tables.ruled_out(diagnosis)),
         folded=True,
     )
 
 
-def _imitated(found: Diagnosis) -> Section:
+def _imitated(diagnosis: Diagnosis) -> Section:
     return Section(
         "Not ruled out",
         "Effects that may be there all the same: with one of them in the model, parameters re-tuned"
         " beside it leave no more than without. How far it moves the outputs is told at the largest"
         " size found, with the experiment that would show it. One without an experiment is small,"
         " or like another parameter under every command tried.",
-        tables=(tables.imitated(found),),
+        tables=(tables.imitated(diagnosis),),
         folded=True,
     )
 
 
-def _parameters(found: Diagnosis) -> Section:
+def _parameters(diagnosis: Diagnosis) -> Section:
     return Section(
         PARAMETER,
         "Standard errors count correlated residuals; they do not count what the model lacks.",
-        tables=tables.parameters(found),
-        pictures=pictures.moved(found),
+        tables=tables.parameters(diagnosis),
+        pictures=pictures.moved(diagnosis),
         folded=True,
     )
 
 
-def _next(found: Diagnosis) -> Section:
-    planned = found.next_experiments
+def _next(diagnosis: Diagnosis) -> Section:
+    planned = diagnosis.next_experiments
     unwritten = not all(one.file for one in planned)
     return Section(
         NEXT,
@@ -252,18 +263,18 @@ def _next(found: Diagnosis) -> Section:
             *(f"{k}: {one.instruction}" for k, one in enumerate(planned, start=1)),
             *(("--json or --report writes the table to play.",) if unwritten else ()),
         ),
-        pictures=tuple(pictures.experiment(found, one) for one in planned),
+        pictures=tuple(pictures.experiment(diagnosis, one) for one in planned),
         folded=True,
     )
 
 
-def _provenance(found: Diagnosis) -> Section:
-    model = found.model
+def _provenance(diagnosis: Diagnosis) -> Section:
+    model = diagnosis.model
     facts = [
         ("actuator", f"{model.actuator.name}, variant {model.variant}"),
         ("values from", model.provenance),
-        ("no gap", f"below {number(found.tolerance)} noise floors"),
-        *log_facts(found.logs),
+        ("no gap", f"below {number(diagnosis.tolerance)} noise floors"),
+        *log_facts(diagnosis.logs),
         *{"servo-models": installed_version(), **conditions()}.items(),
     ]
     return Section("Provenance", facts=tuple(fact for fact in facts if fact[1]), folded=True)

@@ -23,7 +23,6 @@ from servo_models.identification.readings import (
     Reading,
     axis_label,
     most_missed,
-    reading,
     stretch,
     worst_sample,
 )
@@ -49,31 +48,11 @@ NEAR = 2.7
 DOTTED = (0, (1, 1.5))
 
 
-def responses(found: Diagnosis) -> tuple[Picture, ...]:
+def responses(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     """Return two pictures a response, that which is missed most first: measured and simulated with
     their errors, as a whole and where the nominal model is worst."""
-    readings = most_missed(list(_readings(found)), found.floors)
+    readings = most_missed(diagnosis.readings, diagnosis.floors)
     return tuple(picture for one in readings for picture in _response(one))
-
-
-def _readings(found: Diagnosis) -> Iterator[Reading]:
-    """Every output of every log beside what each model makes of it.
-
-    A model that cannot be simulated on a log that no fit has seen makes nothing of it.
-    """
-    causes = found.causes
-    nominal = causes.retuned.problem
-    values = {
-        "before": nominal.values(causes.before.vector),
-        "retuned": causes.retuned.values,
-        "after": causes.taken.values,
-    }
-    for log, run in zip(found.logs, nominal.runs):
-        every = {n: run.outputs_or_nan(values[stage]) for stage, n in tables.stages(found).items()}
-        finite = {name: it for name, it in every.items() if np.isfinite(it).all()}
-        for k, output in enumerate(log.outputs):
-            wire = found.model.plant.wire[output]
-            yield reading(log, wire, {name: it[:, k] for name, it in finite.items()})
 
 
 def _response(one: Reading) -> Iterator[Picture]:
@@ -119,38 +98,40 @@ def place(one: Breakdown) -> Picture:
     )
 
 
-def _draw_place(found: Breakdown, axes: Sequence[Axes]) -> None:
+def _draw_place(breakdown: Breakdown, axes: Sequence[Axes]) -> None:
     (panel,) = axes
-    for row, one in enumerate(found.bins):
+    for row, one in enumerate(breakdown.bins):
         panel.barh(row + 0.02, one.rms_before, 0.2, color=colour("orange"), alpha=0.75, lw=0)
         panel.barh(row + 0.24, one.rms_after, 0.2, color=colour("blue"), alpha=0.85, lw=0)
         panel.vlines(1.0, row - 0.12, row + 0.38, color=colour("ink"), lw=0.9)
         curves.draw_label(panel, row - 0.14, f"{one.label}, gets worse" if one.worse else one.label)
         shares = f"{100.0 * one.share_before:.0f} % → {100.0 * one.share_after:.0f} %"
         curves.draw_label(panel, row - 0.14, shares, right=True)
-    panel.set(ylim=(len(found.bins) - 0.4, -0.65), xlabel="RMS error [noise floors]")
+    panel.set(ylim=(len(breakdown.bins) - 0.4, -0.65), xlabel="RMS error [noise floors]")
     _without_scale(panel)
 
 
-def fits(found: Diagnosis, explanations: Sequence[Explanation], title: str) -> Picture:
+def fits(diagnosis: Diagnosis, explanations: Sequence[Explanation], title: str) -> Picture:
     """Return what each fit leaves, with intervals of the comparison with the best."""
     return Picture(
         title,
-        partial(_draw_fits, found, explanations),
+        partial(_draw_fits, diagnosis, explanations),
         "Upright marks: the noise floor; dotted: the best. Lines: 95 % intervals of the comparison"
         " with the best: one that reaches the best does as well. Filled: in the set.",
         height=MARGIN + ROW * (len(explanations) + 1),
     )
 
 
-def _draw_fits(found: Diagnosis, explanations: Sequence[Explanation], axes: Sequence[Axes]) -> None:
+def _draw_fits(
+    diagnosis: Diagnosis, explanations: Sequence[Explanation], axes: Sequence[Axes]
+) -> None:
     (panel,) = axes
     count, best = len(explanations), explanations[0].evidence.rms
-    edge = BEYOND * found.causes.before.rms
-    chances = tables.probabilities(found, explanations)
+    edge = BEYOND * diagnosis.causes.before.rms
+    chances = tables.probabilities(diagnosis, explanations)
     limits = tables.intervals(explanations)
     for row, (one, interval, chance) in enumerate(zip(explanations, limits, chances)):
-        member, error = one in found.verdict.rivals, one.evidence.rms
+        member, error = one in diagnosis.verdict.rivals, one.evidence.rms
         tint = colour("blue" if member else "muted")
         if error > edge:
             panel.plot(edge, row, ">", color=tint, mfc="none")
@@ -161,7 +142,7 @@ def _draw_fits(found: Diagnosis, explanations: Sequence[Explanation], axes: Sequ
             panel, row - 0.2, tables.together(one.effects), tint="ink" if member else "muted"
         )
         curves.draw_label(panel, row - 0.2, chance, right=True)
-    alone = found.causes.retuned.evidence.rms
+    alone = diagnosis.causes.retuned.evidence.rms
     panel.plot(min(alone, edge), count, "D", color=colour("green"), ms=4.5)
     curves.draw_label(panel, count - 0.2, "nominal parameters alone", tint="muted")
     for row in range(count + 1):
@@ -173,9 +154,9 @@ def _draw_fits(found: Diagnosis, explanations: Sequence[Explanation], axes: Sequ
     _without_scale(panel)
 
 
-def detectors(found: Diagnosis) -> tuple[Picture, ...]:
+def detectors(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     """Return what each detector of a believed effect sees."""
-    seen = [claim.detected for claim in found.claims if claim.detected is not None]
+    seen = [claim.detected for claim in diagnosis.claims if claim.detected is not None]
     return tuple(_codes(it) if isinstance(it, Codes) else _ticks(it) for it in seen)
 
 
@@ -220,14 +201,14 @@ def _said(seen: Detection) -> str:
     return f"{seen.effect}: {sentence(seen)}."
 
 
-def moved(found: Diagnosis) -> tuple[Picture, ...]:
+def moved(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     """Return how far each parameter moved, in standard deviations of what was known before."""
-    priors = {one.name: one.prior for one in found.causes.retuned.problem.free if one.prior}
-    if found.within_tolerance or not priors:
+    priors = {one.name: one.prior for one in diagnosis.causes.retuned.problem.free if one.prior}
+    if diagnosis.within_tolerance or not priors:
         return ()
     picture = Picture(
         "How far nominal parameters moved",
-        partial(_draw_moved, found, priors),
+        partial(_draw_moved, diagnosis, priors),
         "Shaded: one and two standard deviations of what was known before. Far outside: either that"
         " was too sure, or the parameter stands in for an effect that the model lacks. Lines:"
         " standard errors.",
@@ -236,15 +217,17 @@ def moved(found: Diagnosis) -> tuple[Picture, ...]:
     return (picture,)
 
 
-def _draw_moved(found: Diagnosis, priors: Mapping[str, float], axes: Sequence[Axes]) -> None:
+def _draw_moved(diagnosis: Diagnosis, priors: Mapping[str, float], axes: Sequence[Axes]) -> None:
     (panel,) = axes
-    names = tables.stages(found)
-    final = {value.name: value for value in found.found} if found.causes.taken.effects else {}
+    names = diagnosis.stages
+    final = (
+        {value.name: value for value in diagnosis.found} if diagnosis.causes.taken.effects else {}
+    )
     for width, opacity in ((2.0, 0.35), (1.0, 0.55)):
         panel.axvspan(-width, width, color=colour("grid"), alpha=opacity, lw=0, zorder=0)
     farthest = NEAR
     for values, shift, style in (
-        ({one.name: one for one in found.moved}, -0.09, (names["retuned"], "green", "D")),
+        ({one.name: one for one in diagnosis.moved}, -0.09, (names["retuned"], "green", "D")),
         (final, 0.13, (names.get("after", ""), "blue", "o")),
     ):
         shown = [values[name] for name in priors if values]
@@ -278,12 +261,12 @@ def _draw_moves(
     return float(np.abs(distances).max())
 
 
-def experiment(found: Diagnosis, one: Experiment) -> Picture:
+def experiment(diagnosis: Diagnosis, one: Experiment) -> Picture:
     """Return a command, each output as either explanation predicts it, and their difference."""
-    rows = 2 + len(found.floors)
+    rows = 2 + len(diagnosis.floors)
     return Picture(
         f"{tables.together(one.one)} or {tables.together(one.other)}",
-        partial(_draw_experiment, found, one),
+        partial(_draw_experiment, diagnosis, one),
         "From above: the command to play, what either fitted model predicts, and by how much they"
         " differ before either is re-fitted. Shaded: the noise floor.",
         rows=rows,
@@ -292,8 +275,8 @@ def experiment(found: Diagnosis, one: Experiment) -> Picture:
     )
 
 
-def _draw_experiment(found: Diagnosis, one: Experiment, axes: Sequence[Axes]) -> None:
-    rivals = {it.effects: it for it in found.undecided}
+def _draw_experiment(diagnosis: Diagnosis, one: Experiment, axes: Sequence[Axes]) -> None:
+    rivals = {it.effects: it for it in diagnosis.undecided}
     pair = [rivals[effects] for effects in (one.one, one.other)]
     command, *predicted, difference = axes
     told = [played(it, one.plan).responses(it.evidence.vector)[0] for it in pair]
@@ -301,14 +284,14 @@ def _draw_experiment(found: Diagnosis, one: Experiment, axes: Sequence[Axes]) ->
     thin = curves.envelope(one.times, scale * one.command, curves.BUCKETS)
     command.plot(*thin, color=colour("ink"), lw=0.9)
     command.set_ylabel(axis_label(one.wire.name, unit), parse_math=False)
-    for output, panel, series in zip(found.floors, predicted, SERIES * len(predicted)):
-        scale, unit = display(found.model.plant.wire[output])
+    for output, panel, series in zip(diagnosis.floors, predicted, SERIES * len(predicted)):
+        scale, unit = display(diagnosis.model.plant.wire[output])
         for it, values, style in zip(pair, told, (curves.JUDGED, curves.NOMINAL)):
             curves.draw_curve(
                 panel, one.times, scale * values[output], tables.together(it.effects), style
             )
         panel.set_ylabel(axis_label(output, unit), parse_math=False)
-        apart = (told[0][output] - told[1][output]) / found.floors[output]
+        apart = (told[0][output] - told[1][output]) / diagnosis.floors[output]
         curves.draw_curve(difference, one.times, apart, output, (series, "-", 1.0, 1.0))
     curves.draw_legend(predicted[0], len(pair))
     if len(predicted) > 1:

@@ -25,23 +25,23 @@ from servo_models.report.sections import Cell, Table
 FLOORS = "noise floors"
 
 
-def unit_of(found: Diagnosis, output: str) -> tuple[float, str]:
+def unit_of(diagnosis: Diagnosis, output: str) -> tuple[float, str]:
     """Return the factor from SI to the unit in which errors of an output read best, and it."""
-    scale, unit = display(found.model.plant.wire[output])
-    (gap,) = (one for one in found.gaps if one.output == output)
+    scale, unit = display(diagnosis.model.plant.wire[output])
+    (gap,) = (one for one in diagnosis.gaps if one.output == output)
     factor, unit = prefix(scale * gap.rms["before"], unit)
     return scale * factor, unit
 
 
-def error(found: Diagnosis, gap: Gap, value: float, digits: int = 3) -> Quantity:
+def error(diagnosis: Diagnosis, gap: Gap, value: float, digits: int = 3) -> Quantity:
     """Return an error [SI] of an output."""
-    scale, unit = unit_of(found, gap.output)
+    scale, unit = unit_of(diagnosis, gap.output)
     return Quantity(scale * value, unit, digits=digits)
 
 
-def size(found: Diagnosis, value: Value) -> Quantity:
+def size(diagnosis: Diagnosis, value: Value) -> Quantity:
     """Return a parameter with its standard error, as a person reads it."""
-    parameter = found.model.plant.parameters[value.name]
+    parameter = diagnosis.model.plant.parameters[value.name]
     scale = display_scale(parameter)
     return Quantity(
         scale * value.value, display_unit(parameter) or "1", scale * value.standard_error
@@ -58,27 +58,17 @@ def _chance(chance: float) -> str:
     return percent(min(max(chance, 0.001), 0.999))
 
 
-def stages(found: Diagnosis) -> dict[str, str]:
-    """Return the stages of ``Gap.rms`` that differ, each with its name for people."""
-    named = {"before": "before"}
-    if found.causes.retuned.problem.free and not found.within_tolerance:
-        named["retuned"] = "re-tuned"
-    if found.causes.taken.effects:
-        named["after"] = "with effects" if len(found.causes.taken.effects) > 1 else "with effect"
-    return named
-
-
-def gap(found: Diagnosis) -> Table:
+def gap(diagnosis: Diagnosis) -> Table:
     """Errors of every output, stage by stage."""
     return Table(
         "Gap, RMS on stretches that no fit has seen",
-        ("output", *stages(found).values(), "noise floor", "closed"),
-        tuple(_gap(found, one) for one in found.gaps),
+        ("output", *diagnosis.stages.values(), "noise floor", "closed"),
+        tuple(_gap(diagnosis, one) for one in diagnosis.gaps),
     )
 
 
-def _gap(found: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
-    scale, unit = unit_of(found, gap.output)
+def _gap(diagnosis: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
+    scale, unit = unit_of(diagnosis, gap.output)
     figures = (
         Quantity(
             scale * gap.rms[stage],
@@ -86,12 +76,12 @@ def _gap(found: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
             interval=(scale * gap.intervals[stage][0], scale * gap.intervals[stage][1]),
             digits=3,
         )
-        for stage in stages(found)
+        for stage in diagnosis.stages
     )
     return gap.output, *figures, Quantity(scale * gap.floor, unit, digits=2), summary.closed(gap)
 
 
-def nominal(found: Diagnosis) -> Table:
+def nominal(diagnosis: Diagnosis) -> Table:
     """What the nominal model lacks."""
     rows = tuple(
         (
@@ -101,33 +91,33 @@ def nominal(found: Diagnosis) -> Table:
             Quantity(1e3 * gap.delay, "ms", digits=3),
             gap.origin,
         )
-        for gap in found.gaps
+        for gap in diagnosis.gaps
     )
     columns = ("output", "of its range", "worst moment", "lag to measured", "noise floor from")
     return Table("The nominal model", columns, rows)
 
 
-def fmu(found: Diagnosis) -> Table:
+def fmu(diagnosis: Diagnosis) -> Table:
     """Errors of the FMU itself, in every part of every log."""
-    told = found.confirmation
+    told = diagnosis.confirmation
     off = told.difference if told else 0.0
     same = f"off by {number(off, 2)} of full scale" if off else "the same bits as the simulation"
     title = f"The diagnosed model as an FMU, run over each log: {same}"
-    return error_table(title, told.rows if told else (), found.model.plant)
+    return error_table(title, told.rows if told else (), diagnosis.model.plant)
 
 
-def held_out(found: Diagnosis) -> Table:
+def held_out(diagnosis: Diagnosis) -> Table:
     """Errors of logs with samples that no fit has seen."""
-    alone = [] if found.within_tolerance or not found.moved else ["parameters alone"]
+    alone = [] if diagnosis.within_tolerance or not diagnosis.moved else ["parameters alone"]
     rows = tuple(
         (
             one.log,
             *(_left(each) for each in ([one.retuned] if alone else []) + [one.after]),
             "gets worse" if one.worse else "",
         )
-        for one in found.held_out
+        for one in diagnosis.held_out
     )
-    name = "with effects" if found.causes.taken.effects else "diagnosed model"
+    name = "with effects" if diagnosis.causes.taken.effects else "diagnosed model"
     return Table(
         f"Held out by the description, RMS of all outputs in {FLOORS}",
         ("log", *alone, name, ""),
@@ -139,9 +129,9 @@ def _left(rms: float) -> Cell:
     return "cannot be simulated" if math.isnan(rms) else Quantity(rms, digits=3)
 
 
-def places(found: Diagnosis) -> Table:
+def places(diagnosis: Diagnosis) -> Table:
     """Where the squared error lies, in words."""
-    rows = tuple((one.dimension, one.sentence) for one in found.localisation)
+    rows = tuple((one.dimension, one.sentence) for one in diagnosis.localisation)
     return Table("Where the squared error lies", ("along", ""), rows)
 
 
@@ -181,39 +171,39 @@ def _percent(share: float | None) -> Quantity:
     return Quantity(math.nan if share is None else 100.0 * share, "%", digits=2)
 
 
-def effects(found: Diagnosis) -> Table:
+def effects(diagnosis: Diagnosis) -> Table:
     """Every effect that was fitted, most likely first."""
     columns = ("effect", "on", "probability", "size", f"left [{FLOORS}]", "closes", "")
-    rows = tuple(_effect(found, claim) for claim in found.claims)
+    rows = tuple(_effect(diagnosis, claim) for claim in diagnosis.claims)
     return Table("Effects, most likely first", columns, rows)
 
 
-def _effect(found: Diagnosis, claim: Claim) -> tuple[Cell, ...]:
-    fitted = found.causes.fitted
+def _effect(diagnosis: Diagnosis, claim: Claim) -> tuple[Cell, ...]:
+    fitted = diagnosis.causes.fitted
     marks = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
     if claim.name in fitted and not claim.taken:
         marks += [f"beside {summary.listed(claim.beside)}"] if claim.beside else []
-        marks += summary.marks(found, fitted[claim.name])
+        marks += summary.marks(diagnosis, fitted[claim.name])
     return (
         claim.name,
         claim.wire,
-        probability(claim) if found.verdict.chances else "",
-        ", ".join(f"{v.name.rpartition('.')[2]} {size(found, v)}" for v in claim.parameters),
+        probability(claim) if diagnosis.verdict.chances else "",
+        ", ".join(f"{v.name.rpartition('.')[2]} {size(diagnosis, v)}" for v in claim.parameters),
         Quantity(claim.gap_after, digits=3),
         percent(claim.closed),
         ", ".join(marks),
     )
 
 
-def fits(found: Diagnosis, explanations: Sequence[Explanation], title: str) -> Table:
+def fits(diagnosis: Diagnosis, explanations: Sequence[Explanation], title: str) -> Table:
     """Every fit of so many effects, the best first."""
-    chances = probabilities(found, explanations)
+    chances = probabilities(diagnosis, explanations)
     rows = tuple(
         (
             together(one.effects),
             Quantity(one.evidence.rms, interval=interval),
             chance,
-            "in the set" if one in found.verdict.rivals else "",
+            "in the set" if one in diagnosis.verdict.rivals else "",
             "converged" if one.converged else "did not converge",
         )
         for one, interval, chance in zip(explanations, intervals(explanations), chances)
@@ -222,11 +212,11 @@ def fits(found: Diagnosis, explanations: Sequence[Explanation], title: str) -> T
     return Table(title, columns, rows, folded=True)
 
 
-def probabilities(found: Diagnosis, explanations: Sequence[Explanation]) -> list[str]:
+def probabilities(diagnosis: Diagnosis, explanations: Sequence[Explanation]) -> list[str]:
     """Return them among explanations of as many effects as were taken, "" for others."""
-    if explanations is not found.causes.alike or not found.causes.taken.effects:
+    if explanations is not diagnosis.causes.alike or not diagnosis.causes.taken.effects:
         return [""] * len(explanations)
-    chances = chances_of(found.causes, found.verdict.rest)
+    chances = chances_of(diagnosis.causes, diagnosis.verdict.rest)
     return [_chance(float(chance)) for chance in chances]
 
 
@@ -254,68 +244,69 @@ def together(effects: Sequence[str]) -> str:
     return summary.listed(effects) if effects else "parameters alone"
 
 
-def detected(found: Diagnosis) -> Table:
+def detected(diagnosis: Diagnosis) -> Table:
     """What the detectors of believed effects have seen."""
-    rows = tuple((it.name, sentence(it.detected)) for it in found.claims if it.detected)
+    rows = tuple((it.name, sentence(it.detected)) for it in diagnosis.claims if it.detected)
     return Table("Seen apart from any error", ("effect", "its own detector"), rows)
 
 
-def reasons(found: Diagnosis) -> Table:
+def reasons(diagnosis: Diagnosis) -> Table:
     """Why effects were not fitted, those of one reason in one row."""
-    fitted = {claim.name for claim in found.claims}
+    fitted = {claim.name for claim in diagnosis.claims}
     rows: dict[str, list[str]] = {}
-    for name, reason in summary.ruled_out(found).items():
+    for name, reason in summary.ruled_out(diagnosis).items():
         if name not in fitted:
             rows.setdefault(reason.partition(":")[0], []).append(name)
     cells = tuple((reason, ", ".join(names)) for reason, names in rows.items())
     return Table("Ruled out without a fit", ("why", "effects"), cells)
 
 
-def ruled_out(found: Diagnosis) -> Table:
+def ruled_out(diagnosis: Diagnosis) -> Table:
     """Why each effect is not named."""
-    plant = found.model.plant
+    plant = diagnosis.model.plant
     rows = tuple(
         (
             name,
             plant.main_wire(name),
             reason,
-            Quantity(found.causes.reach[name].shown, digits=2),
-            _about(found, name),
+            Quantity(diagnosis.causes.reach[name].shown, digits=2),
+            _about(diagnosis, name),
         )
-        for name, reason in summary.ruled_out(found).items()
+        for name, reason in summary.ruled_out(diagnosis).items()
     )
     columns = ("effect", "on", "why", f"moves outputs by [{FLOORS}]", "what it is")
     return Table(f"Every effect that is not named ({len(rows)})", columns, rows, folded=True)
 
 
-def _about(found: Diagnosis, name: str) -> str:
-    module = inspect.getmodule(found.model.plant.placements[name][0].effect.function)
+def _about(diagnosis: Diagnosis, name: str) -> str:
+    module = inspect.getmodule(diagnosis.model.plant.placements[name][0].effect.function)
     return (inspect.getdoc(module) or "").partition("\n")[0]
 
 
-def imitated(found: Diagnosis) -> Table:
+def imitated(diagnosis: Diagnosis) -> Table:
     """What parameters that explain the gap may hide."""
-    plant = found.model.plant
+    plant = diagnosis.model.plant
     rows = tuple(
         (
             one.name,
             plant.main_wire(one.name),
             Quantity(one.moved, digits=3),
-            summary.shown_by(one, found),
+            summary.shown_by(one, diagnosis),
         )
-        for one in found.imitated
+        for one in diagnosis.imitated
     )
     columns = ("effect", "on", f"up to [{FLOORS}]", "experiment")
     return Table("Not ruled out: re-tuned parameters imitate them", columns, rows)
 
 
-def parameters(found: Diagnosis) -> tuple[Table, Table]:
+def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
     """Nominal parameters before, alone and beside the effects, and the effects' own."""
-    priors = {one.name: one.prior for one in found.causes.retuned.problem.free}
-    moved = {} if found.within_tolerance else {one.name: one for one in found.moved}
-    moves, doubts, known = summary.moves(found), summary.doubts(found), found.model.plant.parameters
+    priors = {one.name: one.prior for one in diagnosis.causes.retuned.problem.free}
+    moved = {} if diagnosis.within_tolerance else {one.name: one for one in diagnosis.moved}
+    moves, doubts = summary.moves(diagnosis), summary.doubts(diagnosis)
+    known = diagnosis.model.plant.parameters
     rows, about = [], []
-    for value in found.found:
+    for value in diagnosis.found:
         parameter = known[value.name]
         scale, unit = display_scale(parameter), display_unit(parameter) or "1"
         alone, prior = moved.get(value.name), priors.get(value.name)
@@ -323,8 +314,8 @@ def parameters(found: Diagnosis) -> tuple[Table, Table]:
             (
                 value.name,
                 Quantity(scale * value.nominal, unit, digits=5),
-                size(found, alone) if alone else "",
-                size(found, value),
+                size(diagnosis, alone) if alone else "",
+                size(diagnosis, value),
                 Quantity(round(moves[value.name], 1) + 0.0) if value.name in moves else None,
                 doubts.get(value.name, ""),
             )
