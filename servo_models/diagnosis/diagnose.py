@@ -50,9 +50,11 @@ def diagnose(
     Example:
         >>> import servo_models as sm
         >>> found = sm.diagnose("gimbal.toml")
-        >>> found.verdict.kind, found.causes.taken.effects
-        ('effect', ('drive_dead_zone',))
-        >>> found.write_report("gap.html")
+        >>> [claim.name for claim in found.claims if claim.taken]
+        ['drive_dead_zone']
+        >>> found.write_report("gimbal.html")
+        >>> found.tables()["Effects, most likely first"]["effect"][0]
+        'drive_dead_zone'
         >>> sm.write_parameters(found.parameter_set(), "GAP.toml")
     """
     told = description if isinstance(description, Description) else read_description(description)
