@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from servo_models.report.sections import Picture
 
-
 PALETTE = {
     "ink": ("#1d2329", "#e4e8ec"),
     "muted": ("#5a6570", "#a3adb8"),
