@@ -300,7 +300,7 @@ def draw(found: Identification) -> None:
     log = found.logs[0]
     scale = abs(log.channels[RATE].scale)
     starts = dict(zip(degrees(log), commands(log)))
-    with drawing("sg90-steps", rows=len(DRAWN), height=5.0) as (figure, every):
+    with drawing(rows=len(DRAWN), height=5.0) as (figure, every):
         for axes, amplitude in zip(every, DRAWN):
             part = slice(starts[amplitude] - 4, starts[amplitude] + 60)
             times = log.times[part] - log.times[starts[amplitude]]

@@ -109,7 +109,7 @@ def main() -> None:
 
 def draw(log: Log, measured: Array, times: Array, simulated: Array) -> None:
     """Two swings of both servos, and the difference."""
-    with drawing("sg90-video", rows=2, height=4.0) as (figure, (angle, difference)):
+    with drawing(rows=2, height=4.0) as (figure, (angle, difference)):
         angle.plot(log.times, measured, ".", color=colour("ink"))
         angle.plot(times, simulated, color=colour("blue"), lw=1.2)
         label(angle, (1.12, 60.0), "dots: video", "ink", (0, 0), "center")

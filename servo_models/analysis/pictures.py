@@ -124,7 +124,7 @@ def _page(title: str, rows: int, heights: Sequence[float] = ()) -> Iterator[tupl
     """Give a titled figure with ``rows`` panels, ``heights`` in panel heights."""
     ratios = list(heights) or [1.0] * rows
     height = MARGIN + PANEL * sum(ratios)
-    with drawing("servo-models", rows, height) as (figure, panels):
+    with drawing(rows, height) as (figure, panels):
         figure.set_size_inches(WIDTH, height)
         figure.set_facecolor(colour("paper"))
         figure.suptitle(title, x=0.01, ha="left", size=11, weight="bold")

@@ -52,6 +52,9 @@ def diagnose(
         >>> found = sm.diagnose("gimbal.toml")
         >>> [claim.name for claim in found.claims if claim.taken]
         ['drive_dead_zone']
+        >>> found.write_report("gimbal.html")
+        >>> found.tables()["Effects, most likely first"]["effect"][0]
+        'drive_dead_zone'
     """
     told = description if isinstance(description, Description) else read_description(description)
     logs, flags = without_flags(told.logs, told.model.plant)

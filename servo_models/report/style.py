@@ -51,12 +51,11 @@ def colour(name: str) -> str:
 
 @contextmanager
 def drawing(
-    name: str, rows: int = 1, height: float = 2.7, shared: bool = True
+    rows: int = 1, height: float = 2.7, shared: bool = True
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     """Give a styled figure with ``rows`` axes.
 
     Args:
-        name: keeps the ids of the SVG unique on the page.
         rows: axes, one above the other.
         height: of the figure [inch].
         shared: they have one time or frequency axis.
@@ -64,7 +63,7 @@ def drawing(
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({**_settings(), "svg.hashsalt": name}):
+    with mpl.rc_context(_settings()):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         axes = figure.subplots(rows, 1, sharex=shared, squeeze=False)
         yield figure, list(axes[:, 0])
@@ -72,7 +71,7 @@ def drawing(
 
 def figure(picture: Picture) -> Figure:
     """Return a picture of a section, drawn."""
-    with drawing("", picture.rows, picture.height, picture.shared) as (drawn, axes):
+    with drawing(picture.rows, picture.height, picture.shared) as (drawn, axes):
         if picture.width:
             drawn.set_figwidth(picture.width)
         picture.draw(axes)
@@ -85,7 +84,7 @@ def svg(figure: Figure, name: str, title: str, themed: bool = True) -> Markup:
     import matplotlib as mpl
 
     buffer = io.StringIO()
-    with mpl.rc_context({**_settings(), "svg.hashsalt": name}):
+    with mpl.rc_context(_settings()):
         figure.savefig(buffer, format="svg")
     return _inline(buffer.getvalue(), name, title, themed)
 
@@ -148,6 +147,7 @@ def _settings() -> dict[Any, Any]:
         "lines.solid_capstyle": "round",
         "savefig.facecolor": "none",
         "svg.fonttype": "none",
+        "svg.hashsalt": "servo-models",
         "text.color": colour("ink"),
         "xtick.color": colour("muted"),
         "xtick.labelsize": 8.5,

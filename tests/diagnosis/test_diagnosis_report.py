@@ -415,7 +415,7 @@ def test_logs_and_their_hashes_are_named(found: Diagnosis, text: str) -> None:
     ],
 )
 def test_names_of_curves_stay_inside_the_picture(names: tuple[str, ...]) -> None:
-    with drawing("legend", rows=2, height=3.6) as (figure, (command, axes)):
+    with drawing(rows=2, height=3.6) as (figure, (command, axes)):
         for name in names:
             axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
         draw_legend(axes, len(names))
