@@ -148,6 +148,7 @@ else:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 @pytest.mark.parametrize("what", ["file", "entry"])
 def test_a_killed_write_leaves_nothing_half(cache: Path, what: str) -> None:

@@ -119,6 +119,7 @@ def test_the_bench_gives_the_feedback_coefficient_of_the_paper(copy: Copy, run: 
         assert values[name] == pytest.approx(value, abs=within), name
 
 
+@pytest.mark.thorough
 def test_a_sweep_and_a_step_give_the_motor(copy: Copy, run: Run) -> None:
     folder = copy("torque_motor")
     follow(page(folder), run, doubted="identify")  # these data do not determine back_emf_constant
@@ -148,6 +149,7 @@ def test_scripts_make_the_files_beside_them(
         np.testing.assert_allclose(again, kept, rtol=1e-3, atol=digit)
 
 
+@pytest.mark.thorough
 def test_xl330(copy: Copy, logs_folder: Path) -> None:
     """Load-dependent friction is beyond doubt; a gain held out is met four times as well.
 

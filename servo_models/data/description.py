@@ -108,7 +108,7 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     Raises:
         UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
             that does not convert; a value out of bounds; a log that cannot be read or used,
-            see ``description.log.read_log``.  It names the file, and the key or row and column.
+            see ``signals.read_log``.  It names the file, and the key or row and column.
 
     Example:
         >>> import servo_models as sm

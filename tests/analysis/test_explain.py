@@ -169,6 +169,7 @@ def test_a_demonstrated_delay_is_a_shift_in_time() -> None:
     assert math.isclose(float(np.max(np.abs(after[name] - late))) / scale, 0.0, abs_tol=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["torque_motor", "backlash"])
 @pytest.mark.parametrize("suffix", [".svg", ".png", ".pdf"])
 def test_pictures_are_written_alike_each_time(name: str, suffix: str, tmp_path: Path) -> None:

@@ -220,6 +220,7 @@ UNLUCKY = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("names", UNLUCKY, ids=lambda names: "_".join(names.values()))
 def test_unlucky_names_compiled_with_a_lag_and_a_rate_limit_on_the_wire(
     names: dict[str, str],

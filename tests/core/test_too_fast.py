@@ -195,6 +195,7 @@ def test_plain_python_follows_as_the_compiled_run_does(
     assert np.array_equal(compiled, np.array(plain))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "variant", ["identified", "measured", "printed", "oscillatory_motor", "xl330"]
 )

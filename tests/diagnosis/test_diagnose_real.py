@@ -17,6 +17,7 @@ from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.search.causes import TOLERANCE
 from servo_models.diagnosis.verdict import OUTSIDE
 
+pytestmark = pytest.mark.thorough
 EXAMPLES = Path(__file__).parents[2] / "examples" / "real_logs" / "diagnosis"
 
 

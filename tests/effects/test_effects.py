@@ -33,8 +33,11 @@ PLANTS = {
     if variant is actuator.variants[0]
     or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
 }
+FIRST = {a.name: f"{a.name}-{a.variants[0].name}" for a in actuators().values()}
+MARKS = {plant: () if plant in FIRST.values() else (pytest.mark.thorough,) for plant in PLANTS}
+"""Other equations of an actuator go through the same laws, and take as long."""
 PLACEMENTS = [
-    pytest.param(plant, name, id=f"{plant}-{name}")
+    pytest.param(plant, name, id=f"{plant}-{name}", marks=MARKS[plant])
     for plant, (actuator, variant) in PLANTS.items()
     for name in actuators()[actuator].plant_of(variant).placements
 ]
@@ -45,7 +48,9 @@ EFFECTS = [
 ]
 SLOWEST = {plant: 1.0 if plant.startswith("sg90") else 0.05 for plant in PLANTS}
 """Time [s] in which something happens."""
-every_plant = pytest.mark.parametrize("plant", PLANTS)
+every_plant = pytest.mark.parametrize(
+    "plant", [pytest.param(plant, marks=MARKS[plant]) for plant in PLANTS]
+)
 every_placement = pytest.mark.parametrize(("plant", "name"), PLACEMENTS)
 every_effect = pytest.mark.parametrize("effect", EFFECTS)
 
@@ -234,7 +239,7 @@ def shapes() -> Iterator[object]:
         parameters = chosen(plant).plant.parameters
         for name, parameter in parameters.items():
             if parameter.owner and not parameter.param.switch:
-                yield pytest.param(plant, name, id=f"{plant}-{name}")
+                yield pytest.param(plant, name, id=f"{plant}-{name}", marks=MARKS[plant])
 
 
 @pytest.mark.parametrize(("plant", "parameter"), list(shapes()))

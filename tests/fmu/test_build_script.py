@@ -40,6 +40,7 @@ def test_one_actuator_is_summed_up_first_and_reported_apart(tmp_path: Path) -> N
     assert max(map(len, [*lines, *jobs])) <= 80
 
 
+@pytest.mark.thorough
 def test_out_may_name_the_file(tmp_path: Path) -> None:
     write(tmp_path, changes=WITH_EFFECTS)
     done = build_fmu(tmp_path, "--actuator", "joint.py", "--out", "mine/arm.fmu")

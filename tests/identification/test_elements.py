@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import defaultdict
 from pathlib import Path
@@ -215,7 +216,7 @@ def test_the_closed_forms_agree_with_python_control(
     response = loop.response(k_f, (band,))
     closed = control.tf([gain * k_f], [1.0, rate, gain * k_f])
     slowest = min(-closed.poles().real)
-    times = np.linspace(0.0, 12.0 / slowest, 60_001)
+    times = np.linspace(0.0, 12.0 / slowest, 20_001)
     _, values = control.step_response(closed, times)
     step = times[1]
     assert response.time_constant == pytest.approx(
@@ -288,6 +289,9 @@ def test_figures_have_the_signs_and_units_of_the_bench(bench: Path) -> None:
     assert edge.value == pytest.approx(-0.6, abs=0.02)
     assert result.figure("motor", "top speed, negative").value == pytest.approx(-544.0, abs=2.0)
     assert result.figure("amplifier", "gain K_AP").value == pytest.approx(5.79, abs=0.05)
+    document = json.loads(result.to_json())
+    assert document["parameters"]["edge_negative"]["value"] == pytest.approx(0.6, abs=0.02)
+    assert result.tables()["Parameters"]["parameter"].to_list() == list(result.parameters)
     told = text(result.report(), 200)
     for words in ("V/deg", "chosen", "time constant [s]", "settling +-5 % [s]", "+-2 %", "rad/s/V"):
         assert words in told

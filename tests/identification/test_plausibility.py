@@ -37,6 +37,7 @@ SUBJECTS = [
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "variant"), SUBJECTS)
 def test_every_column_in_another_unit_is_named_with_its_unit(name: str, variant: str) -> None:
     """Rigs that differ from the nominal model by up to 20 %; seeds that nothing was tuned on."""
@@ -295,6 +296,7 @@ def test_steps_ramps_and_codes_have_no_outliers() -> None:
 # Identification
 
 
+@pytest.mark.thorough
 def test_a_fit_that_does_not_believe_itself_exits_1(run: Run, tmp_path: Path) -> None:
     """Two loads on one shaft add up."""
     path = record(tmp_path)

@@ -24,6 +24,7 @@ from tests.support.logs import changed
 
 Describe = Callable[[str], Description]
 
+pytestmark = pytest.mark.thorough
 EXAMPLES = Path(__file__).parents[2] / "examples" / "real_logs"
 COUNT = np.radians(7.75)
 """Rate [rad/s] that the description of the SG90 takes for a count of its gyro."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -24,8 +25,8 @@ from servo_models.identification.transfer import (
     identify_transfer,
 )
 from servo_models.identification.transfer.choose import pole_trouble, score, surplus_zero
-from servo_models.identification.transfer.evidence import Point
-from servo_models.identification.transfer.fit import Fit, fit, starts
+from servo_models.identification.transfer.fit import Fit, fit
+from servo_models.identification.transfer.measurements import Point
 from servo_models.report.style import figure
 from servo_models.validation.solvers import LinearSystem, changes
 from tests.support.transfer_logs import DT, EQUATION_12, MOTOR, log
@@ -60,9 +61,8 @@ def motor_logs(seed: int, noise: float, rate: float = 1.0 / DT) -> list[Log]:
     ]
 
 
-def fitted(structure: Structure, evidence: Record | Sweep) -> Fit:
-    noise = [evidence.noise_guess]
-    found = fit(structure, [evidence], noise, starts(structure, [evidence], noise, []), 10.0)
+def fitted(structure: Structure, data: Record | Sweep) -> Fit:
+    found = fit(structure, [data])
     assert found
     return found
 
@@ -107,13 +107,13 @@ def test_slopes_are_the_derivatives_of_the_errors(structure: Structure) -> None:
         return Point(x[:m], x[m : m + n], base.scale, float(x[m + n]) if structure.delay else 0.0)
 
     x = np.array([*base.b, *base.a, *([base.delay] if structure.delay else [])])
-    for evidence in (record(times, u, np.zeros(300)), sweep):
-        _, slopes = evidence.errors(at(x), structure.delay)
+    for data in (record(times, u, np.zeros(300)), sweep):
+        _, slopes = data.errors(at(x), structure.delay)
         for k in range(len(x)):
             step = np.zeros(len(x))
             step[k] = 1e-6 * max(abs(x[k]), 1e-3)
-            up, _ = evidence.errors(at(x + step), structure.delay)
-            down, _ = evidence.errors(at(x - step), structure.delay)
+            up, _ = data.errors(at(x + step), structure.delay)
+            down, _ = data.errors(at(x - step), structure.delay)
             numeric = (up - down) / (2.0 * step[k])
             assert np.max(np.abs(numeric - slopes[:, k])) < 1e-4 * np.max(np.abs(slopes[:, k]))
 
@@ -203,6 +203,7 @@ def chosen_for_the_motor() -> TransferResult:
     return identify_transfer(logs, model=MOTOR, structures=structures)
 
 
+@pytest.mark.thorough
 def test_third_order_with_delay_is_chosen_for_the_torque_motor(
     chosen_for_the_motor: TransferResult,
 ) -> None:
@@ -219,11 +220,16 @@ def test_third_order_with_delay_is_chosen_for_the_torque_motor(
     assert reasons["order 4 + delay"]
 
 
+@pytest.mark.thorough
 def test_report_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferResult) -> None:
     text = str(chosen_for_the_motor.report())
     assert "order 3 + delay: G(s) = " in text
     assert text.count("chosen") == 1
     assert "torque_constant" in text
+    document = json.loads(chosen_for_the_motor.to_json())
+    [chosen] = [c for c in document["candidates"] if not c["reason"]]
+    assert chosen["name"] == document["chosen"] == "order 3 + delay"
+    assert chosen["delay"] == pytest.approx(EQ_12_DELAY, rel=1e-2)
     gain, phase = figure(chosen_for_the_motor.report().pictures[0]).axes
     assert {t.get_text() for t in gain.get_legend().get_texts()} == {"records", "chosen"}
     data, line = gain.lines[0], gain.lines[-1]
@@ -232,13 +238,14 @@ def test_report_and_picture_show_what_was_chosen(chosen_for_the_motor: TransferR
     assert phase.lines
 
 
+@pytest.mark.thorough
 def test_every_record_is_drawn_with_what_the_chosen_function_leaves(
     chosen_for_the_motor: TransferResult,
 ) -> None:
     """The error drawn is that of the exact response of the same function."""
     found = chosen_for_the_motor
     _, *pictures = found.report().pictures
-    records = [one for one in found.evidence if isinstance(one, Record)]
+    records = [one for one in found.measurements if isinstance(one, Record)]
     assert len(pictures) == len(records)
     function = found.chosen.function
     exact = LinearSystem.transfer(function.numerator, function.denominator)
@@ -344,7 +351,7 @@ def test_a_zero_on_a_pole_cancels_within_its_uncertainty() -> None:
         function = TransferFunction.of([1.0, zero], np.polymul([1.0, 1.0], [1.0, 5.0]))
         coefficients = np.array([1.0, zero, 6.0, 5.0])
         covariance = np.diag((relative * coefficients) ** 2)
-        found = surplus_zero(Fit(function, Structure(2, 1), covariance, (1.0,)))
+        found = surplus_zero(Fit(function, Structure(2, 1), covariance))
         assert said in found
         assert bool(found) == bool(said)
 

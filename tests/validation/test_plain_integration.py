@@ -244,6 +244,7 @@ def test_a_fault_of_what_is_printed_is_found(
     assert row.passed is False, row
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("effect", ["limit", "slow"])
 def test_a_memory_that_is_kept_at_every_stage_is_found(
     effect: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

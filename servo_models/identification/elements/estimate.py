@@ -114,12 +114,7 @@ class Fit:
         value = float(function(self.values))
         if self.freedom <= 0:
             return Estimate(value, math.inf, -math.inf, math.inf)
-        slope = np.zeros(len(self.values))
-        for k, size in enumerate(np.abs(self.values)):
-            step = np.zeros(len(slope))
-            step[k] = STEP * (size or 1.0)
-            rise = function(self.values + step) - function(self.values - step)
-            slope[k] = rise / (2.0 * step[k])
+        slope = _slopes(function, self.values)
         error = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
         return _with_interval(value, error, self.freedom)
 
@@ -143,10 +138,22 @@ def fit(
         x_scale="jac",
         xtol=TIGHT,
     )
-    n, p = best.jac.shape
-    residuals = -best.fun if best.fun @ best.fun > rounding(y) else np.zeros(n)
-    variance = float(residuals @ residuals) / max(n - p, 1)
-    return Fit(best.x, variance * np.linalg.pinv(best.jac.T @ best.jac), residuals)
+    residuals = -best.fun if best.fun @ best.fun > rounding(y) else np.zeros(len(y))
+    variance = float(residuals @ residuals) / max(len(y) - len(best.x), 1)
+    slopes = _slopes(lambda unknowns: model(x, *unknowns), best.x)
+    covariance = variance * np.asarray(np.linalg.pinv(slopes.T @ slopes), dtype=float)
+    return Fit(best.x, covariance, residuals)
+
+
+def _slopes(function: Callable[[Array], Array | float], values: Array) -> Array:
+    """Derivatives by central differences, by ``values`` along the last axis."""
+    columns = []
+    for k, size in enumerate(np.abs(values)):
+        step = np.zeros(len(values))
+        step[k] = STEP * (size or 1.0)
+        rise = np.asarray(function(values + step)) - function(values - step)
+        columns.append(rise / (2.0 * step[k]))
+    return np.stack(columns, axis=-1)
 
 
 def rounding(measured: Array) -> float:

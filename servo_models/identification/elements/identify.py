@@ -99,7 +99,10 @@ class ElementsResult(Result):
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Value and standard error [SI] by name of the actuator's parameter."""
-        return {name: (one.value, one.standard_error) for name, one in self.estimates.items()}
+        return {
+            name: (estimate.value, estimate.standard_error)
+            for name, estimate in self.estimates.items()
+        }
 
     def report(self, date: str = "") -> Report:
         from servo_models.identification.elements.sections import elements_report
@@ -109,7 +112,7 @@ class ElementsResult(Result):
     def document(self) -> dict[str, Any]:
         return {
             "figures": [asdict(figure) for figure in self.figures],
-            "parameters": {name: asdict(one) for name, one in self.estimates.items()},
+            "parameters": {name: asdict(estimate) for name, estimate in self.estimates.items()},
             "choices": [asdict(choice) for choice in self.synthesis.choices],
             "responses": [asdict(row) for row in self.synthesis.rows],
             "notes": list(self.notes),
@@ -130,29 +133,30 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
             elements; an actuator that is not made of these elements; an estimate out of the
             bounds of its parameter.  It names the file, and the key or columns.
     """
-    told = description if isinstance(description, Description) else read_description(description)
-    entries = told.document.section("elements")
+    if not isinstance(description, Description):
+        description = read_description(description)
+    entries = description.document.section("elements")
     entries.check_keys((*ELEMENTS, "synthesis"))
-    strange = [name for name in MADE_OF if name not in told.model.values]
+    strange = [name for name in MADE_OF if name not in description.model.values]
     if strange:
-        told.document.fail(
+        description.document.fail(
             "actuator",
-            f"'{told.actuator.name}' has no '{strange[0]}'; name a servo made of these elements,"
-            " such as sg90",
+            f"'{description.actuator.name}' has no '{strange[0]}'; name a servo made of these"
+            " elements, such as sg90",
         )
-    wish, bench = read_wish(entries.section("synthesis")), _Bench(told.model)
+    wish, bench = read_wish(entries.section("synthesis")), _Bench(description.model)
     for name, identify in ELEMENTS.items():
         if name in entries:
             with bench.about(name):
                 identify(bench, entries.section(name))
     if not bench.figures:
-        told.document.fail("elements", "no element; add [elements.motor] or another one")
+        description.document.fail("elements", "no element; add [elements.motor] or another one")
     motor = bench.dynamic_gain or bench.value("motor_gain")
     parts = {"motor_gain": motor, **{name: bench.value(name) for name in LOOP}}
-    synthesis = synthesise(parts, told.model.values["angle_unit"], wish)
+    synthesis = synthesise(parts, description.model.values["angle_unit"], wish)
     bench.keep(synthesis.choices[0])
     return ElementsResult(
-        model=told.model,
+        model=description.model,
         synthesis=synthesis,
         figures=tuple(bench.figures),
         estimates=bench.estimates,

@@ -129,8 +129,8 @@ class Shape:
     def fitted(self, x: Array, y: Array) -> Fit | None:
         """Gain, zero and knees, None where the table has too few rows for the pieces."""
         fits = [fit(self.output, x, y, start) for start in self._starts(x, y)]
-        usable = [one for one in fits if self._enough(one.values[2:], x)]
-        return min(usable, key=lambda one: one.squares, default=None)
+        usable = [line for line in fits if self._enough(line.values[2:], x)]
+        return min(usable, key=lambda line: line.squares, default=None)
 
     def _starts(self, x: Array, y: Array) -> Iterator[Array]:
         """The best few unknowns with knees between rows, by exhaustive search."""

@@ -168,11 +168,11 @@ class _Rows:
     def of(cls, k: int, voltages: Array, speeds: Array, up: Mask) -> _Rows:
         """Take the positive side, 0, or the negative one, 1, out of a table."""
         name, sign = NAMES[k], (1.0, -1.0)[k]
-        own = sign * voltages > 0.0
-        if not own.any():
+        rows = sign * voltages > 0.0
+        if not rows.any():
             raise UserError(f"no {name} voltage; add rows of both directions")
-        branch = np.where(up[own], 1.0, -1.0)
-        return cls(name, sign, sign * voltages[own], sign * speeds[own], branch)
+        branch = np.where(up[rows], 1.0, -1.0)
+        return cls(name, sign, sign * voltages[rows], sign * speeds[rows], branch)
 
     def has_both(self, rows: Mask | NDArray[np.int64]) -> bool:
         """Whether there are two rows or more of both branches among ``rows``."""
@@ -412,8 +412,9 @@ def _side(curve: _Curve, k: int) -> SideCurve:
 
 def _edge(curve: _Curve, k: int, branch: float) -> _Edge | None:
     """The edge of one branch, None if no row of it turns."""
-    rows, own = curve.sides[k], curve.sides[k].branch == branch
-    still, turns = own & (curve.regions[k] == STILL), own & (curve.regions[k] != STILL)
+    rows, on_branch = curve.sides[k], curve.sides[k].branch == branch
+    still = on_branch & (curve.regions[k] == STILL)
+    turns = on_branch & (curve.regions[k] != STILL)
     if not turns.any():
         return None
     zero, first, line = curve.zero(k, branch), float(np.min(rows.x[turns])), curve.line(k)

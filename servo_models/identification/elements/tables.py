@@ -134,15 +134,15 @@ def read_table(
     """
     table = entry.read(_schema(wanted, optional))
     path = entry.file.parent / table.file
-    found = read_columns(path, table.table or None, table.header)
+    cells = read_columns(path, table.table or None, table.header)
     columns: dict[str, Array] = {}
     for wire in (*wanted, *(wire for wire in optional if wire.name in entry)):
         mapped = map_signal(entry, wire.name, wire, None)
         if mapped.table or mapped.shift:
             entry.fail(wire.name, "table and shift of a column belong to logs; leave them out")
-        values = in_si(mapped, found.numbers(mapped.column))
-        check_size(mapped, found, np.arange(len(values)), values, wire)
-        where = found.where(mapped.column)
+        values = in_si(mapped, cells.numbers(mapped.column))
+        check_size(mapped, cells, np.arange(len(values)), values, wire)
+        where = cells.where(mapped.column)
         if len(values) < rows:
             raise UserError(f"{where} has {len(values)} rows: give at least {rows}")
         if columns and len(values) != len(next(iter(columns.values()))):
@@ -152,9 +152,9 @@ def read_table(
         if wire in wanted and np.all(values == values[0]):
             raise UserError(f"{where} is constant; name another column, or measure over a range")
         if wire is TIME:
-            found.check_order(mapped.column, values)
+            cells.check_order(mapped.column, values)
         columns[wire.name] = values
-    return Table(path, found.sha256, f"'{path}', columns {' and '.join(columns)}", columns)
+    return Table(path, cells.sha256, f"'{path}', columns {' and '.join(columns)}", columns)
 
 
 Teeth = Annotated[int, Meta(gt=0)]

@@ -18,9 +18,9 @@ import numpy as np
 from servo_models.analysis.statistics import dependence, inflation, whiteness
 from servo_models.core.types import Array, Complex
 from servo_models.errors import UserError
-from servo_models.identification.transfer.evidence import Evidence, Point, Record
 from servo_models.identification.transfer.fit import Fit
 from servo_models.identification.transfer.functions import TransferFunction
+from servo_models.identification.transfer.measurements import Measurements, Point, Record
 
 WORSE = 10.0
 """Difference of the BIC that counts as very strong evidence (Kass and Raftery)."""
@@ -47,7 +47,7 @@ class Score:
     """What the errors of a transfer function look like.
 
     Attributes:
-        errors, held_out_errors: by name of the evidence; SI for records; for frequency
+        errors, held_out_errors: by name of the measurements; SI for records; for frequency
             responses logarithm of gain, then phase [rad], over the points' spread.
         fit, held_out: share of the records' movement that is described, 1 for all of it,
             on fitted and on held-out samples; None without any.
@@ -65,7 +65,7 @@ class Score:
 
     @property
     def rms(self) -> dict[str, float]:
-        """Root mean square of the fitted errors by evidence."""
+        """Root mean square of the fitted errors by measurements."""
         return {name: float(np.sqrt(np.mean(e**2))) for name, e in self.errors.items() if len(e)}
 
     def losses(self, noise: Mapping[str, float]) -> Array:
@@ -76,41 +76,41 @@ class Score:
         return np.array([float(np.mean(b)) for b in blocks if len(b)])
 
 
-def score(function: TransferFunction, evidence: Sequence[Evidence]) -> Score:
-    """Compare a transfer function with all evidence."""
+def score(function: TransferFunction, measurements: Measurements) -> Score:
+    """Compare a transfer function with all measurements."""
     fitted: dict[str, Array] = {}
     hidden: dict[str, Array] = {}
     chances: list[tuple[float, float]] = []
     point = Point.of(function)
-    for one in evidence:
+    for data in measurements:
         with np.errstate(all="ignore"):
-            error, _ = one.errors(point, False)
-        seen = one.fitted
-        fitted[one.name], hidden[one.name] = error[seen], error[~seen]
-        if isinstance(one, Record) and seen.any():
-            chances.append((whiteness(error, seen), dependence(error, one.given, seen)))
+            error, _ = data.errors(point, False)
+        used = data.fitted
+        fitted[data.name], hidden[data.name] = error[used], error[~used]
+        if isinstance(data, Record) and used.any():
+            chances.append((whiteness(error, used), dependence(error, data.given, used)))
     white = min((chance for chance, _ in chances), default=None)
     independent = min((chance for _, chance in chances), default=None)
     return Score(
         fitted,
         hidden,
-        _described(evidence, fitted, held_out=False),
-        _described(evidence, hidden, held_out=True),
+        _described(measurements, fitted, held_out=False),
+        _described(measurements, hidden, held_out=True),
         white,
         independent,
     )
 
 
 def _described(
-    evidence: Sequence[Evidence], errors: Mapping[str, Array], held_out: bool
+    measurements: Measurements, errors: Mapping[str, Array], held_out: bool
 ) -> float | None:
     """1 - norm of the errors over norm of the movement, over all records."""
     missed = moved = 0.0
-    for one in evidence:
-        if isinstance(one, Record):
-            y = one.measured[one.held_out == held_out]
+    for data in measurements:
+        if isinstance(data, Record):
+            y = data.measured[data.held_out == held_out]
             if len(y):
-                missed += float(np.sum(errors[one.name] ** 2))
+                missed += float(np.sum(errors[data.name] ** 2))
                 moved += float(np.sum((y - np.mean(y)) ** 2))
     return 1.0 - float(np.sqrt(missed / moved)) if moved > 0.0 else None
 
@@ -139,12 +139,12 @@ class Candidate:
     reason: str = ""
 
 
-def with_criteria(candidates: Sequence[Candidate], evidence: Sequence[Evidence]) -> list[Candidate]:
+def with_criteria(candidates: Sequence[Candidate], measurements: Measurements) -> list[Candidate]:
     """Add AIC and BIC; correlated errors count as fewer independent ones.
 
     How correlated the noise is, is read off the candidate with the least errors.
     """
-    names = [one.name for one in evidence if one.fitted.any()]
+    names = [data.name for data in measurements if data.fitted.any()]
     if not candidates:
         raise UserError("too few samples for any structure: record at least 16")
 
@@ -227,21 +227,21 @@ def _missed(c: Candidate) -> str:
 def warnings(
     chosen: Candidate, candidates: Sequence[Candidate], longest: float | None
 ) -> tuple[str, ...]:
-    found = [slow_pole(chosen.function, longest)]
+    texts = [slow_pole(chosen.function, longest)]
     likely = min(candidates, key=lambda c: c.bic)
     if likely.fault and chosen.bic - likely.bic > WORSE:
-        found.append(f"'{likely.name}' fits better than '{chosen.name}', but: {likely.fault}")
+        texts.append(f"'{likely.name}' fits better than '{chosen.name}', but: {likely.fault}")
     white, independent = chosen.score.white, chosen.score.independent
     if independent is not None and independent < COLOURED:
-        found.append(
+        texts.append(
             f"the residuals of '{chosen.name}' still depend on the input: something is missing,"
             " such as an effect that is not linear"
         )
     elif white is not None and white < COLOURED:
-        found.append(
+        texts.append(
             f"the residuals of '{chosen.name}' are not white; the standard errors account for it"
         )
-    return tuple(text for text in found if text)
+    return tuple(text for text in texts if text)
 
 
 def pole_trouble(function: TransferFunction, longest: float | None) -> str:

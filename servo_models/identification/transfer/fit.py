@@ -1,4 +1,4 @@
-"""Output-error fit of one structure to all evidence at once, with its uncertainty.
+"""Output-error fit of one structure to all measurements at once, with its uncertainty.
 
 Maximum likelihood for noise that is white and normal: each record and each frequency
 response has a noise level of its own, estimated with the coefficients.  Where the residuals
@@ -22,8 +22,8 @@ import numpy as np
 
 from servo_models.analysis.statistics import autocovariance, scatter, whiteness
 from servo_models.core.types import Array
-from servo_models.identification.transfer.evidence import Evidence, Point, Record, band
 from servo_models.identification.transfer.functions import Structure, TransferFunction
+from servo_models.identification.transfer.measurements import Measurements, Point, Record, band
 
 PASSES = 6
 """Rounds of coefficients given noise levels, then noise levels given coefficients."""
@@ -49,13 +49,11 @@ class Fit:
         function: the estimate.
         covariance: of numerator (highest power first), denominator without its leading 1,
             and delay if the structure has one; SI, shape (size, size).
-        noise: standard deviation of the errors of each piece of evidence.
     """
 
     function: TransferFunction
     structure: Structure
     covariance: Array
-    noise: tuple[float, ...]
 
     @property
     def coefficients(self) -> Array:
@@ -72,9 +70,9 @@ class Fit:
 class _Problem:
     """Residuals and slopes of one structure as functions of one vector."""
 
-    def __init__(self, structure: Structure, evidence: Sequence[Evidence], scale: float) -> None:
-        self.structure, self.evidence, self.scale = structure, evidence, scale
-        self.noise = np.ones(len(evidence))
+    def __init__(self, structure: Structure, measurements: Measurements, scale: float) -> None:
+        self.structure, self.measurements, self.scale = structure, measurements, scale
+        self.noise = np.array([data.noise_guess for data in measurements])
         self._last: tuple[bytes, list[tuple[Array, Array]]] = b"", []
 
     def point(self, x: Array) -> Point:
@@ -88,17 +86,17 @@ class _Problem:
         return np.concatenate([point.b, point.a, delay])
 
     def parts(self, x: Array) -> list[tuple[Array, Array]]:
-        """Errors and slopes of each piece of evidence, over the rows to be fitted."""
+        """Errors and slopes of each piece of measurements, over the rows to be fitted."""
         if self._last[0] != x.tobytes():
-            found = []
-            for one in self.evidence:
+            parts = []
+            for data in self.measurements:
                 with np.errstate(all="ignore"):
-                    error, slopes = one.errors(self.point(x), self.structure.delay)
+                    error, slopes = data.errors(self.point(x), self.structure.delay)
                 if self.structure.delay:
                     slopes[:, -1] /= self.scale
-                rows = one.fitted
-                found.append((error[rows], slopes[rows]))
-            self._last = x.tobytes(), found
+                rows = data.fitted
+                parts.append((error[rows], slopes[rows]))
+            self._last = x.tobytes(), parts
         return self._last[1]
 
     def residuals(self, x: Array) -> Array:
@@ -118,21 +116,22 @@ class _Problem:
 
 def fit(
     structure: Structure,
-    evidence: Sequence[Evidence],
-    noise: Sequence[float],
-    starts: Sequence[Point],
-    longest_delay: float,
+    measurements: Measurements,
+    smaller: Sequence[TransferFunction] = (),
 ) -> Fit | None:
     """Return the best fit over all starts, or None where none is finite.
 
+    A delay is at most one over the lowest frequency that the data speak of.
+
     Args:
-        noise: first levels, in the units of ``Evidence.errors``.
-        longest_delay: bound of the delay [s].
+        structure: to be fitted.
+        measurements: each with rows to be fitted.
+        smaller: fitted functions of structures that this one contains.
     """
+    longest_delay = 1.0 / band(measurements)[0]
     best: tuple[float, _Problem, Array] | None = None
-    for start in starts:
-        problem = _Problem(structure, evidence, start.scale)
-        problem.noise = np.array(noise)
+    for start in _starts(structure, measurements, smaller):
+        problem = _Problem(structure, measurements, start.scale)
         x = _descend(problem, problem.vector(start), longest_delay, SCOUTED)
         if x is None:
             continue
@@ -146,17 +145,17 @@ def fit(
         better = _descend(problem, x, longest_delay, EVALUATIONS)
         x = x if better is None else better
         before, problem.noise = problem.noise, problem.levels(x)
-        if len(evidence) == 1 or np.all(np.abs(problem.noise / before - 1.0) < STEADY):
+        if len(measurements) == 1 or np.all(np.abs(problem.noise / before - 1.0) < STEADY):
             break
     problem.noise = problem.levels(x)
-    found = _with_uncertainty(problem, x)
-    return found if _is_finite(found.function, evidence) else None
+    fitted = _with_uncertainty(problem, x)
+    return fitted if _is_finite(fitted.function, measurements) else None
 
 
-def _is_finite(function: TransferFunction, evidence: Sequence[Evidence]) -> bool:
+def _is_finite(function: TransferFunction, measurements: Measurements) -> bool:
     """Whether it can still be evaluated: superfluous poles may run away to any speed."""
     with np.errstate(all="ignore"):
-        errors = [one.errors(Point.of(function), False)[0] for one in evidence]
+        errors = [data.errors(Point.of(function), False)[0] for data in measurements]
     return all(np.all(np.isfinite(error)) for error in errors)
 
 
@@ -171,7 +170,7 @@ def _descend(problem: _Problem, x: Array, longest_delay: float, evaluations: int
     if not np.all(np.isfinite(problem.residuals(x))):
         return None
     with np.errstate(all="ignore"):  # a step too far makes the model unstable, and is taken back
-        found = least_squares(
+        descent = least_squares(
             problem.residuals,
             x,
             problem.slopes,
@@ -182,7 +181,7 @@ def _descend(problem: _Problem, x: Array, longest_delay: float, evaluations: int
             gtol=1e-12,
             max_nfev=evaluations,
         )
-    return np.asarray(found.x)
+    return np.asarray(descent.x)
 
 
 def _unlikelihood(problem: _Problem, x: Array) -> float:
@@ -195,10 +194,10 @@ def _unlikelihood(problem: _Problem, x: Array) -> float:
 def _with_uncertainty(problem: _Problem, x: Array) -> Fit:
     information = np.zeros((len(x), len(x)))
     spread = np.zeros_like(information)
-    for one, (error, slopes), level in zip(problem.evidence, problem.parts(x), problem.noise):
+    for data, (error, slopes), level in zip(problem.measurements, problem.parts(x), problem.noise):
         weighted, relative = slopes / level, error / level
         information += weighted.T @ weighted
-        if isinstance(one, Record) and whiteness(relative) < 0.01:
+        if isinstance(data, Record) and whiteness(relative) < 0.01:
             spread += scatter(weighted, autocovariance(relative))
         else:
             spread += weighted.T @ weighted
@@ -211,78 +210,68 @@ def _with_uncertainty(problem: _Problem, x: Array) -> Fit:
     scale = np.concatenate([units[:m], units, delay])
     order = [*range(m)[::-1], *range(m, m + n)[::-1], *range(m + n, len(x))]
     si = (covariance * np.outer(scale, scale))[np.ix_(order, order)]
-    return Fit(point.function(), structure, si, tuple(map(float, problem.noise)))
+    return Fit(point.function(), structure, si)
 
 
-def cost(point: Point, evidence: Sequence[Evidence], noise: Sequence[float]) -> float:
+def _cost(point: Point, measurements: Measurements) -> float:
     """Return the weighted sum of squares over the rows to be fitted; infinite if unstable."""
     total = 0.0
     with np.errstate(all="ignore"):
-        for one, size in zip(evidence, noise):
-            error, _ = one.errors(point, False)
-            total += float(np.sum((error[one.fitted] / size) ** 2))
+        for data in measurements:
+            error, _ = data.errors(point, False)
+            total += float(np.sum((error[data.fitted] / data.noise_guess) ** 2))
     return total if np.isfinite(total) else np.inf
 
 
-def starts(
-    structure: Structure,
-    evidence: Sequence[Evidence],
-    noise: Sequence[float],
-    smaller: Sequence[TransferFunction],
+def _starts(
+    structure: Structure, measurements: Measurements, smaller: Sequence[TransferFunction]
 ) -> list[Point]:
-    """Return starting points, the most promising first.
-
-    ``smaller`` are fitted functions of structures that this one contains.
-    """
-    low, high = band(evidence)
+    """Return starting points, the most promising first."""
+    low, high = band(measurements)
     undelayed = [_grow(f, replace(structure, delay=False)) for f in smaller if not f.delay]
-    ranked = _ranked(undelayed, evidence, noise)
+    ranked = _ranked(undelayed, measurements)
     if not (structure.delay and ranked):
         filters = [_poles_at(rate, structure.poles) for rate in np.geomspace(low, high, FILTERS)]
-        found = [_refine(f, structure.zeros, evidence, noise) for f in filters]
-        ranked = _ranked(found, evidence, noise)
+        refined = [_refine(f, structure.zeros, measurements) for f in filters]
+        ranked = _ranked(refined, measurements)
     if structure.delay and ranked:
         base = ranked[0]
         longest = min(_lag(base), 1.0 / low)
         delays = longest * np.linspace(0.0, 1.0, DELAYS + 2)[1:-1]
         moved = (Point(base.b, base.a, base.scale, float(delay)) for delay in delays)
-        found = [_refine(_settled(p, high), structure.zeros, evidence, noise) for p in moved]
-        ranked = _ranked(found, evidence, noise)
+        refined = [_refine(_settled(p, high), structure.zeros, measurements) for p in moved]
+        ranked = _ranked(refined, measurements)
     grown = [_grow(function, structure) for function in smaller]
-    return _ranked([*ranked[:KEPT], *grown], evidence, noise)
+    return _ranked([*ranked[:KEPT], *grown], measurements)
 
 
-def _ranked(
-    points: Sequence[Point | None], evidence: Sequence[Evidence], noise: Sequence[float]
-) -> list[Point]:
-    costs = [(cost(p, evidence, noise), k, p) for k, p in enumerate(points) if p is not None]
+def _ranked(points: Sequence[Point | None], measurements: Measurements) -> list[Point]:
+    costs = [(_cost(p, measurements), k, p) for k, p in enumerate(points) if p is not None]
     return [p for c, _, p in sorted(costs, key=lambda item: item[:2]) if np.isfinite(c)]
 
 
-def _refine(
-    filter_: Point, zeros: int, evidence: Sequence[Evidence], noise: Sequence[float]
-) -> Point | None:
+def _refine(filter_: Point, zeros: int, measurements: Measurements) -> Point | None:
     """Iterate from a filter, whose delay stays, to the best point seen."""
-    _, high = band(evidence)
+    _, high = band(measurements)
     best, least = None, np.inf
     model: Point | None = None
     for _ in range(ROUNDS):
         left = np.zeros((filter_.a.size + zeros + 1,))
         matrix = np.zeros((len(left), len(left)))
-        for one, size in zip(evidence, noise):
-            rows = one.fitted
-            y, phi, z = one.regression(filter_, model, zeros)
+        for data in measurements:
+            rows, size = data.fitted, data.noise_guess
+            y, phi, z = data.regression(filter_, model, zeros)
             matrix += z[rows].T @ phi[rows] / size**2
             left += z[rows].T @ y[rows] / size**2
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(left))):
             break
         theta = np.linalg.lstsq(matrix, left, rcond=None)[0]
         b, a = np.split(theta, [zeros + 1])
-        found = Point(np.asarray(b, float), np.asarray(a, float), filter_.scale, filter_.delay)
-        reached = cost(found, evidence, noise)
+        point = Point(np.asarray(b, float), np.asarray(a, float), filter_.scale, filter_.delay)
+        reached = _cost(point, measurements)
         if reached < least:
-            best, least = found, reached
-        filter_ = _settled(found, high)
+            best, least = point, reached
+        filter_ = _settled(point, high)
         model = filter_
     return best
 

@@ -86,11 +86,6 @@ class TransferFunction:
         """Roots of the numerator [1/s]."""
         return np.asarray(self.rational.zeros(), dtype=complex)
 
-    @property
-    def static_gain(self) -> float:
-        """G(0), output unit per input unit; infinite for an integrator."""
-        return float(self.rational.dcgain())
-
     def response(self, frequencies: ArrayLike) -> Complex:
         """Return G(j w), complex, at ``frequencies`` [rad/s]."""
         s = 1j * np.asarray(frequencies, dtype=float)

@@ -20,9 +20,14 @@ from servo_models.identification.transfer.choose import (
     warnings,
     with_criteria,
 )
-from servo_models.identification.transfer.evidence import Evidence, Record, Sweep, band
-from servo_models.identification.transfer.fit import Fit, fit, starts
+from servo_models.identification.transfer.fit import Fit, fit
 from servo_models.identification.transfer.functions import STRUCTURES, Structure, TransferFunction
+from servo_models.identification.transfer.measurements import (
+    Measurement,
+    Measurements,
+    Record,
+    Sweep,
+)
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
 
@@ -35,7 +40,7 @@ class TransferResult(Result):
 
     Attributes:
         source, output: wires that the functions connect.
-        evidence: records and frequency responses.
+        measurements: records and frequency responses.
         candidates: in order of size, given ones first.
         chosen: the one without a reason against it.
         constants: physical constants, where the actuator has a grey box.
@@ -45,7 +50,7 @@ class TransferResult(Result):
 
     source: Wire
     output: Wire
-    evidence: tuple[Evidence, ...]
+    measurements: tuple[Measurement, ...]
     candidates: tuple[Candidate, ...]
     chosen: Candidate
     constants: PhysicalConstants | None = None
@@ -117,13 +122,15 @@ def identify_transfer(
         UserError: an unknown signal, no data of it, or no structure that is fit for use.
     """
     ends = _wires(model, source, output)
-    evidence = _evidence(logs, sweeps, ends)
-    longest = max((float(e.times[-1]) for e in evidence if isinstance(e, Record)), default=None)
-    seen = [one for one in evidence if one.fitted.any()]
-    fits, interrupted = _fits(structures, seen, progress)
-    tried = [Candidate(n, f, None, score(f, evidence)) for n, f in (given or {}).items()]
-    tried += [Candidate(str(f.structure), f.function, f, score(f.function, evidence)) for f in fits]
-    judged = choose(with_criteria(tried, evidence), longest)
+    measurements = _measurements(logs, sweeps, ends)
+    longest = max((float(e.times[-1]) for e in measurements if isinstance(e, Record)), default=None)
+    used = [data for data in measurements if data.fitted.any()]
+    fits, interrupted = _fits(structures, used, progress)
+    tried = [Candidate(n, f, None, score(f, measurements)) for n, f in (given or {}).items()]
+    tried += [
+        Candidate(str(f.structure), f.function, f, score(f.function, measurements)) for f in fits
+    ]
+    judged = choose(with_criteria(tried, measurements), longest)
     chosen = next(c for c in judged if not c.reason)
     constants, vague = _grey_box(model, ends, judged, chosen, known_errors)
     warned = (
@@ -134,7 +141,7 @@ def identify_transfer(
         *(constants.warnings if constants else ()),
     )
     return TransferResult(
-        *ends, tuple(evidence), tuple(judged), chosen, constants, warned, interrupted
+        *ends, tuple(measurements), tuple(judged), chosen, constants, warned, interrupted
     )
 
 
@@ -150,41 +157,43 @@ def _wires(model: Model, source: str | None, output: str | None) -> tuple[Wire, 
     return inputs[first], outputs[last]
 
 
-def _evidence(
+def _measurements(
     logs: Sequence[Log], sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]
-) -> list[Evidence]:
+) -> list[Measurement]:
     source, output = ends
     rest = source.rest if isinstance(source.rest, float) else 0.0
-    found: list[Evidence] = [Record.of(log, source.name, output.name, rest) for log in logs]
-    found += [s for s in sweeps if (s.source, s.output) == (source.name, output.name)]
-    if not found or not any(one.fitted.any() for one in found):
+    measurements: list[Measurement] = [
+        Record.of(log, source.name, output.name, rest) for log in logs
+    ]
+    measurements += [s for s in sweeps if (s.source, s.output) == (source.name, output.name)]
+    if not any(data.fitted.any() for data in measurements):
         raise UserError(
             f"nothing to fit from '{source.name}' to '{output.name}': give a log or a sweep of"
             " them that is not held out"
         )
-    return found
+    return measurements
 
 
 def _left_out(sweeps: Sequence[Sweep], ends: tuple[Wire, Wire]) -> tuple[str, ...]:
     source, output = (wire.name for wire in ends)
     return tuple(
-        f"'{one.name}' is from '{one.source}' to '{one.output}', and is left out of what is fitted"
-        f" from '{source}' to '{output}'"
-        for one in sweeps
-        if (one.source, one.output) != (source, output)
+        f"'{sweep.name}' is from '{sweep.source}' to '{sweep.output}', and is left out of what is"
+        f" fitted from '{source}' to '{output}'"
+        for sweep in sweeps
+        if (sweep.source, sweep.output) != (source, output)
     )
 
 
 def _fits(
-    structures: Iterable[Structure], evidence: Sequence[Evidence], progress: Callable[[str], None]
+    structures: Iterable[Structure],
+    measurements: Measurements,
+    progress: Callable[[str], None],
 ) -> tuple[list[Fit], bool]:
     """Fit every structure, the small ones first since they are starts of the larger ones.
 
     Whoever interrupts gets those that are done, and True.
     """
-    noise = [one.noise_guess for one in evidence]
-    rows = min(int(np.sum(one.fitted)) for one in evidence)
-    slowest = 1.0 / band(evidence)[0]
+    rows = min(int(np.sum(data.fitted)) for data in measurements)
     done: dict[Structure, Fit] = {}
     for structure in sorted(structures, key=lambda s: (s.poles, s.delay, s.zeros)):
         if structure.size >= rows:
@@ -192,14 +201,13 @@ def _fits(
         smaller = [done[s].function for s in _parents(structure) if s in done]
         try:
             progress(str(structure))
-            first = starts(structure, evidence, noise, smaller)
-            found = fit(structure, evidence, noise, first, slowest)
+            fitted = fit(structure, measurements, smaller)
         except KeyboardInterrupt:
             if not done:
                 raise
             return list(done.values()), True
-        if found:
-            done[structure] = found
+        if fitted:
+            done[structure] = fitted
     return list(done.values()), False
 
 
@@ -233,7 +241,7 @@ def _grey_box(
         )
     taken = chosen if chosen in sound else min(sound, key=lambda c: c.bic)
     assert taken.fit
-    found, moved = _inside(
+    physical, moved = _inside(
         physical_constants(
             box, taken.fit.coefficients, model.values, taken.fit.covariance, known_errors
         ),
@@ -241,8 +249,8 @@ def _grey_box(
         box.delay,
     )
     if taken is chosen:
-        return found, moved
-    return found, (
+        return physical, moved
+    return physical, (
         *moved,
         f"the physical constants are those of '{taken.name}', which the data do not prefer:"
         f" {taken.reason}",
@@ -250,24 +258,24 @@ def _grey_box(
 
 
 def _inside(
-    found: PhysicalConstants, model: Model, delay: str
+    physical: PhysicalConstants, model: Model, delay: str
 ) -> tuple[PhysicalConstants, tuple[str, ...]]:
     """Constants that the actuator takes: no delay where the function has none, and those beyond
     a bound on it, with what to say of these."""
-    known, constants, said = model.plant.parameters, dict(found.constants), []
+    known, constants, texts = model.plant.parameters, dict(physical.constants), []
     if model.values.get(delay):
         constants.setdefault(delay, Constant(delay, 0.0, None))
-    for name, one in constants.items():
+    for name, constant in constants.items():
         low, high = known[name].param.low, known[name].param.high
-        if not low <= one.value <= high:
-            value = min(max(one.value, low), high)
-            constants[name] = replace(one, value=value, standard_error=None)
+        if not low <= constant.value <= high:
+            value = min(max(constant.value, low), high)
+            constants[name] = replace(constant, value=value, standard_error=None)
             unit = known[name].param.unit
-            said.append(
-                f"'{name}' was found at {one.value:.3g} {unit} and is taken as {value:g}, on its"
-                " bound: the constants no longer make this function; check those that are known"
+            texts.append(
+                f"'{name}' was found at {constant.value:.3g} {unit} and is taken as {value:g}, on"
+                " its bound: the constants no longer make this function; check those that are known"
             )
-    return replace(found, constants=constants), tuple(said)
+    return replace(physical, constants=constants), tuple(texts)
 
 
 def _all_pole(structure: Structure, order: int) -> bool:

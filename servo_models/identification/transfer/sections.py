@@ -14,9 +14,9 @@ from servo_models.identification.measured_response import Record as Spectra
 from servo_models.identification.measured_response import empirical
 from servo_models.identification.readings import words
 from servo_models.identification.transfer.choose import COLOURED, Candidate
-from servo_models.identification.transfer.evidence import Record, Sweep
 from servo_models.identification.transfer.functions import TransferFunction
 from servo_models.identification.transfer.identify import TransferResult
+from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.report.curves import JUDGED, MEASURED, draw_curve, draw_legend, shade
 from servo_models.report.numbers import ERROR, Quantity
 from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
@@ -135,7 +135,7 @@ def _constants(result: TransferResult) -> tuple[Table, ...]:
 def _candidates(result: TransferResult) -> Table:
     unit = result.output.display or result.output.unit
     scale = factor(result.output.unit, unit)
-    records = [one.name for one in result.evidence if isinstance(one, Record)]
+    records = [data.name for data in result.measurements if isinstance(data, Record)]
     least = [min(getattr(c, key) for c in result.candidates) for key in ("aic", "bic")]
     hidden = any(c.score.held_out is not None for c in result.candidates)
 
@@ -184,7 +184,7 @@ def _bode(result: TransferResult, axes: Sequence[Axes]) -> None:
 
     gain, phase = axes
     function = result.chosen.function
-    sweeps = [(e.frequencies, e.response) for e in result.evidence if isinstance(e, Sweep)]
+    sweeps = [(e.frequencies, e.response) for e in result.measurements if isinstance(e, Sweep)]
     spectra = _spectra(result)
     every = np.concatenate([w for w, _ in [*sweeps, *spectra]] or [np.abs(function.poles)])
     frequencies = np.geomspace(every.min() / MARGIN, every.max() * MARGIN, 500)
@@ -213,17 +213,17 @@ def _bode(result: TransferResult, axes: Sequence[Axes]) -> None:
 
 def _spectra(result: TransferResult) -> list[Points]:
     """Response of the records where they excite it, with the hold of their inputs taken out."""
-    records = [r for r in result.evidence if isinstance(r, Record)]
+    records = [r for r in result.measurements if isinstance(r, Record)]
     if not records:
         return []
     function = result.chosen.function
     spectra = [Spectra(r.times, r.given, r.measured, r.response(function)) for r in records]
     step = max(r.step for r in records)
-    seen = empirical(spectra, step)
-    if seen is None:
+    measured = empirical(spectra, step)
+    if measured is None:
         return []
-    frequencies = 2.0 * np.pi * seen.hertz
-    return [(frequencies, seen.measured / hold(frequencies, step))]
+    frequencies = 2.0 * np.pi * measured.hertz
+    return [(frequencies, measured.measured / hold(frequencies, step))]
 
 
 def _decibel(values: Complex) -> Array:
@@ -232,11 +232,11 @@ def _decibel(values: Complex) -> Array:
 
 def _responses(result: TransferResult) -> Iterator[Picture]:
     """Every record with the response of the chosen function, and the error."""
-    for one in result.evidence:
-        if isinstance(one, Record):
-            title = f"'{one.name}': measured, and as '{result.chosen.name}' has it"
-            shaded = "; shaded: held out" if one.held_out.any() else ""
-            draw = partial(_response, one, result)
+    for data in result.measurements:
+        if isinstance(data, Record):
+            title = f"'{data.name}': measured, and as '{result.chosen.name}' has it"
+            shaded = "; shaded: held out" if data.held_out.any() else ""
+            draw = partial(_response, data, result)
             yield Picture(f"{title}{shaded}", draw, rows=2, height=5.0, shared=True)
 
 

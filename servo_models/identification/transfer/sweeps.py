@@ -16,7 +16,7 @@ from servo_models.data.log import Log
 from servo_models.data.readers import Columns, read_columns
 from servo_models.data.schema import Column, Number, Section, Table
 from servo_models.errors import UserError
-from servo_models.identification.transfer.evidence import Sweep, check_signals
+from servo_models.identification.transfer.measurements import Sweep, check_signals
 from servo_models.units import exponents, factor, parse
 
 LEAST_POINTS = 4
@@ -102,11 +102,11 @@ def read_sweeps(
         UserError: an unknown key, signal or column, a unit that does not convert, fewer than
             ``LEAST_POINTS`` points, a frequency or gain that is not above 0.
     """
-    found = [_read(entry, base, plant, logs) for entry in document.sections("sweeps")]
-    names = [one.name for one in found]
+    sweeps = [_read(entry, base, plant, logs) for entry in document.sections("sweeps")]
+    names = [sweep.name for sweep in sweeps]
     return tuple(
-        replace(one, name=f"{one.name} ({k})") if names.count(one.name) > 1 else one
-        for k, one in enumerate(found, start=1)
+        replace(sweep, name=f"{sweep.name} ({k})") if names.count(sweep.name) > 1 else sweep
+        for k, sweep in enumerate(sweeps, start=1)
     )
 
 
@@ -225,13 +225,13 @@ def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
     spectrum = np.abs(np.fft.rfft(np.interp(grid, times, u - np.mean(u))))
     line = 2.0 * math.pi / (step * len(times))
     peak = line * float(np.argmax(spectrum))
-    found = minimize_scalar(
+    best = minimize_scalar(
         lambda w: fundamental(times, u, w)[1],
         bounds=(max(peak - line, 0.5 * line), peak + line),
         method="bounded",
         options={"xatol": 1e-7 * line},
     )
-    frequency = float(found.x)
+    frequency = float(best.x)
     if frequency * (times[-1] - times[0]) < 4.0 * math.pi:
         raise UserError(
             f"{log.path.name}: less than two periods of a sine in the second half of the log:"

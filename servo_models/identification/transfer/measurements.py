@@ -142,7 +142,7 @@ class Record:
         """Rows of ``errors`` that a fit may see."""
         return np.asarray(~self.held_out)
 
-    @property
+    @cached_property
     def noise_guess(self) -> float:
         """Size of white noise by its second differences, or the smallest visible error."""
         bends = np.diff(self.measured, 2)
@@ -250,7 +250,7 @@ class Sweep:
         """Rows of ``errors`` that a fit may see."""
         return np.tile(~self.held_out, 2)
 
-    @property
+    @cached_property
     def noise_guess(self) -> float:
         """Relative."""
         return 0.02 / float(np.median(self.spread))
@@ -281,8 +281,8 @@ class Sweep:
         wait = np.exp(-1j * self.frequencies * filter_.delay)
         top = (wait / lower)[:, None] * bottom[:, : zeros + 1]
 
-        def rows(own: Complex) -> Array:
-            return self._rows(np.column_stack([top, -(own / lower)[:, None] * bottom]))
+        def rows(output: Complex) -> Array:
+            return self._rows(np.column_stack([top, -(output / lower)[:, None] * bottom]))
 
         regressors = rows(self.response)
         noise_free = rows(model.function().response(self.frequencies)) if model else regressors
@@ -300,13 +300,14 @@ class Sweep:
         return np.asarray(p[:, None] ** np.arange(count))
 
 
-Evidence = Record | Sweep
+Measurement = Record | Sweep
 """One record or one frequency response."""
+Measurements = Sequence[Measurement]
 
 
-def band(evidence: Sequence[Evidence]) -> tuple[float, float]:
+def band(measurements: Measurements) -> tuple[float, float]:
     """Return the lowest and highest frequency [rad/s] that the data speak of."""
-    lows, highs = zip(*(one.band for one in evidence))
+    lows, highs = zip(*(data.band for data in measurements))
     return min(lows), max(highs)
 
 
