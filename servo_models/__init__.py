@@ -3,7 +3,7 @@
 What there is: ``overview``, ``explain``.  A model: ``model``, ``simulate``, ``figures``,
 ``linearise``, ``build``, ``validate``.  Logs: ``describe`` or ``read_description``, then ``check``,
 ``identify``, ``diagnose``.  An actuator of your own: ``Actuator``, ``Plant``, ``Wire``, ``block``,
-``effect``, ``place``; see docs/own_actuator.md.
+``effect``, ``place``, ``effects_on``; see docs/own_actuator.md.
 
 Example:
     >>> import servo_models as sm
@@ -34,7 +34,7 @@ from servo_models.core.block import (
     block,
     effect,
 )
-from servo_models.core.catalogue import actuator
+from servo_models.core.catalogue import actuator, effects_on
 from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
 from servo_models.core.simulate import Model, Result, model, simulate
 from servo_models.data.arrays import describe
@@ -80,6 +80,7 @@ __all__ = [
     "describe",
     "diagnose",
     "effect",
+    "effects_on",
     "explain",
     "figures",
     "identify",

@@ -63,7 +63,10 @@ def effects_on(
         ValueError: a name that ends with no effect, or a change of what none has.
 
     Example:
-        ``effects_on("drive", "hysteresis", "drive_saturation", limit={"typical": 0.3})``
+        >>> import servo_models as sm
+        >>> placed = sm.effects_on("drive", "hysteresis", "drive_saturation")
+        >>> [effect.name for effect in placed]
+        ['hysteresis', 'drive_saturation']
     """
     found = {name: _effect_of(name) for name in names}
     for key in changes:

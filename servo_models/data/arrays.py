@@ -19,9 +19,6 @@ from servo_models.errors import UserError
 Column = str | int | tuple[str | int, str] | Mapping[str, Any]
 """A header in SI, or a header and its unit, or all keys of a signal in ``docs/description.md``."""
 
-WHERE = Path("describe")
-"""Stands in messages where those about a file name it."""
-
 
 def describe(
     actuator: str | Model,
@@ -85,7 +82,8 @@ def describe(
         "logs": entries,
     }
     tables = {name: _read(name, table) for name, table in logs.items()}
-    return described(Section(WHERE, "", _plain(content)), chosen, changed, tables)
+    place = Path(chosen.actuator.name)  # where a file stands in messages
+    return described(Section(place, "", _plain(content)), chosen, changed, tables)
 
 
 def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:

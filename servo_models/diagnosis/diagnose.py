@@ -55,6 +55,7 @@ def diagnose(
         >>> found.write_report("gimbal.html")
         >>> found.tables()["Effects, most likely first"]["effect"][0]
         'drive_dead_zone'
+        >>> sm.write_parameters(found.parameter_set(), "GAP.toml")
     """
     told = description if isinstance(description, Description) else read_description(description)
     logs, flags = without_flags(told.logs, told.model.plant)

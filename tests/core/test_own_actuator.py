@@ -68,6 +68,7 @@ def test_a_file_is_explained_in_place_of_a_name(tmp_path: Path, run: Run) -> Non
     assert "plain" in drawn.read_text()
 
 
+@pytest.mark.thorough
 def test_one_input_is_enough(tmp_path: Path, run: Run) -> None:
     path = write(tmp_path, changes=WITH_EFFECTS)
     for words in (

@@ -149,11 +149,13 @@ def test_faults_name_log_row_and_column() -> None:
     assert "columns, 'angle': give a header and a unit" in complaint(columns={"angle": ("a",)})
     assert "column 'angle' has shape (100, 1)" in complaint({"angle": rows[:, None]})
     assert "'bare', column 'u' has 99 rows, the time 100" in complaint({"u": rows[:99]})
-    assert "'describe', logs[1].outputs.angle.unit" in complaint(columns={"angle": ("angle", "V")})
+    assert "'torque_motor', logs[1].outputs.angle.unit" in complaint(
+        columns={"angle": ("angle", "V")}
+    )
     assert "unknown log 'bear' in each; did you mean 'bare'" in complaint(each={"bear": {}})
-    assert "'describe', logs[1].held: unknown key 'held'" in complaint(
+    assert "'torque_motor', logs[1].held: unknown key 'held'" in complaint(
         each={"bare": {"held": True}}
     )
-    assert "'describe', uncertainty.inertai: unknown parameter" in complaint(
+    assert "'torque_motor', uncertainty.inertai: unknown parameter" in complaint(
         uncertainty={"inertai": 1.0}
     )

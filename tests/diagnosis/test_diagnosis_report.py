@@ -315,6 +315,7 @@ def test_what_the_fmu_leaves_is_told(found: Diagnosis) -> None:
     assert not any("same bits" in piece for piece in off.text)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "judged", "begins"),
     [

@@ -38,7 +38,7 @@ def test_the_notebook_closes_the_gap(tmp_path: Path) -> None:
     (after,) = re.findall(r"after: (.*) deg RMS", "\n".join(lines))
     spread = NOISE / np.sqrt(2.0 * SAMPLES)
     assert float(after) == pytest.approx(NOISE, abs=4.0 * spread)
-    assert "('effect', ('drive_dead_zone',))" in lines
+    assert any(line.startswith("<Diagnosis of gimbal: effect, drive_dead_zone") for line in lines)
     assert (folder / "fmus" / "gimbal.fmu").exists()
     for line, kept in zip(lines, texts(saved), strict=True):
         assert alike(kept, line)  # what is saved in it is what it computes

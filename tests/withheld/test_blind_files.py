@@ -22,7 +22,7 @@ from servo_models.errors import UserError
 from servo_models.withheld.generator.cases import HIDDEN, RATIO
 from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN
 from servo_models.withheld.generator.files import generate
-from servo_models.withheld.generator.rigs import BENCHES
+from servo_models.withheld.generator.rigs import RIGS
 from servo_models.withheld.run import Asked, sealed_cases, unlock
 
 CASES, SEED = 36, 20
@@ -89,7 +89,7 @@ def test_logs_are_what_the_answers_say(folder: tuple[Path, str]) -> None:
 
 def test_tiers_are_those_that_were_fixed(folder: tuple[Path, str]) -> None:
     for answer in unlock(*folder):
-        bench = next(b for b in BENCHES if b.actuator == answer["actuator"])
+        rig = next(b for b in RIGS if b.actuator == answer["actuator"])
         description, _ = case_of(folder[0], answer)
         hard = answer["tier"] == "hard"
         for effect in answer["effects"]:
@@ -100,13 +100,13 @@ def test_tiers_are_those_that_were_fixed(folder: tuple[Path, str]) -> None:
         assert answer["noise"] == pytest.approx((3.0 if hard else 1.0) * answer["floor"])
         assert (answer["quantum"] > 0.0) == hard
         for log in description.logs:
-            assert 10.0 * 0.98 <= log.duration / bench.slowest <= 20.0
+            assert 10.0 * 0.98 <= log.duration / rig.slowest <= 20.0
             step = np.diff(log.times).max() / (4.0 if hard else 1.0)
-            assert bench.fastest / step >= 20.0
-            excursion = np.abs(log.inputs[bench.command.name] - bench.rest)
-            assert excursion.max() <= bench.amplitude[1] * 1.001
+            assert rig.fastest / step >= 20.0
+            excursion = np.abs(log.inputs[rig.command.name] - rig.rest)
+            assert excursion.max() <= rig.amplitude[1] * 1.001
             assert excursion[0] == 0.0
-            sizes = np.unique(np.round(log.inputs[bench.command.name] - bench.rest, 9))
+            sizes = np.unique(np.round(log.inputs[rig.command.name] - rig.rest, 9))
             assert (len(sizes) == 2) == (answer["tier"] == "poor")
         if hard:
             codes = joined(description, answer["judged"]) / answer["quantum"]

@@ -23,31 +23,31 @@ from servo_models.withheld.generator.cases import (
     sized,
 )
 from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, draw
-from servo_models.withheld.generator.rigs import BENCHES, Bench
+from servo_models.withheld.generator.rigs import RIGS, Rig
 from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 
-SERVO, MOTOR = BENCHES
+SERVO, MOTOR = RIGS
 
-every_bench = pytest.mark.parametrize("bench", BENCHES, ids=lambda b: b.actuator)
+every_bench = pytest.mark.parametrize("rig", RIGS, ids=lambda b: b.actuator)
 
 
-def experiment(bench: Bench, plans: tuple[Plan, ...], load: float = 0.0) -> Experiment:
+def experiment(rig: Rig, plans: tuple[Plan, ...], load: float = 0.0) -> Experiment:
     """The nominal rig; its delay is a whole number of steps."""
-    return Experiment(bench, bench.nominal, load, plans, (0, 1), seed=5)
+    return Experiment(rig, rig.nominal, load, plans, (0, 1), seed=5)
 
 
 def product(e: Experiment, parameters: dict[str, float]) -> tuple[Array, ...]:
     """What the product's own simulation says, one array per log as the experiment's."""
-    chosen = model(e.bench.actuator, e.bench.variant, {**e.true, **parameters})
+    chosen = model(e.rig.actuator, e.rig.variant, {**e.true, **parameters})
     logs = []
     for plan in e.plans:
         rows = np.arange(len(plan.command))
-        times = np.concatenate([[0.0], e.bench.settle + rows * plan.stride * e.bench.step])
+        times = np.concatenate([[0.0], e.rig.settle + rows * plan.stride * e.rig.step])
         command = np.concatenate([plan.command[:1], plan.command])
-        found = simulate(chosen, times, {e.bench.command.name: command, "load_torque": e.load})
-        names = [s.name for s, place in e.bench.readings if place in e.readings]
+        found = simulate(chosen, times, {e.rig.command.name: command, "load_torque": e.load})
+        names = [s.name for s, place in e.rig.readings if place in e.readings]
         logs.append(np.column_stack([found[name][1:] for name in names]))
     return tuple(logs)
 
@@ -58,18 +58,18 @@ def rms(one: tuple[Array, ...], other: tuple[Array, ...]) -> float:
     return float(np.sqrt(np.mean(apart * apart)))
 
 
-def ladder(bench: Bench) -> tuple[Plan, ...]:
+def ladder(rig: Rig) -> tuple[Plan, ...]:
     """Steps beyond any amplitude that is drawn: the servo's drive and the motor's stops."""
-    levels = np.array([0.0, 1.2, -1.6, 1.6, 0.1, -0.1]) * bench.amplitude[1]
-    stride = bench.sampling[0]
-    rows = round(3.0 * bench.slowest / (stride * bench.step))
-    return (Plan(stride, bench.rest + np.repeat(levels, rows)),)
+    levels = np.array([0.0, 1.2, -1.6, 1.6, 0.1, -0.1]) * rig.amplitude[1]
+    stride = rig.sampling[0]
+    rows = round(3.0 * rig.slowest / (stride * rig.step))
+    return (Plan(stride, rig.rest + np.repeat(levels, rows)),)
 
 
 PLANS = {
-    "rich": lambda bench: rich(bench, np.random.default_rng(1), 1),
-    "sparse": lambda bench: rich(bench, np.random.default_rng(2), 4),
-    "large step": lambda bench: large_step(bench, np.random.default_rng(3)),
+    "rich": lambda rig: rich(rig, np.random.default_rng(1), 1),
+    "sparse": lambda rig: rich(rig, np.random.default_rng(2), 4),
+    "large step": lambda rig: large_step(rig, np.random.default_rng(3)),
     "ladder": ladder,
 }
 
@@ -77,10 +77,8 @@ PLANS = {
 @every_bench
 @pytest.mark.parametrize("excitation", PLANS)
 @pytest.mark.parametrize("load", [0.0, 0.5])
-def test_without_a_cause_it_is_the_products_model(
-    bench: Bench, excitation: str, load: float
-) -> None:
-    e = experiment(bench, PLANS[excitation](bench), load * bench.load[1])
+def test_without_a_cause_it_is_the_products_model(rig: Rig, excitation: str, load: float) -> None:
+    e = experiment(rig, PLANS[excitation](rig), load * rig.load[1])
     for own, other in zip(e.plain, product(e, {})):
         assert np.all(np.abs(own - other).max(axis=0) < 1e-3 * np.ptp(other, axis=0))
 
@@ -98,23 +96,23 @@ OTHER_LAW = {
 
 
 class Subject(NamedTuple):
-    bench: Bench
+    rig: Rig
     cause: Cause
 
 
-SUBJECTS = [Subject(bench, cause) for bench in BENCHES for cause in CATALOGUE[bench.actuator]]
-FOREIGNERS = [Subject(bench, cause) for bench in BENCHES for cause in FOREIGN[bench.actuator]]
+SUBJECTS = [Subject(rig, cause) for rig in RIGS for cause in CATALOGUE[rig.actuator]]
+FOREIGNERS = [Subject(rig, cause) for rig in RIGS for cause in FOREIGN[rig.actuator]]
 
 
 def title(subject: Subject) -> str:
-    return f"{subject.bench.actuator}-{subject.cause.name}-{subject.cause.size.name}"
+    return f"{subject.rig.actuator}-{subject.cause.name}-{subject.cause.size.name}"
 
 
 def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
     """A cause that makes a gap of ``share`` of the range."""
-    bench = subject.bench
-    plans = rich(bench, np.random.default_rng(1), 1)
-    e = experiment(bench, plans, load=bench.load[1])
+    rig = subject.rig
+    plans = rich(rig, np.random.default_rng(1), 1)
+    e = experiment(rig, plans, load=rig.load[1])
     drawn = draw(subject.cause, np.random.default_rng(4))
     return e, sized(e, drawn, share * float(e.ranges[0]), 0.2)
 
@@ -123,7 +121,7 @@ def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
 def test_a_cause_is_the_products_effect_of_that_size(subject: Subject) -> None:
     e, found = acting(subject, 0.02)
     assert VISIBLE[0] < found.gap / e.ranges[0] < VISIBLE[1]
-    theirs = product(e, found.parameters(e.bench))
+    theirs = product(e, found.parameters(e.rig))
     bound = OTHER_LAW.get(found.name, SAME)
     if title(subject) == "sg90-sensor_quantisation-step":
         bound = 0.1  # it chatters between codes at the pace of either integrator
@@ -134,21 +132,21 @@ def test_a_cause_is_the_products_effect_of_that_size(subject: Subject) -> None:
 def test_a_foreign_cause_shows_and_is_none_of_the_catalogue(subject: Subject) -> None:
     e, found = acting(subject, 0.02)
     assert VISIBLE[0] < found.gap / e.ranges[0] < VISIBLE[1]
-    assert found.name not in actuator(e.bench.actuator).plant_of("measured").placements
+    assert found.name not in actuator(e.rig.actuator).plant_of("measured").placements
 
 
 @every_bench
-def test_every_name_is_one_of_the_products(bench: Bench) -> None:
-    parameters = actuator(bench.actuator).plant_of(bench.variant).parameters
-    variant = actuator(bench.actuator).variant(bench.variant)
-    for cause in CATALOGUE[bench.actuator]:
+def test_every_name_is_one_of_the_products(rig: Rig) -> None:
+    parameters = actuator(rig.actuator).plant_of(rig.variant).parameters
+    variant = actuator(rig.actuator).variant(rig.variant)
+    for cause in CATALOGUE[rig.actuator]:
         for seed in range(8):
             found = Acting(draw(cause, np.random.default_rng(seed)), float(seed % 2), 0.0)
-            for name, value in found.parameters(bench).items():
+            for name, value in found.parameters(rig).items():
                 param = parameters[name].param
                 assert param.low <= value <= param.high, name
-    assert {**bench.spread} == {**variant.uncertainty}
-    for name, value in bench.nominal.items():
+    assert {**rig.spread} == {**variant.uncertainty}
+    for name, value in rig.nominal.items():
         assert value == pytest.approx(variant.values[name], rel=1e-12), name
 
 
@@ -200,11 +198,11 @@ def test_fastest_and_slowest_are_poles_of_the_paper() -> None:
 
 
 @every_bench
-def test_true_constants_scatter_as_the_description_says(bench: Bench) -> None:
+def test_true_constants_scatter_as_the_description_says(rig: Rig) -> None:
     rng = np.random.default_rng(8)
-    drawn = [draw_experiment(bench, "poor", rng).true for _ in range(400)]
-    for name, spread in bench.spread.items():
-        standard = [(true[name] / bench.nominal[name] - 1.0) / spread for true in drawn]
+    drawn = [draw_experiment(rig, "poor", rng).true for _ in range(400)]
+    for name, spread in rig.spread.items():
+        standard = [(true[name] / rig.nominal[name] - 1.0) / spread for true in drawn]
         cut = norm.cdf((LEAST_VALUE - 1.0) / spread)
         share = kstest(standard, lambda z, c=cut: (norm.cdf(z) - c) / (1.0 - c)).pvalue
         assert share > 1e-3, name

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, Drawn, draw
-from servo_models.withheld.generator.rigs import BENCHES, Bench
+from servo_models.withheld.generator.rigs import RIGS, Rig
 from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
@@ -64,11 +64,11 @@ class Acting:
 
     def settings(self, experiment: Experiment) -> dict[str, float]:
         """What the simulation takes."""
-        return self.drawn.settings(self.share, experiment.bench, experiment.units)
+        return self.drawn.settings(self.share, experiment.rig, experiment.units)
 
-    def parameters(self, bench: Bench) -> dict[str, float]:
+    def parameters(self, rig: Rig) -> dict[str, float]:
         """The same as parameters of the product [SI]."""
-        values = self.drawn.values(self.share, bench.step)
+        values = self.drawn.values(self.share, rig.step)
         if self.name == "gear_compliance":
             own = values.pop("frequency")
             values["compliance"] = 1.0 / (values["inertia"] * own * own)
@@ -94,10 +94,10 @@ class Case:
 def draw_case(seed: int, number: int, tier: str) -> Case:
     """Draw case ``number`` of ``seed``."""
     rng = np.random.default_rng([seed, number])
-    bench = BENCHES[int(rng.integers(len(BENCHES)))]
+    rig = RIGS[int(rng.integers(len(RIGS)))]
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    experiment = draw_experiment(bench, tier, rng)
-    known, foreign = CATALOGUE[bench.actuator], FOREIGN[bench.actuator]
+    experiment = draw_experiment(rig, tier, rng)
+    known, foreign = CATALOGUE[rig.actuator], FOREIGN[rig.actuator]
     main = _find(experiment, foreign if kind == "foreign" else known, rng)
     acting, hidden = [main], []
     if kind == "two":
@@ -128,26 +128,23 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     )
 
 
-def draw_experiment(bench: Bench, tier: str, rng: np.random.Generator) -> Experiment:
+def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment:
     """Draw the true constants of a rig, its load, what it plays and what is logged."""
     true = {}
-    for name, nominal in bench.nominal.items():
+    for name, nominal in rig.nominal.items():
         value = 0.0
         while value < LEAST_VALUE:
-            value = 1.0 + bench.spread[name] * rng.standard_normal()
+            value = 1.0 + rig.spread[name] * rng.standard_normal()
         true[name] = value * nominal
         if name == "transport_delay.time":
-            true[name] = round(true[name] / bench.step) * bench.step
+            true[name] = round(true[name] / rig.step) * rig.step
     loaded = rng.random() < 0.5
-    load = rng.choice([-1.0, 1.0]) * rng.uniform(*bench.load) if loaded else 0.0
-    further = [place for _, place in bench.readings[1:]]
+    load = rng.choice([-1.0, 1.0]) * rng.uniform(*rig.load) if loaded else 0.0
+    further = [place for _, place in rig.readings[1:]]
     readings = (0, int(rng.choice(further))) if rng.random() < 0.5 else (0,)
     seed = int(rng.integers(2**31))
-    if tier == "poor":
-        plans = large_step(bench, rng)
-    else:
-        plans = rich(bench, rng, 4 if tier == "hard" else 1)
-    return Experiment(bench, true, round(float(load), 6), plans, readings, seed)
+    plans = large_step(rig, rng) if tier == "poor" else rich(rig, rng, 4 if tier == "hard" else 1)
+    return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
 
 
 def _settings(experiment: Experiment, *acting: Acting) -> dict[str, float]:
@@ -209,7 +206,7 @@ def sized(experiment: Experiment, drawn: Drawn, wanted: float, tolerance: float)
     low, high = (0.0, math.nan), (1.0, math.nan)
     share = 0.5
     for _ in range(TRIES):
-        settings = drawn.settings(share, experiment.bench, experiment.units)
+        settings = drawn.settings(share, experiment.rig, experiment.units)
         gap = experiment.gap(experiment.logs(settings))
         miss = math.log(max(gap, 1e-30) / wanted) if math.isfinite(gap) else math.inf
         if best.gap == 0.0 or abs(miss) < abs(math.log(best.gap / wanted)):
@@ -269,56 +266,56 @@ LEAD = 0.4
 """Rest before the first command, in slowest time constants."""
 
 
-def large_step(bench: Bench, rng: np.random.Generator) -> tuple[Plan, ...]:
+def large_step(rig: Rig, rng: np.random.Generator) -> tuple[Plan, ...]:
     """One large step, there and back."""
-    stride = int(rng.choice(bench.sampling))
-    count = _rows(bench, rng, stride, LENGTH)
+    stride = int(rng.choice(rig.sampling))
+    count = _rows(rig, rng, stride, LENGTH)
     there = round(count * rng.uniform(0.08, 0.12))
     back = round(count * rng.uniform(0.45, 0.6))
     excursion = np.zeros(count)
-    excursion[there:back] = rng.choice([-1.0, 1.0]) * rng.uniform(*bench.amplitude)
-    return (_plan(bench, stride, excursion),)
+    excursion[there:back] = rng.choice([-1.0, 1.0]) * rng.uniform(*rig.amplitude)
+    return (_plan(rig, stride, excursion),)
 
 
-def rich(bench: Bench, rng: np.random.Generator, thin: int) -> tuple[Plan, ...]:
+def rich(rig: Rig, rng: np.random.Generator, thin: int) -> tuple[Plan, ...]:
     """Steps, triangles and a chirp in one log, or in two; ``thin`` times fewer rows."""
-    amplitude = rng.uniform(*bench.amplitude)
-    stride = thin * int(rng.choice(bench.sampling))
+    amplitude = rng.uniform(*rig.amplitude)
+    stride = thin * int(rng.choice(rig.sampling))
     if rng.random() < 0.7:
-        first, second = (_rows(bench, rng, stride, LENGTH) for _ in range(2))
+        first, second = (_rows(rig, rng, stride, LENGTH) for _ in range(2))
         parts = [
-            [_steps(bench, rng, first, stride)],
+            [_steps(rig, rng, first, stride)],
             [
-                _triangle(bench, rng, second // 2, stride),
-                _chirp(bench, rng, second - second // 2, stride),
+                _triangle(rig, rng, second // 2, stride),
+                _chirp(rig, rng, second - second // 2, stride),
             ],
         ]
     else:
-        rows = _rows(bench, rng, stride, (15.0, LENGTH[1]))
+        rows = _rows(rig, rng, stride, (15.0, LENGTH[1]))
         parts = [
             [
-                _steps(bench, rng, rows // 3, stride),
-                _triangle(bench, rng, rows // 3, stride),
-                _chirp(bench, rng, rows - 2 * (rows // 3), stride),
+                _steps(rig, rng, rows // 3, stride),
+                _triangle(rig, rng, rows // 3, stride),
+                _chirp(rig, rng, rows - 2 * (rows // 3), stride),
             ]
         ]
-    return tuple(_plan(bench, stride, amplitude * np.concatenate(part)) for part in parts)
+    return tuple(_plan(rig, stride, amplitude * np.concatenate(part)) for part in parts)
 
 
-def _rows(bench: Bench, rng: np.random.Generator, stride: int, length: tuple[float, float]) -> int:
+def _rows(rig: Rig, rng: np.random.Generator, stride: int, length: tuple[float, float]) -> int:
     """Rows of a log as many slowest time constants long as ``length`` allows."""
-    return int(rng.uniform(*length) * bench.slowest / (stride * bench.step))
+    return int(rng.uniform(*length) * rig.slowest / (stride * rig.step))
 
 
-def _plan(bench: Bench, stride: int, excursion: Array) -> Plan:
+def _plan(rig: Rig, stride: int, excursion: Array) -> Plan:
     """A plan whose commands are those that its log can print."""
-    numbers = (bench.rest + excursion) / bench.command.unit_size
-    return Plan(stride, np.round(numbers, bench.command.digits) * bench.command.unit_size)
+    numbers = (rig.rest + excursion) / rig.command.unit_size
+    return Plan(stride, np.round(numbers, rig.command.digits) * rig.command.unit_size)
 
 
-def _steps(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> Array:
+def _steps(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array:
     """Rest, then every size once, in any order and direction."""
-    lead = round(LEAD * bench.slowest / (stride * bench.step))
+    lead = round(LEAD * rig.slowest / (stride * rig.step))
     levels = rng.permutation(LEVELS) * rng.choice([-1.0, 1.0], len(LEVELS))
     edges = np.linspace(lead, count, len(levels) + 1)
     edges[1:-1] += rng.uniform(-0.2, 0.2, len(levels) - 1) * (edges[1] - edges[0])
@@ -326,18 +323,18 @@ def _steps(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> A
     return np.where(which >= 0, levels[which], 0.0)
 
 
-def _triangle(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> Array:
+def _triangle(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array:
     """Rest, then one slow and small triangle, both ways."""
-    lead = round(LEAD * bench.slowest / (stride * bench.step))
+    lead = round(LEAD * rig.slowest / (stride * rig.step))
     phase = np.maximum(np.arange(count) - lead, 0) / (count - lead)
     wave = 1.0 - 4.0 * np.abs(np.mod(phase + 0.25, 1.0) - 0.5)
     return np.asarray(rng.uniform(0.08, 0.25) * rng.choice([-1.0, 1.0]) * wave)
 
 
-def _chirp(bench: Bench, rng: np.random.Generator, count: int, stride: int) -> Array:
+def _chirp(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array:
     """A sine whose frequency grows in equal ratios from one and a half periods of its length."""
-    seconds = count * stride * bench.step
-    low, high = 1.5 / seconds, rng.uniform(*bench.chirp)
+    seconds = count * stride * rig.step
+    low, high = 1.5 / seconds, rng.uniform(*rig.chirp)
     time = np.arange(count) / count
     turns = low * seconds * ((high / low) ** time - 1.0) / np.log(high / low)
     return np.asarray(rng.uniform(0.2, 0.5) * np.sin(2.0 * np.pi * turns))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servo_models.withheld.generator.rigs import Bench
+from servo_models.withheld.generator.rigs import Rig
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Quantity:
     Attributes:
         weak, strong: range [SI], drawn evenly on a logarithmic scale, or a linear one where
             ``weak`` is not above 0; a cause grows from ``weak`` to ``strong``.
-        unit: name of the factor from SI to the setting, see ``Bench.units``.
+        unit: name of the factor from SI to the setting, see ``Rig.units``.
         signed: either sign.
         grid: a time in whole steps of the simulation.
     """
@@ -74,9 +74,9 @@ class Drawn:
             value = max(1, round(value / step)) * step
         return {size.name: value, **self.others}
 
-    def settings(self, share: float, bench: Bench, units: Mapping[str, float]) -> dict[str, float]:
+    def settings(self, share: float, rig: Rig, units: Mapping[str, float]) -> dict[str, float]:
         """Return what the simulation takes."""
-        values = self.values(share, bench.step)
+        values = self.values(share, rig.step)
         every = (self.cause.size, *self.cause.others)
         return {q.setting: values[q.name] * units[q.unit] for q in every}
 

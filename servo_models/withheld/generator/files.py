@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.withheld.generator.cases import TIERS, Acting, Case, draw_case
-from servo_models.withheld.generator.rigs import Bench, Signal
+from servo_models.withheld.generator.rigs import Rig, Signal
 
 Array = NDArray[np.float64]
 
@@ -80,13 +80,13 @@ def _write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
     return {
         "case": name,
         "tier": case.tier,
-        "actuator": e.bench.actuator,
+        "actuator": e.rig.actuator,
         "kind": case.kind,
-        "effects": [_effect(acting, e.bench) for acting in case.acting],
-        "hidden": [_effect(acting, e.bench) for acting in case.hidden],
+        "effects": [_effect(acting, e.rig) for acting in case.acting],
+        "hidden": [_effect(acting, e.rig) for acting in case.hidden],
         "parameters": dict(e.true),
         "load_torque": e.load,
-        "judged": e.bench.readings[0][0].name,
+        "judged": e.rig.readings[0][0].name,
         "floor": case.floor,
         "noise": case.noise,
         "quantum": case.quantum,
@@ -95,26 +95,26 @@ def _write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
     }
 
 
-def _effect(acting: Acting, bench: Bench) -> dict[str, Any]:
+def _effect(acting: Acting, rig: Rig) -> dict[str, Any]:
     """A cause by the product's names, and its gap alone [SI]."""
-    return {"name": acting.name, "gap": acting.gap, "parameters": acting.parameters(bench)}
+    return {"name": acting.name, "gap": acting.gap, "parameters": acting.parameters(rig)}
 
 
 def _signals(case: Case) -> list[Signal]:
     """What is logged, the judged reading first."""
-    known = {place: signal for signal, place in case.experiment.bench.readings}
+    known = {place: signal for signal, place in case.experiment.rig.readings}
     return [known[place] for place in case.experiment.readings]
 
 
 def _description(case: Case, logs: Sequence[str]) -> bytes:
-    bench, load = case.experiment.bench, case.experiment.load
+    rig, load = case.experiment.rig, case.experiment.load
     lines = [
-        f"# {bench.about}",
-        f'actuator = "{bench.actuator}"',
-        f'variant = "{bench.variant}"',
+        f"# {rig.about}",
+        f'actuator = "{rig.actuator}"',
+        f'variant = "{rig.variant}"',
         "",
         "[uncertainty]",
-        *(f'{name} = "{100.0 * share:g} %"' for name, share in bench.spread.items()),
+        *(f'{name} = "{100.0 * share:g} %"' for name, share in rig.spread.items()),
     ]
     for log in logs:
         lines += [
@@ -122,9 +122,9 @@ def _description(case: Case, logs: Sequence[str]) -> bytes:
             "[[logs]]",
             f'file = "{log}"',
             'time = { column = "time_ms", unit = "ms" }',
-            _channel("inputs", bench.command),
+            _channel("inputs", rig.command),
             *(_channel("outputs", signal) for signal in _signals(case)),
-            f'settle = "{bench.settle:g} s"',
+            f'settle = "{rig.settle:g} s"',
         ]
         if load:
             lines.append(f"constants = {{ load_torque = {load!r} }}")
@@ -140,15 +140,15 @@ def _csv(case: Case, number: int, log: Array, digits: int) -> bytes:
     e = case.experiment
     plan = e.plans[number]
     signals = _signals(case)
-    time = 1e3 * e.bench.step * plan.stride * np.arange(len(log))
-    columns = [time, plan.command / e.bench.command.unit_size]
-    formats = ["%.7g", f"%.{e.bench.command.digits}f"]
+    time = 1e3 * e.rig.step * plan.stride * np.arange(len(log))
+    columns = [time, plan.command / e.rig.command.unit_size]
+    formats = ["%.7g", f"%.{e.rig.command.digits}f"]
     for i, signal in enumerate(signals):
         noise = case.noise * e.ranges[i] / e.ranges[0] / signal.unit_size
         columns.append(log[:, i] / signal.unit_size)
         formats.append(f"%.{max(0, digits - math.floor(math.log10(noise)))}f")
     text = io.StringIO()
-    names = ["time_ms", e.bench.command.column, *(signal.column for signal in signals)]
+    names = ["time_ms", e.rig.command.column, *(signal.column for signal in signals)]
     np.savetxt(
         text,
         np.column_stack(columns),

@@ -30,7 +30,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Bench:
+class Rig:
     """A rig and how it is used.
 
     Attributes:
@@ -172,8 +172,8 @@ def motor_poles(true: Values) -> tuple[float, float]:
 
 FAST, SLOW = motor_poles(MOTOR)
 DEGREE = math.pi / 180.0
-BENCHES = (
-    Bench(
+RIGS = (
+    Rig(
         actuator="sg90",
         variant="measured",
         about="SG90 on the bench, its horn tracked from outside",
@@ -203,7 +203,7 @@ BENCHES = (
         settle=0.4,
         chirp=(5.0, 9.0),
     ),
-    Bench(
+    Rig(
         actuator="torque_motor",
         variant="measured",
         about="torque motor of a servo valve on the bench",

@@ -1,9 +1,8 @@
 """Simulate a rig: what its command goes through, how it moves, and what a sensor makes of it.
 
 All on one fine grid; delays and frames are whole numbers of its steps.  A command passes the
-stages of ``Command``, drives the shaft of ``Rig``, and its angle the stages of ``Sensor``, each in
-the order in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by
-itself.
+stages of ``Command`` and drives the shaft; its angle passes those of ``Sensor``, each in the order
+in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by itself.
 
 The states are those of ``Q`` to ``BOUC``; what friction, winding and magnet remember is kept
 in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of the
@@ -27,13 +26,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from servo_models.withheld.generator.rigs import SUPPLY, Bench
+from servo_models.withheld.generator.rigs import SUPPLY, Rig
 
 F = TypeVar("F", bound=Callable[..., Any])
 Array = NDArray[np.float64]
 
 
-class Rig(NamedTuple):
+class Constants(NamedTuple):
     """Constants of a rig and sizes of what acts on it; what is 0 is absent."""
 
     servo: float = 0.0  # 1 a closed-loop servo, 0 a torque motor
@@ -251,7 +250,7 @@ SPLITS, HALVINGS = 6, 12
 
 
 @compiled
-def bent(value: float, m: Array, r: Rig) -> float:
+def bent(value: float, m: Array, r: Constants) -> float:
     """Hysteresis variable, -1 to 1, at a value: turn dz/dv = (1 - z)^p where v grows.
 
     Solved exactly from the value and the variable that were remembered.
@@ -277,7 +276,7 @@ def side(value: float, half: float) -> int:
 
 
 @compiled
-def resonant(value: float, x: Array, r: Rig, d: Array) -> float:
+def resonant(value: float, x: Array, r: Constants, d: Array) -> float:
     """A signal of which a share passes through a second-order resonance."""
     if r.mode_share <= 0.0:
         return value
@@ -290,7 +289,7 @@ def resonant(value: float, x: Array, r: Rig, d: Array) -> float:
 
 @compiled
 def servo_torque(
-    x: Array, m: Array, r: Rig, command: float, gain: float, load: float, d: Array
+    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
 ) -> int:
     """Add the motor's torque of a loop about the output to d[W]; returns its regime."""
     output = d[ANGLE]
@@ -335,7 +334,7 @@ def servo_torque(
 
 @compiled
 def motor_torque(
-    x: Array, m: Array, r: Rig, voltage: float, gain: float, load: float, d: Array
+    x: Array, m: Array, r: Constants, voltage: float, gain: float, load: float, d: Array
 ) -> int:
     """Add the torque of coil and magnet to d[W]; returns its regime."""
     linked = (x[ELECTRIC] - r.flux_per_angle * x[Q]) / (1.0 + r.curvature * x[Q] * x[Q])
@@ -360,7 +359,7 @@ def motor_torque(
 
 
 @compiled
-def rates(x: Array, m: Array, r: Rig, acts: Array, d: Array) -> int:
+def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
     """Rates of the states and what is seen of them into d, shape (WIDTH,).
 
     ``acts``: command, factor on the drive, level of sticking [N m], load torque [N m].
@@ -412,7 +411,7 @@ def rates(x: Array, m: Array, r: Rig, acts: Array, d: Array) -> int:
 
 
 @compiled
-def bristles(m: Array, r: Rig, speed: float, press: float, sticking: float, h: float) -> None:
+def bristles(m: Array, r: Constants, speed: float, press: float, sticking: float, h: float) -> None:
     """Bend the bristle for a step h at this speed; its force counts from the next step on.
 
     The bristle's equation z' = v - |v| z / reach(v) is solved exactly for a constant speed, so
@@ -437,7 +436,7 @@ def bristles(m: Array, r: Rig, speed: float, press: float, sticking: float, h: f
 
 
 @compiled
-def remember(m: Array, r: Rig, d: Array, speed: float, sticking: float, h: float) -> None:
+def remember(m: Array, r: Constants, d: Array, speed: float, sticking: float, h: float) -> None:
     """Move friction, warmth and hysteresis on by a step h that ended with rates d."""
     bristles(m, r, speed, d[PRESS], sticking, h)
     m[WARMTH] += h / r.heating_time * (d[HEAT] ** 2 - m[WARMTH])
@@ -447,7 +446,9 @@ def remember(m: Array, r: Rig, d: Array, speed: float, sticking: float, h: float
 
 
 @compiled
-def heun(x: Array, m: Array, r: Rig, acts: Array, h: float, d: Array, k: Array, y: Array) -> None:
+def heun(
+    x: Array, m: Array, r: Constants, acts: Array, h: float, d: Array, k: Array, y: Array
+) -> None:
     """One step of Heun's third order from x, whose rates are d, to y; k is working space."""
     for i in range(STATES):
         y[i] = x[i] + h / 3.0 * d[i]
@@ -460,11 +461,11 @@ def heun(x: Array, m: Array, r: Rig, acts: Array, h: float, d: Array, k: Array, 
 
 
 @compiled
-def run(r: Rig, acts: Array, h: float, seen: Array) -> None:
+def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
     """Simulate from the state of rest.
 
     Args:
-        r: the rig.
+        r: the constants of the rig.
         acts: shape (n, 4), see ``rates``; each row is held for the step h [s] that follows.
         seen: written: angle, drive or current, and feedback before each step, shape (n, 3).
     """
@@ -492,7 +493,7 @@ def run(r: Rig, acts: Array, h: float, seen: Array) -> None:
 
 @compiled
 def crossing(
-    x: Array, m: Array, r: Rig, acts: Array, h: float, d: Array, k: Array, y: Array, here: int
+    x: Array, m: Array, r: Constants, acts: Array, h: float, d: Array, k: Array, y: Array, here: int
 ) -> float:
     """Length of the step to y just past the corner that lies within h, by bisection."""
     low, high = 0.0, h
@@ -507,8 +508,8 @@ def crossing(
     return high
 
 
-STAGES = (Rig, Command, Sensor, Outside)
-RECORD = np.dtype([(name, float) for name in Rig._fields])
+STAGES = (Constants, Command, Sensor, Outside)
+RECORD = np.dtype([(name, float) for name in Constants._fields])
 
 
 @dataclass(frozen=True)
@@ -529,7 +530,7 @@ class Experiment:
     """A rig and its plans.
 
     Attributes:
-        bench: which rig.
+        rig: which rig.
         true: its constants by the product's names [SI].
         load: constant load torque [N m].
         plans: one per log.
@@ -537,7 +538,7 @@ class Experiment:
         seed: of what comes and goes by itself.
     """
 
-    bench: Bench
+    rig: Rig
     true: Mapping[str, float]
     load: float
     plans: Sequence[Plan]
@@ -546,7 +547,7 @@ class Experiment:
 
     @cached_property
     def units(self) -> dict[str, float]:
-        return self.bench.units(self.true)
+        return self.rig.units(self.true)
 
     @cached_property
     def plain(self) -> tuple[Array, ...]:
@@ -555,7 +556,7 @@ class Experiment:
 
     def logs(self, settings: Mapping[str, float]) -> tuple[Array, ...]:
         """Return noise-free logs [SI], one of shape (rows, readings) per plan."""
-        every = {**self.bench.constants(self.true), "load": self.load, **settings}
+        every = {**self.rig.constants(self.true), "load": self.load, **settings}
         unknown = set(every) - {name for stage in STAGES for name in stage._fields}
         if unknown:
             raise KeyError(f"no such settings: {sorted(unknown)}")
@@ -572,17 +573,17 @@ class Experiment:
         return np.asarray(np.ptp(np.concatenate(self.plain), axis=0))
 
     def _log(self, plan: Plan, settings: Mapping[str, float], number: int) -> Array:
-        step = self.bench.step
-        before = round(self.bench.settle / step)
+        step = self.rig.step
+        before = round(self.rig.settle / step)
         held = np.repeat(plan.command, plan.stride)[: -plan.stride + 1 or None]
         command = np.concatenate([np.full(before, plan.command[0]), held])
         outside, lost = disturbed(
-            settings, len(command), step, self.bench.slowest, self.seed + number
+            settings, len(command), step, self.rig.slowest, self.seed + number
         )
         seen = np.empty((len(command), 3))
         drive = travelled(command, lost, _some(Command, settings), step)
-        rig: Any = np.rec.array([tuple(_some(Rig, settings))], dtype=RECORD)[0]
-        run(rig, np.column_stack([drive, outside]), step, seen)
+        constants: Any = np.rec.array([tuple(_some(Constants, settings))], dtype=RECORD)[0]
+        run(constants, np.column_stack([drive, outside]), step, seen)
         seen[:, 0] = read(seen[:, 0].copy(), _some(Sensor, settings), step)
         if settings.get("servo"):
             seen[:, 1] *= SUPPLY
