@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from servo_models.report.sections import Picture
+
 
 PALETTE = {
     "ink": ("#1d2329", "#e4e8ec"),
