@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from servo_models.diagnosis.search.causes import TOLERANCE
+from servo_models.diagnosis.search.selection import TOLERANCE
 
 ROOT = Path(__file__).parent.parent
 REAL = ROOT / "examples" / "real_logs"

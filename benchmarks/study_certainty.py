@@ -421,7 +421,7 @@ def by_identify(told: Description) -> Said:
 
 def by_check(case: Case, told: Description, values: dict[str, float]) -> Said:
     """What a check of the true model says of errors to expect, beside estimates of ``identify``."""
-    found = check(replace(told, model=case.truth), jobs=1).excitation
+    found = check(replace(told, model=case.truth), jobs=1).identifiability
     errors = {reach.name: reach.together * reach.scale for reach in found.parameters}
     return Said(values, errors, found.together)
 
@@ -430,7 +430,7 @@ def by_diagnose(told: Description) -> Said:
     """What a diagnosis says: parameters have priors there, from which the truth was drawn."""
     found = diagnose(told, jobs=1)
     known = found.model.plant.parameters
-    every = (*found.found, *(value for claim in found.claims for value in claim.parameters))
+    every = (*found.found, *(value for claim in found.ranking for value in claim.parameters))
     scales = {one.name: display_scale(known[one.name]) for one in every}
     return Said(
         {one.name: one.value for one in found.found},

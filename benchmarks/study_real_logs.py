@@ -27,8 +27,8 @@ from known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.search.causes import TOLERANCE
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.selection import TOLERANCE
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.files import write_whole
 
@@ -88,7 +88,7 @@ def faults(case: Case, found: Diagnosis) -> Iterator[str]:
             yield f"names {name}, of which nothing is known"
 
 
-def held_out(found: Diagnosis, one: Explanation, bar: Bar) -> float:
+def held_out(found: Diagnosis, one: FittedModel, bar: Bar) -> float:
     """Error of an explanation on samples that no fit of the diagnosis has seen, in its unit."""
     errors = []
     for log, response in zip(found.logs, one.problem.responses(one.evidence.vector)):
@@ -142,7 +142,7 @@ def effects(found: Diagnosis) -> list[str]:
             f"{one.gap_after:.3g}",
             "taken" if one.taken else "in the set" if one.in_set else "",
         )
-        for one in found.claims
+        for one in found.ranking
     ]
     before = f"noise floors left, of {found.causes.before.rms:.3g}"
     return table(("effect", "probability", before, ""), rows) if rows else []

@@ -72,7 +72,7 @@ def diagnose(
     from servo_models.data.parameters import write_parameters
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
-    from servo_models.diagnosis.search.causes import TOLERANCE
+    from servo_models.diagnosis.search.selection import TOLERANCE
     from servo_models.files import write_whole
 
     check_outputs((json, ".json"), (report, ".html"), (out, ".toml"), description=description)

@@ -16,7 +16,7 @@ from servo_models.core.block import DeadTime
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.codes import bunched
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.identification.simulation import prepared
 
 LEAST_ROWS_AT_REST = 5
@@ -68,7 +68,7 @@ class Answers:
         return float((1.0 + as_high) / (1.0 + RANDOM_ORDERS))
 
 
-def answers(found: Explanation, effect: str) -> Answers | None:
+def answers(found: FittedModel, effect: str) -> Answers | None:
     """Return when steps of the command are answered beside the other effects of a fit.
 
     None where the hold does not act on a command, or too few steps of it, or rows, tell.
@@ -92,7 +92,7 @@ def answers(found: Explanation, effect: str) -> Answers | None:
     return Answers(effect, period, due, late, error)
 
 
-def _delay_before(found: Explanation, effect: str, wire: str) -> float:
+def _delay_before(found: FittedModel, effect: str, wire: str) -> float:
     """Transport delay [s] of a command before it comes to a hold."""
     plant, total = found.problem.model.plant, 0.0
     values = {**found.problem.model.values, **found.values}
@@ -106,7 +106,7 @@ def _delay_before(found: Explanation, effect: str, wire: str) -> float:
 
 
 def _of_log(
-    found: Explanation,
+    found: FittedModel,
     log: Log,
     wire: str,
     values: dict[str, float],
@@ -167,7 +167,7 @@ def _moved(log: Log, wire: str, rows: int) -> Log:
     return replace(log, inputs={**log.inputs, wire: command[places]})
 
 
-def _squares(found: Explanation, log: Log, values: dict[str, float]) -> Array:
+def _squares(found: FittedModel, log: Log, values: dict[str, float]) -> Array:
     """Squared errors of each row of a log [noise floors^2], all outputs together, shape (n,)."""
     problem = found.problem
     run = prepared(problem.model, log)

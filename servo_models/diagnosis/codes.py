@@ -50,7 +50,7 @@ class Step(NamedTuple):
     sure: bool
 
 
-def hidden_steps(records: Sequence[Array]) -> list[Step]:
+def steps_under_noise(records: Sequence[Array]) -> list[Step]:
     """Return the likeliest steps of a quantiser whose codes carry a little noise, best first.
 
     ``records`` are of one signal, each of shape (n,), and so on the same codes; no step is a

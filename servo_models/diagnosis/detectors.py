@@ -21,7 +21,7 @@ from servo_models.diagnosis.codes import (
     NOISE_MEMORY_SAMPLES,
     as_bunched,
 )
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 
 DOUBTFUL_PROBABILITY = 0.05
 """Probability of as much by chance, above which a detector confirms nothing."""
@@ -68,7 +68,7 @@ class Codes:
 Detection = Codes | Answers
 
 
-def detection(found: Explanation, name: str) -> Detection | None:
+def detection(found: FittedModel, name: str) -> Detection | None:
     """Return what an effect's own detector says of it, None where it has none or can say nothing.
 
     Args:
@@ -100,7 +100,7 @@ def sentence(seen: Detection) -> str:
     return f"{said}: {seen.bunched:.2f} of 1, by chance {chance}{doubtful}"
 
 
-def _codes(found: Explanation, place: Placement) -> Codes | None:
+def _codes(found: FittedModel, place: Placement) -> Codes | None:
     wire = place.on[0]
     records = [log.outputs[wire] for log in found.problem.logs if wire in log.outputs]
     if not records:

@@ -10,14 +10,14 @@ from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
-from servo_models.diagnosis.claims import claims, estimates
-from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.fitting.nominal import nominal_parameters
+from servo_models.diagnosis.fitting.fitted_model import Fitter
+from servo_models.diagnosis.fitting.priors import prior_parameters
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs, without_flags
+from servo_models.diagnosis.ranking import estimates, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.causes import TOLERANCE, find_causes
 from servo_models.diagnosis.search.fits import Tell
+from servo_models.diagnosis.search.selection import TOLERANCE, select_effects
 from servo_models.diagnosis.verdict import decide
 from servo_models.errors import UserError
 
@@ -50,7 +50,7 @@ def diagnose(
     Example:
         >>> import servo_models as sm
         >>> found = sm.diagnose("gimbal.toml")
-        >>> [claim.name for claim in found.claims if claim.taken]
+        >>> [claim.name for claim in found.ranking if claim.taken]
         ['drive_dead_zone']
         >>> found.write_report("gimbal.html")
         >>> found.tables()["Effects, most likely first"]["effect"][0]
@@ -89,8 +89,8 @@ def _diagnose(
 ) -> Diagnosis:
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
-    bench = Bench(told.model, told.logs, nominal_parameters(told), floors, workers)
-    causes = find_causes(bench, left_out, tell, tolerance)
+    fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers)
+    causes = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(causes, tolerance)
     return Diagnosis(
         name=told.path.stem,
@@ -102,7 +102,7 @@ def _diagnose(
         verdict=verdict,
         gap=whole_gap(causes, seed),
         gaps=gaps(causes, floors, origins, seed),
-        claims=claims(causes, verdict),
+        ranking=ranked_effects(causes, verdict),
         moved=estimates(causes.retuned),
         tolerance=tolerance,
         seed=seed,

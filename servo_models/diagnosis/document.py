@@ -13,13 +13,13 @@ from servo_models.data.audit import Audit, Reading
 from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.diagnosis import summary
-from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
-from servo_models.diagnosis.gap import Reduction
+from servo_models.diagnosis.gap import GapSummary
+from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.imitated import Imitated
+from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.conditions import conditions
 from servo_models.report.interchange import command
@@ -41,7 +41,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "tolerance": diagnosis.tolerance,
         "gap": {**_reduction(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
         "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
-        "effects": [_effect(diagnosis, claim) for claim in diagnosis.claims],
+        "effects": [_effect(diagnosis, claim) for claim in diagnosis.ranking],
         "ruled_out": [
             {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
         ],
@@ -65,7 +65,7 @@ def github(diagnosis: Diagnosis) -> Iterator[str]:
         yield command("warning", title, text)
 
 
-def _reduction(gap: Reduction, unit: str) -> dict[str, Any]:
+def _reduction(gap: GapSummary, unit: str) -> dict[str, Any]:
     closed = gap.closed or (None, None, None)
     return {
         **gap.rms,
@@ -110,7 +110,7 @@ def _whole(rows: Sequence[Accuracy], output: str, part: str) -> dict[str, float]
     return {stage: overall(rows, output, part, stage) for stage in ("before", "after")}
 
 
-def _effect(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
+def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> dict[str, Any]:
     return {
         "name": claim.name,
         "block": claim.wire,
@@ -127,7 +127,7 @@ def _effect(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     }
 
 
-def _imitated(diagnosis: Diagnosis, one: Imitated) -> dict[str, Any]:
+def _imitated(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
     wire = diagnosis.model.plant.main_wire(one.name)
     return {"name": one.name, "block": wire, "up_to": one.moved}
 

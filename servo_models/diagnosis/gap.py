@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array
 from servo_models.data.audit import RESIDUAL
 from servo_models.data.sensor import difference_noise
-from servo_models.diagnosis.fitting.evidence import Evidence
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.search.causes import Causes
+from servo_models.diagnosis.fitting.crossval import CrossValidation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 
 STAGES = ("before", "retuned", "after")
@@ -30,7 +30,7 @@ HARDLY = 0.7
 
 
 @dataclass(frozen=True)
-class Reduction:
+class GapSummary:
     """How far a gap closes: RMS errors on blocks that the fit of each stage has not seen.
 
     Attributes:
@@ -48,7 +48,7 @@ class Reduction:
 
 
 @dataclass(frozen=True)
-class Gap(Reduction):
+class Gap(GapSummary):
     """The gap of one output [SI].
 
     Attributes:
@@ -75,7 +75,7 @@ class Gap(Reduction):
 
 
 def gaps(
-    causes: Causes, floors: dict[str, float], origins: dict[str, str], seed: int
+    causes: Selection, floors: dict[str, float], origins: dict[str, str], seed: int
 ) -> tuple[Gap, ...]:
     """Return the gap of every output that a fit may see."""
     problem, stages = causes.retuned.problem, _stages(causes)
@@ -86,13 +86,13 @@ def gaps(
     )
 
 
-def whole_gap(causes: Causes, seed: int) -> Reduction:
+def whole_gap(causes: Selection, seed: int) -> GapSummary:
     """Return the gap of all outputs together, in noise floors."""
     stages = _stages(causes)
     return _reduction(np.arange(len(causes.before.unseen)), stages, 1.0, 1.0, seed)
 
 
-def _stages(causes: Causes) -> dict[str, Evidence]:
+def _stages(causes: Selection) -> dict[str, CrossValidation]:
     return dict(zip(STAGES, (causes.before, causes.retuned.evidence, causes.taken.evidence)))
 
 
@@ -108,7 +108,7 @@ def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
-def not_followed(found: Explanation, least: float = 0.0) -> tuple[str, ...]:
+def not_followed(found: FittedModel, least: float = 0.0) -> tuple[str, ...]:
     """Return outputs that an explanation hardly follows, missed by ``least`` noise floors."""
     problem, names = found.problem, []
     for name, rows in rows_of(problem).items():
@@ -123,8 +123,8 @@ def not_followed(found: Explanation, least: float = 0.0) -> tuple[str, ...]:
 def _gap(
     name: str,
     rows: NDArray[np.int64],
-    causes: Causes,
-    stages: dict[str, Evidence],
+    causes: Selection,
+    stages: dict[str, CrossValidation],
     floor: float,
     origin: str,
     seed: int,
@@ -146,8 +146,12 @@ def _gap(
 
 
 def _reduction(
-    rows: NDArray[np.int64], stages: dict[str, Evidence], scale: float, floor: float, seed: int
-) -> Reduction:
+    rows: NDArray[np.int64],
+    stages: dict[str, CrossValidation],
+    scale: float,
+    floor: float,
+    seed: int,
+) -> GapSummary:
     """RMS of some weighted errors by stage; ``scale`` is one of them in the unit of ``floor``."""
     counts = np.bincount(stages["before"].parts[rows]).astype(float)
     own = counts > 0.0  # blocks of logs without this output know nothing of it
@@ -163,7 +167,7 @@ def _reduction(
     }
     rms = {s: float(np.sqrt(v.sum() / counts.sum())) for s, v in losses.items()}
     intervals = {s: _interval(v) for s, v in drawn.items()}
-    return Reduction(rms, intervals, floor, _closed(rms, drawn, floor))
+    return GapSummary(rms, intervals, floor, _closed(rms, drawn, floor))
 
 
 def _interval(values: Array) -> tuple[float, float]:
@@ -204,7 +208,7 @@ def _worst(problem: Problem, name: str, errors: Array) -> tuple[str, float]:
     raise AssertionError("every error belongs to a log")
 
 
-def _motion(taken: Explanation, name: str) -> float:
+def _motion(taken: FittedModel, name: str) -> float:
     """Of the log that has the floor: one that moves more has not, or its own would be larger."""
     runs = [run for run in taken.problem.runs if name in run.log.outputs]
     noisiest = max(runs, key=lambda run: difference_noise(run.log.outputs[name]))

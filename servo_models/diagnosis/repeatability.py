@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from servo_models.diagnosis.fitting.discontinuous import staircases_of
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.discontinuous import discontinuous_of
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 
 DRAWS = 8
 """Other parameters that are tried."""
@@ -23,7 +23,7 @@ HUNTING = 0.5
 hunts; of codes that flip it would be a third, the root of a tenth."""
 
 
-def unrepeatable(found: Explanation) -> float:
+def unrepeatable(found: FittedModel) -> float:
     """Return by how much a response that hunts differs from itself [RMS, noise floors], else 0."""
     if found.widths is None:
         return 0.0
@@ -31,10 +31,10 @@ def unrepeatable(found: Explanation) -> float:
     return difference if nearer > HUNTING * difference else 0.0
 
 
-def _difference(found: Explanation, scale: float) -> float:
+def _difference(found: FittedModel, scale: float) -> float:
     """RMS change [noise floors] beyond the slopes; the size of a staircase stays."""
-    problem, seen = found.problem, found.view
-    free = [i for i in range(len(seen.vector)) if i not in staircases_of(problem)]
+    problem, seen = found.problem, found.linearised
+    free = [i for i in range(len(seen.vector)) if i not in discontinuous_of(problem)]
     _, spread, turned = np.linalg.svd(seen.slopes[:, free], full_matrices=False)
     certain = spread > 1e-6 * spread.max(initial=0.0)
     sizes = scale * np.sqrt(found.evidence.dispersion) / spread[certain]

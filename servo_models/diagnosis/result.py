@@ -14,12 +14,12 @@ import numpy as np
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
-from servo_models.diagnosis.claims import Claim, Value, estimates
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.gap import Gap, Reduction
-from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.search.imitated import Imitated
-from servo_models.diagnosis.unseen import Unseen, unseen
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.gap import Gap, GapSummary
+from servo_models.diagnosis.held_out import HeldOut, held_out_scores
+from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
+from servo_models.diagnosis.search.masking import MaskedEffect
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
 from servo_models.identification.readings import Reading, reading
 from servo_models.report.result import Result
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from servo_models.data.parameters import ParameterSet
     from servo_models.diagnosis.confirm import Confirmation
     from servo_models.diagnosis.experiments.experiment import Experiment
-    from servo_models.diagnosis.where import Breakdown
+    from servo_models.diagnosis.localisation import Breakdown
 
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""
@@ -54,7 +54,7 @@ class Diagnosis(Result):
         verdict: what is said.
         gap: before, re-tuned and after, in noise floors.
         gaps: the same by output, in SI.
-        claims: effects, most likely first.
+        ranking: effects, most likely first.
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
         flags: outputs of the logs that say yes or no, which are not judged.
@@ -69,11 +69,11 @@ class Diagnosis(Result):
     logs: tuple[Log, ...]
     audits: tuple[Audit, ...]
     floors: dict[str, float]
-    causes: Causes
+    causes: Selection
     verdict: Verdict
-    gap: Reduction
+    gap: GapSummary
     gaps: tuple[Gap, ...]
-    claims: tuple[Claim, ...]
+    ranking: tuple[RankedEffect, ...]
     moved: tuple[Value, ...]
     tolerance: float
     flags: tuple[str, ...] = ()
@@ -109,22 +109,22 @@ class Diagnosis(Result):
         return alone and share is not None and share[0] >= EXPLAINED
 
     @property
-    def imitated(self) -> tuple[Imitated, ...]:
+    def imitated(self) -> tuple[MaskedEffect, ...]:
         """Effects that may be there beside re-tuned parameters that explain the gap, and would not
         show, the largest first."""
         return tuple(self.causes.imitated) if self.explained else ()
 
     @property
-    def undecided(self) -> tuple[Explanation, ...]:
+    def undecided(self) -> tuple[FittedModel, ...]:
         """Explanations that these logs cannot tell apart, and another experiment may."""
         least = MUCH * self.gap.rms["before"]
-        large = [it.explanation for it in self.imitated if it.moved >= least]
+        large = [it.fitted_model for it in self.imitated if it.moved >= least]
         return (self.causes.retuned, *large) if large else self.verdict.rivals
 
     @cached_property
-    def held_out(self) -> tuple[Unseen, ...]:
+    def held_out(self) -> tuple[HeldOut, ...]:
         """What the model leaves of samples that the description holds out, by log."""
-        return unseen(self.causes)
+        return held_out_scores(self.causes)
 
     @property
     def stages(self) -> dict[str, str]:
@@ -161,9 +161,9 @@ class Diagnosis(Result):
     @cached_property
     def localisation(self) -> tuple[Breakdown, ...]:
         """Where the gap lies: by output, block, time, frequency, amplitude, speed, position."""
-        from servo_models.diagnosis.where import where
+        from servo_models.diagnosis.localisation import localise
 
-        return where(self.causes)
+        return localise(self.causes)
 
     @cached_property
     def next_experiments(self) -> tuple[Experiment, ...]:

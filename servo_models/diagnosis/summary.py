@@ -8,13 +8,13 @@ import numpy as np
 
 from servo_models.analysis.experiment import display
 from servo_models.data.audit import EXACT, REPEATS
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.structure import LEAST_SAMPLES
-from servo_models.diagnosis.gap import Reduction, not_followed
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.fitting.residuals import LEAST_SAMPLES
+from servo_models.diagnosis.gap import GapSummary, not_followed
+from servo_models.diagnosis.held_out import HeldOut
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.imitated import Imitated
-from servo_models.diagnosis.search.reach import Reach
-from servo_models.diagnosis.unseen import Unseen
+from servo_models.diagnosis.search.detectability import Detectability
+from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -78,10 +78,10 @@ def not_shown(diagnosis: Diagnosis) -> str:
     return f"; {listed(names)} would not show in these logs, and {others}"
 
 
-def shown_by(one: Imitated, diagnosis: Diagnosis) -> str:
+def shown_by(one: MaskedEffect, diagnosis: Diagnosis) -> str:
     """Return the numbers of experiments that would show an effect that parameters imitate."""
     every = enumerate(diagnosis.next_experiments, start=1)
-    return ", ".join(str(k) for k, it in every if it.other == one.explanation.effects)
+    return ", ".join(str(k) for k, it in every if it.other == one.fitted_model.effects)
 
 
 def elsewhere(diagnosis: Diagnosis) -> str:
@@ -92,7 +92,7 @@ def elsewhere(diagnosis: Diagnosis) -> str:
     )
 
 
-def missed(diagnosis: Diagnosis) -> list[Unseen]:
+def missed(diagnosis: Diagnosis) -> list[HeldOut]:
     """Return logs with samples held out of which much more is left than of those judged."""
     least = max(diagnosis.tolerance, ELSEWHERE * diagnosis.gap.rms["after"])
     return [one for one in diagnosis.held_out if one.after > least]
@@ -163,13 +163,13 @@ def change(diagnosis: Diagnosis) -> str:
     return f"{floors} ({', '.join(outputs)}){_closing(diagnosis.gap)}"
 
 
-def _closing(gap: Reduction) -> str:
+def _closing(gap: GapSummary) -> str:
     if gap.closed is None:
         return ""
     return f", which closes {closed(gap)} of what can be closed"
 
 
-def closed(gap: Reduction) -> str:
+def closed(gap: GapSummary) -> str:
     """Return the share of the reducible gap that is closed with its interval; "" for none."""
     if gap.closed is None:
         return ""
@@ -194,7 +194,7 @@ def ruled_out(diagnosis: Diagnosis) -> dict[str, str]:
     return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
 
 
-def _unseen(reach: Reach) -> str:
+def _unseen(reach: Detectability) -> str:
     if reach.moved == 0.0:
         return "these logs cannot show it: no size that they suggest moves what is measured"
     if reach.moved < SEEN:
@@ -206,14 +206,14 @@ def _unseen(reach: Reach) -> str:
     )
 
 
-def _loses(diagnosis: Diagnosis, name: str, fitted: Explanation) -> str:
+def _loses(diagnosis: Diagnosis, name: str, fitted: FittedModel) -> str:
     others = [it for it in fitted.effects if it != name]
     beside = f" beside {listed(others)}" if others else ""
     left = f"leaves {fitted.evidence.rms:.3g} noise floors held out{beside}"
     return ", ".join([left, *marks(diagnosis, fitted)])
 
 
-def marks(diagnosis: Diagnosis, fitted: Explanation) -> list[str]:
+def marks(diagnosis: Diagnosis, fitted: FittedModel) -> list[str]:
     """Return what speaks against an explanation beside the error that it leaves."""
     worse = fitted.evidence.rms >= diagnosis.gap.rms["retuned"]
     said = {

@@ -14,7 +14,7 @@ import numpy as np
 from servo_models.core.block import Grid, Hints
 from servo_models.core.plant import Parameter, Plant
 from servo_models.data.log import Log
-from servo_models.diagnosis.codes import Step, hidden_steps
+from servo_models.diagnosis.codes import Step, steps_under_noise
 
 TRIALS_OVER_TYPICAL = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.5, 10.0)
 """Of a switch whose effect has no trial values of its own."""
@@ -115,7 +115,7 @@ def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Settings]:
 def quanta(switch: Parameter, readings: Iterable[str], logs: Sequence[Log]) -> list[Step]:
     """Return the steps that code histograms of some readings suggest."""
     records = ([log.outputs[name] for log in logs if name in log.outputs] for name in readings)
-    found = [step for values in records if values for step in hidden_steps(values)]
+    found = [step for values in records if values for step in steps_under_noise(values)]
     least = LEAST_OVER_TYPICAL * switch.param.typical
     return [step for step in found if least <= step.size <= switch.param.high]
 

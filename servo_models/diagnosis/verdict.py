@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.belief import covering, probabilities
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.structure import missing, sure
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.fitting.residuals import sure, unmodelled
 from servo_models.diagnosis.gap import not_followed
 from servo_models.diagnosis.repeatability import unrepeatable
-from servo_models.diagnosis.search.causes import TOLERANCE, Causes
+from servo_models.diagnosis.search.selection import TOLERANCE, Selection
+from servo_models.diagnosis.weights import covering, probabilities
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -42,7 +42,7 @@ class Verdict:
     kind: str
     chances: dict[str, float]
     members: tuple[str, ...]
-    rivals: tuple[Explanation, ...]
+    rivals: tuple[FittedModel, ...]
     rest: float = 0.0
     hunting: float = 0.0
 
@@ -53,7 +53,7 @@ def _rank(chance: float, alone: float | None) -> tuple[float, float]:
     return -round(chance, 2), np.inf if alone is None else alone
 
 
-def chances_of(causes: Causes, rest: float) -> Array:
+def weights_of(causes: Selection, rest: float) -> Array:
     """Return the probability of each of the explanations ``alike``, shape (n,).
 
     ``rest`` is the RMS [noise floors] of what is surely missing.
@@ -61,7 +61,7 @@ def chances_of(causes: Causes, rest: float) -> Array:
     return probabilities(causes.alike, causes.taken.problem.samples * rest**2)
 
 
-def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
+def decide(causes: Selection, tolerance: float = TOLERANCE) -> Verdict:
     """Return the verdict on what was tried.
 
     ``tolerance`` is the gap [noise floors] that counts as none.
@@ -72,20 +72,20 @@ def decide(causes: Causes, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
     hunting = unrepeatable(taken)
     left = taken.left.without(hunting)
-    lacking = missing(left, gap, len(taken.effects)) or bool(not_followed(taken, tolerance))
+    lacking = unmodelled(left, gap, len(taken.effects)) or bool(not_followed(taken, tolerance))
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)
     rivals = causes.alike
-    chances = chances_of(causes, rest)
+    chances = weights_of(causes, rest)
     held = covering(chances)
     own = next(i for i, it in enumerate(rivals) if it.effects == taken.effects)
     if own not in held:
         # a likelier one has not earned its place, which a probability knows nothing of
         held.append(own)
     by_effect: dict[str, float] = {}
-    for explanation, chance in zip(rivals, chances):
-        for name in explanation.effects:
+    for fitted_model, chance in zip(rivals, chances):
+        for name in fitted_model.effects:
             # shares of 1 may add up to more by a rounding
             by_effect[name] = min(1.0, by_effect.get(name, 0.0) + float(chance))
     alone = {one.effects: one.loss for one in causes.singles}

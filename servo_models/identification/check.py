@@ -10,7 +10,12 @@ from servo_models.core.plant import Plant
 from servo_models.data.audit import Audit, audits, noise_floors
 from servo_models.data.description import Description, read_description
 from servo_models.errors import UserError
-from servo_models.identification.identifiability import SHOWN, Excitation, Reach, excitation
+from servo_models.identification.identifiability import (
+    SHOWN,
+    Detectability,
+    Identifiability,
+    identifiability,
+)
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
 from servo_models.identification.uncertainty import together
@@ -30,13 +35,13 @@ class Check(Result):
 
     ``asked`` are the parameters that the description frees or gives an uncertainty;
     ``implausible`` says what makes no sense beside the actuator, one sentence each; where that is
-    the time, nothing was simulated and ``excitation`` is empty.
+    the time, nothing was simulated and ``identifiability`` is empty.
     """
 
     description: Description
     audits: tuple[Audit, ...]
     floors: dict[str, float]
-    excitation: Excitation
+    identifiability: Identifiability
     asked: tuple[str, ...]
     implausible: tuple[str, ...] = ()
 
@@ -50,19 +55,19 @@ class Check(Result):
         said = list(self.implausible)
         said += [f"log '{a.log.name}': {text}" for a in self.audits for text in a.warnings]
         free = free_names(self.plant, self.description.free)
-        every = (*self.excitation.parameters, *self.excitation.effects)
+        every = (*self.identifiability.parameters, *self.identifiability.effects)
         if every and all(reach.moves < NOTHING for reach in every):
             said.append(
                 "the model does not move on these logs: check scale and offset of the inputs, and"
                 " its parameters"
             )
             return tuple(said)
-        for reach in self.excitation.parameters:
+        for reach in self.identifiability.parameters:
             if reach.name in free and reach.together > ROUGHLY:
                 words = verdict(reach, reach.name in self.description.uncertainty)
                 said.append(f"'{reach.name}' is to be estimated, but: {words}")
         own = [name for name in free if name not in self.description.uncertainty]
-        for group in self.excitation.together:
+        for group in self.identifiability.together:
             if sum(name in own for name in group) > 1:
                 said.append(together(group, own))
         return tuple(said)
@@ -74,7 +79,7 @@ class Check(Result):
 
     def document(self) -> dict[str, Any]:
         """Return what the logs determine; figures in SI."""
-        told, seen = self.description, self.excitation
+        told, seen = self.description, self.identifiability
         return {
             "actuator": told.actuator.name,
             "variant": told.variant,
@@ -133,10 +138,12 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
     clocks = implausible_clocks(description)
     if clocks:  # a simulation would be as long as the times are wrong
-        return Check(description, audited, floors, Excitation((), (), (), (), ()), asked, clocks)
+        return Check(
+            description, audited, floors, Identifiability((), (), (), (), ()), asked, clocks
+        )
     odd = implausible(description)
     try:
-        found = excitation(
+        found = identifiability(
             description.model, description.logs, floors, free, description.uncertainty, jobs
         )
     except UserError as error:
@@ -144,7 +151,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     return Check(description, audited, floors, found, asked, odd)
 
 
-def verdict(reach: Reach, has_prior: bool) -> str:
+def verdict(reach: Detectability, has_prior: bool) -> str:
     """Return in a few words how well the logs determine a parameter."""
     if reach.moves < NOTHING:
         return "nothing measured depends on it"

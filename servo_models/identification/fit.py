@@ -15,7 +15,14 @@ from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.optimise import LOCAL, SEARCHES, Found, Progress, polished, search
+from servo_models.identification.optimise import (
+    LOCAL,
+    SEARCHES,
+    Optimum,
+    Progress,
+    polished,
+    search,
+)
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
@@ -185,7 +192,7 @@ def _on_bounds(problem: Problem, vector: Array) -> Array:
     return moved if there <= near * (1.0 + 1e-6) else vector
 
 
-def _ending(found: Found, kind: str, starts: int) -> list[str]:
+def _ending(found: Optimum, kind: str, starts: int) -> list[str]:
     if found.interrupted:
         return ["stopped before it converged: these are the best values so far"]
     if not found.converged:

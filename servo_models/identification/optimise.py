@@ -48,7 +48,7 @@ noise."""
 
 
 @dataclass(frozen=True)
-class Found:
+class Optimum:
     """Where a search ended.
 
     Attributes:
@@ -75,7 +75,7 @@ def search(
     seed: int,
     tell: Progress,
     smooth: bool = False,
-) -> Found:
+) -> Optimum:
     """Minimise the problem's squared residuals.
 
     Args:
@@ -106,10 +106,10 @@ def search(
     cost, vector = problem.memory.best
     met = any(ok for end, _, ok in ends if end <= cost * (1.0 + 1e-6))
     costs = tuple(sorted(end for end, _, _ in ends))
-    return Found(vector, cost, met and not stopped, stopped, costs, widths)
+    return Optimum(vector, cost, met and not stopped, stopped, costs, widths)
 
 
-def polished(problem: Problem, found: Found, seed: int, tell: Progress) -> Found:
+def polished(problem: Problem, found: Optimum, seed: int, tell: Progress) -> Optimum:
     """Return a better point than a search on a rough surface has found, or the same.
 
     Least squares end in the first dent.  CMA-ES goes on over the dents, in the region in which

@@ -14,7 +14,7 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.optimise import Found
+from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
 from servo_models.identification.uncertainty import Spread
 from servo_models.report.result import Result, write_page
@@ -177,7 +177,7 @@ def _rms(error: Array) -> float:
 
 def conclude(
     problem: Problem,
-    found: Found,
+    found: Optimum,
     spread: Spread,
     fitted: Model,
     before: Sequence[dict[str, Array]],

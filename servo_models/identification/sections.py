@@ -26,7 +26,7 @@ from servo_models.data.audit import Reading as Measured
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
-from servo_models.identification.identifiability import SHOWN, Group, Reach
+from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
 from servo_models.identification.readings import (
@@ -564,12 +564,12 @@ def _usable(found: Check) -> str:
 def _check_cards(found: Check) -> tuple[Card, ...]:
     cards = []
     if found.asked:
-        determined = [r.name for r in found.excitation.parameters if r.together <= WELL]
-        doubtful = [r.name for r in found.excitation.parameters if r.together > WELL]
+        determined = [r.name for r in found.identifiability.parameters if r.together <= WELL]
+        doubtful = [r.name for r in found.identifiability.parameters if r.together > WELL]
         cards.append(Card("determined", _names(determined), True, "Parameters"))
         if doubtful:
             cards.append(Card("roughly, or not at all", _names(doubtful), None, "Parameters"))
-    if effects := found.excitation.effects:
+    if effects := found.identifiability.effects:
         shown = sum(reach.shown for reach in effects)
         cards.append(Card("effects", f"{shown} of {len(effects)} can be shown", None, "Effects"))
     step = "Run 'identify', or 'diagnose' for effects that the model may lack."
@@ -680,14 +680,14 @@ def _reach_table(found: Check) -> Table:
             _size_of(found, reach.name, reach.together * reach.scale),
             _reach_mark(reach, reach.name in priors),
         )
-        for reach in found.excitation.parameters
+        for reach in found.identifiability.parameters
         if found.asked or reach.shown
     )
     title = "Parameters, with the least standard error to expect: white noise, a right model"
     return Table(title, ("parameter", "value", "alone", "together", ""), rows)
 
 
-def _reach_mark(reach: Reach, has_prior: bool) -> Mark:
+def _reach_mark(reach: Detectability, has_prior: bool) -> Mark:
     passed = True if reach.together <= WELL else None if reach.together <= ROUGHLY else False
     return Mark(verdict(reach, has_prior), passed if reach.moves >= SHOWN else False)
 
@@ -700,24 +700,24 @@ def _size_of(found: Check, name: str, size: float, digits: int = 2) -> Quantity:
 
 def _effect_table(found: Check) -> Table:
     """What the logs show, hide, and confuse, in words."""
-    effects = found.excitation.effects
+    effects = found.identifiability.effects
     title = "Effects, each at its typical size, beside a model that is right"
     return Table(title, ("", ""), tuple(_effects(found)) if effects else ())
 
 
 def _effects(found: Check) -> Iterator[tuple[str, str]]:
-    effects = found.excitation.effects
+    effects = found.identifiability.effects
     still = [r.name for r in effects if r.moves < NOTHING]
     hidden = [r for r in effects if r.moves >= NOTHING and not r.shown and not r.absorbed]
     yield "can be shown", _names(r.name for r in effects if r.shown)
     yield "cannot be shown", "; ".join(_hidden(found, r) for r in hidden) or "-"
     yield "imitated by free parameters", _names(r.name for r in effects if r.absorbed)
     yield "change no measured output", _names(still)
-    if found.excitation.refused:
-        yield "cannot be simulated", _names(found.excitation.refused)
-    for names in found.excitation.together:
+    if found.identifiability.refused:
+        yield "cannot be simulated", _names(found.identifiability.refused)
+    for names in found.identifiability.together:
         yield "show only together", _names(names)
-    for group in found.excitation.groups:
+    for group in found.identifiability.groups:
         yield "look alike", _alike(group, found.plant)
 
 
@@ -725,7 +725,7 @@ def _names(names: Iterable[str]) -> str:
     return ", ".join(names) or "-"
 
 
-def _hidden(found: Check, reach: Reach) -> str:
+def _hidden(found: Check, reach: Detectability) -> str:
     sizes = " and ".join(str(_size_of(found, *size)) for size in reach.sizes.items())
     cause = sizes if any(reach.sizes.values()) else "leaving it out"
     return f"{reach.name} ({cause} moves '{reach.output}' by {reach.moves:.1g} noise floors)"

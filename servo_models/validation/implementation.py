@@ -113,7 +113,7 @@ def irregular(rows: int) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def excitation(model: Model, times: Array, seed: int = 1, held: int = 20) -> Array:
+def input_signals(model: Model, times: Array, seed: int = 1, held: int = 20) -> Array:
     """Return inputs, shape (n, inputs), that jump at random within their working range.
 
     They jump every ``held`` rows.
@@ -140,7 +140,7 @@ def _steady(subject: Subject, step: float) -> Callable[[], float]:
 
 
 def _compared(subject: Subject, times: Array) -> float:
-    inputs = excitation(subject.model, times)
+    inputs = input_signals(subject.model, times)
     expected = subject.model.run(times, inputs)
     return difference(expected, subject.run(subject.model, times, inputs))
 
@@ -148,7 +148,7 @@ def _compared(subject: Subject, times: Array) -> float:
 def _restored(subject: Subject, same_instance: bool) -> float:
     """Save in the middle, spoil the state by going on, restore, and finish the run."""
     times = irregular(ROWS)
-    inputs, middle = excitation(subject.model, times), ROWS // 2
+    inputs, middle = input_signals(subject.model, times), ROWS // 2
     expected = subject.model.run(times, inputs)
     values, start = subject.model.values, float(times[0])
     with (
@@ -166,7 +166,7 @@ def _restored(subject: Subject, same_instance: bool) -> float:
 def _two_at_once(subject: Subject) -> float:
     """Step two instances in turn with different inputs."""
     times = irregular(ROWS)
-    both = [excitation(subject.model, times, seed) for seed in (1, 2)]
+    both = [input_signals(subject.model, times, seed) for seed in (1, 2)]
     start, values = float(times[0]), subject.model.values
     with (
         subject.instance(values, start, both[0][0]) as one,

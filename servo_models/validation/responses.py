@@ -20,7 +20,7 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.validation.cases import Case
 from servo_models.validation.fmu_subject import Subject
-from servo_models.validation.implementation import excitation
+from servo_models.validation.implementation import input_signals
 from servo_models.validation.plain_integration import Course, integrate
 from servo_models.validation.rows import MODEL, CostCurve, CostPoint, Row, failure, judged
 
@@ -220,7 +220,7 @@ def plain_row(subject: Subject, chosen: Model, name: str) -> Row:
     """
     where = (chosen.actuator.name, chosen.variant, f"blocks as plain functions: {name}")
     times = chosen.values["internal_step"] * np.cumsum((0.0, *STEPS))
-    inputs = excitation(chosen, times, held=HELD)
+    inputs = input_signals(chosen, times, held=HELD)
     try:
         coarse, fine = (
             integrate(chosen.plant, chosen.values, times, inputs, finer) for finer in (1, FINER)

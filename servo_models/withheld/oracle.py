@@ -38,12 +38,12 @@ from servo_models.data.log import Log
 from servo_models.data.readers import read_columns
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.fitting.evidence import dispersion
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.nominal import nominal_parameters
+from servo_models.diagnosis.fitting.crossval import dispersion
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.fitting.priors import prior_parameters
 from servo_models.diagnosis.search.fits import beside, likeliest, together
-from servo_models.diagnosis.search.pairs_seen import pairs
-from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.search.pair_screening import pairs
+from servo_models.diagnosis.search.screening import Screened, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -190,19 +190,19 @@ def ask_oracle(question: Question) -> dict[str, Any]:
 def _known(question: Question, names: Sequence[str]) -> Known:
     said, foreign = question.said, question.answer["kind"] == "foreign"
     noisy, clean = _logs(question)
-    bench, measured = _bench(clean, said), _bench(noisy, said)
+    fitter, measured = _bench(clean, said), _bench(noisy, said)
     true = {**question.answer["parameters"], **_parameters(question.answer["effects"])}
-    truth = 0.0 if foreign else _error(_begun(bench, names, true))
+    truth = 0.0 if foreign else _error(_begun(fitter, names, true))
     hidden = [it["name"] for it in question.answer["hidden"]]
     found = dict(zip(map(tuple, said.tried), said.values))
     nearest = rivals(said, () if foreign else names, hidden)
-    others = [_begun(bench, it, found[tuple(it)]) for it in nearest]
+    others = [_begun(fitter, it, found[tuple(it)]) for it in nearest]
     # one search may stop short where what parameters alone can do is asked
     begins = [true, *(it.values for it in sorted(others, key=_error)[:2])]
-    retuned = min([bench.fit((), ()), *(_begun(bench, (), it) for it in begins)], key=_error)
+    retuned = min([fitter.fit((), ()), *(_begun(fitter, (), it) for it in begins)], key=_error)
     best = min([retuned, *others], key=_error)
     samples, vector = retuned.problem.samples, retuned.evidence.vector
-    apart = Problem(bench.model, noisy.logs, bench.nominal, dict(bench.floors)).residuals(vector)
+    apart = Problem(fitter.model, noisy.logs, fitter.nominal, dict(fitter.floors)).residuals(vector)
     noise = dispersion((apart - retuned.problem.residuals(vector))[:samples])
     separated = seen(truth, _error(best), samples, noise) and truth < HALF * _error(best)
     after, without = None, ""
@@ -236,19 +236,19 @@ def rivals(said: Diagnosed, names: Iterable[str], hidden: Iterable[str]) -> list
     return [it for it in others if not truth or set(it) != truth][:RIVALS]
 
 
-def _begun(bench: Bench, names: Sequence[str], values: Mapping[str, float]) -> Explanation:
+def _begun(fitter: Fitter, names: Sequence[str], values: Mapping[str, float]) -> FittedModel:
     """The fit of some effects that begins at these values [SI]."""
-    nominal = tuple(replace(free, start=values[free.name]) for free in bench.nominal)
-    every = candidates(bench.model, bench.logs)
+    nominal = tuple(replace(free, start=values[free.name]) for free in fitter.nominal)
+    every = candidates(fitter.model, fitter.logs)
     extra = [free for one in every if one.name in names for free in one.at(dict(values))]
-    return replace(bench, nominal=nominal).fit(tuple(names), extra)
+    return replace(fitter, nominal=nominal).fit(tuple(names), extra)
 
 
 def _parameters(effects: Iterable[dict[str, Any]]) -> dict[str, float]:
     return {name: value for it in effects for name, value in it["parameters"].items()}
 
 
-def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanation:
+def told(fitter: Fitter, names: Sequence[str], retuned: FittedModel) -> FittedModel:
     """Return the product's own fit when told the names of one or two effects.
 
     Two effects are fitted both at once, and one beside the other in either order; where an
@@ -256,31 +256,31 @@ def told(bench: Bench, names: Sequence[str], retuned: Explanation) -> Explanatio
     """
     found = [retuned]
     for order in permutations(names):
-        explanation = retuned
+        fitted_model = retuned
         for name in order:
-            sights = _sights([name], explanation)
+            sights = _sights([name], fitted_model)
             if sights:
-                explanation = beside(bench, explanation, likeliest(sights))
-                found.append(explanation)
+                fitted_model = beside(fitter, fitted_model, likeliest(sights))
+                found.append(fitted_model)
     for pair in pairs(_sights(names, retuned))[:1] if len(names) == 2 else ():
-        found.append(together(bench, pair))
+        found.append(together(fitter, pair))
     return min(found, key=_error)
 
 
-def _sights(names: Iterable[str], first: Explanation) -> list[Sight]:
+def _sights(names: Iterable[str], first: FittedModel) -> list[Screened]:
     """Sizes of some effects, those that explain most first."""
     model, wanted = first.problem.model, set(names)
     every = candidates(model, first.problem.logs)
-    return look((first.view,), [one for one in every if one.name in wanted])
+    return screen((first.linearised,), [one for one in every if one.name in wanted])
 
 
-def _error(explanation: Explanation) -> float:
+def _error(fitted_model: FittedModel) -> float:
     """RMS error [noise floors] of a fit to everything: nothing can be learnt by heart here."""
-    return float(np.sqrt(np.mean(explanation.evidence.errors**2)))
+    return float(np.sqrt(np.mean(fitted_model.evidence.errors**2)))
 
 
-def _bench(told: Description, said: Diagnosed) -> Bench:
-    return Bench(told.model, told.logs, nominal_parameters(told), dict(said.floors)).surveyed()
+def _bench(told: Description, said: Diagnosed) -> Fitter:
+    return Fitter(told.model, told.logs, prior_parameters(told), dict(said.floors)).surveyed()
 
 
 def _logs(question: Question) -> tuple[Description, Description]:

@@ -30,7 +30,7 @@ from servo_models.core.flatten import flatten
 from servo_models.core.inline import inline
 from servo_models.core.plant import Plant, Wire, place
 from servo_models.core.stepper import run_text, step_text
-from servo_models.diagnosis.where.alone import measured_name, opened
+from servo_models.diagnosis.localisation.open_loop import measured_name, opened
 from servo_models.effects.lag import lag
 
 GAIN = 1745.3

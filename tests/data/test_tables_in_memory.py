@@ -75,7 +75,7 @@ def test_an_identification_is_that_of_the_file() -> None:
 def test_a_check_is_that_of_the_file() -> None:
     found, other = sm.check(described()), sm.check(EXAMPLE / "description.toml")
     assert found.floors == other.floors
-    assert repr(found.excitation) == repr(other.excitation)
+    assert repr(found.identifiability) == repr(other.identifiability)
     assert found.warnings == other.warnings
 
 

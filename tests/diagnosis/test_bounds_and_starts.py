@@ -12,12 +12,12 @@ from scipy.stats import norm
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.nominal import nominal_parameters
-from servo_models.diagnosis.search import staircases
-from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.fitting.priors import prior_parameters
+from servo_models.diagnosis.search import grid_search as staircases
+from servo_models.diagnosis.search.detectability import Detectability, reaches
 from servo_models.diagnosis.search.fits import beside, likeliest
-from servo_models.diagnosis.search.reach import Reach, reaches
-from servo_models.diagnosis.search.screening import look, sights_of
+from servo_models.diagnosis.search.screening import screen, sights_of
+from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
@@ -28,18 +28,18 @@ from tests.support.diagnoses import made
 @pytest.mark.parametrize("effects", [{}, {"coulomb_friction.level": 2e-3}])
 def test_a_bound_holds_without_a_block_as_it_does_with_it(effects: dict[str, float]) -> None:
     """Fits without each block in turn, of a constant that its prior keeps four times too near."""
-    bench, _ = made(effects)
-    constant, friction = bench.nominal
+    fitter, _ = made(effects)
+    constant, friction = fitter.nominal
     near = replace(constant, prior=0.1, scale=0.1, low=constant.nominal - 0.4)
-    bench = replace(bench, nominal=(near, friction))
-    found = bench.finish(bench.fit((), ()))
-    assert found.problem.sides(found.view.vector)[0] == "low"
-    (log,), parts = bench.logs, found.evidence.parts
+    fitter = replace(fitter, nominal=(near, friction))
+    found = fitter.finish(fitter.fit((), ()))
+    assert found.problem.sides(found.linearised.vector)[0] == "low"
+    (log,), parts = fitter.logs, found.evidence.parts
     unseen = np.empty(len(parts))
     for block in range(parts.max() + 1):
-        rest = replace(bench, logs=[replace(log, held_out=parts == block)])
+        rest = replace(fitter, logs=[replace(log, held_out=parts == block)])
         without = rest.finish(rest.fit((), (), found.values))
-        errors = bench.problem().residuals(without.evidence.vector)[: len(parts)]
+        errors = fitter.problem().residuals(without.evidence.vector)[: len(parts)]
         unseen[parts == block] = errors[parts == block]
     assert np.sum(found.evidence.unseen**2) == pytest.approx(np.sum(unseen**2), rel=0.02)
 
@@ -49,22 +49,22 @@ def test_a_bound_holds_without_a_block_as_it_does_with_it(effects: dict[str, flo
 )
 def test_a_fit_begins_where_its_effect_was_seen(name: str, size: float) -> None:
     """An effect with two sizes has been looked at with one of them."""
-    bench, every = made({name: size})
+    fitter, every = made({name: size})
     effect = name.partition(".")[0]
-    sights = look([bench.fit((), ()).view], [every[effect]])
+    sights = screen([fitter.fit((), ()).linearised], [every[effect]])
     best = [it for it in sights if name in it.settings][:1]
     assert best_start(best).cost < 3.0 * best[0].left
-    assert beside(bench, bench.fit((), ()), likeliest(sights)).values[name] == pytest.approx(
+    assert beside(fitter, fitter.fit((), ()), likeliest(sights)).values[name] == pytest.approx(
         size, rel=0.05
     )
 
 
 def refused() -> Array:
     """Errors by a delay that is longer than its line of samples."""
-    bench, _ = made({})
-    (log,) = bench.logs
+    fitter, _ = made({})
+    (log,) = fitter.logs
     fast = replace(log, times=0.02 * log.times)
-    problem = replace(bench, logs=[fast], floors={"angle": 1e-9}).problem()
+    problem = replace(fitter, logs=[fast], floors={"angle": 1e-9}).problem()
     late = {**problem.values(problem.nominal), "transport_delay.time": 0.05}
     with pytest.raises(UserError, match="delay"):
         problem.errors_with(late, strict=True)
@@ -74,20 +74,22 @@ def refused() -> Array:
 def test_what_cannot_be_simulated_is_worse_than_no_motion_at_all() -> None:
     """With a floor of a millionth of the range, a thousand floors would be a good fit."""
     errors = refused()
-    bench, _ = made({})
-    (log,) = bench.logs
+    fitter, _ = made({})
+    (log,) = fitter.logs
     still = log.outputs["angle"] / 1e-9
     assert np.sqrt(np.mean(errors[: len(still)] ** 2)) > REFUSED * np.sqrt(np.mean(still**2))
 
 
 def test_what_cannot_be_simulated_is_not_seen() -> None:
-    bench, every = made({})
-    (log,) = bench.logs
-    bench = replace(bench, logs=[replace(log, times=0.02 * log.times)])
+    fitter, every = made({})
+    (log,) = fitter.logs
+    fitter = replace(fitter, logs=[replace(log, times=0.02 * log.times)])
     one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
-    nominal = bench.unfit((), (), {free.name: free.nominal for free in bench.nominal})
-    assert look([nominal.view], [one]) == []
-    assert reaches(sights_of([nominal.view], [one]), [one]) == {"transport_delay": Reach()}
+    nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal})
+    assert screen([nominal.linearised], [one]) == []
+    assert reaches(sights_of([nominal.linearised], [one]), [one]) == {
+        "transport_delay": Detectability()
+    }
 
 
 def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
@@ -97,7 +99,7 @@ def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
         '[uncertainty]\n"backlash.half_width" = "0.01 deg"\n"stribeck_friction.speed" = "20 %"',
     )
     told = read_description(describe(tmp_path, text, seconds=0.1))
-    names = [free.name for free in nominal_parameters(told)]
+    names = [free.name for free in prior_parameters(told)]
     assert names.count("backlash.half_width") == 1
     assert "stribeck_friction.speed" not in names
     assert "stribeck_friction" in {one.name for one in candidates(told.model, told.logs)}
@@ -105,19 +107,19 @@ def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 def test_an_uncertain_effect_is_no_candidate() -> None:
-    bench, every = made({})
+    fitter, every = made({})
     (size,) = (
         it for it in every["coulomb_friction"].free if it.name in every["coulomb_friction"].switches
     )
-    bench = replace(bench, nominal=(*bench.nominal, replace(size, prior=1e-4)))
-    assert "coulomb_friction" not in find_causes(bench).reach
+    fitter = replace(fitter, nominal=(*fitter.nominal, replace(size, prior=1e-4)))
+    assert "coulomb_friction" not in select_effects(fitter).reach
 
 
 def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench, every = made({"command_quantisation.step": 0.6})
-    retuned = bench.fit((), ())
+    fitter, every = made({"command_quantisation.step": 0.6})
+    retuned = fitter.fit((), ())
     one = every["command_quantisation"]
-    sights = look([retuned.view], [one])
+    sights = screen([retuned.linearised], [one])
     seen = []
     before = staircases._over_all
 
@@ -127,17 +129,17 @@ def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyP
         return grid, found
 
     monkeypatch.setattr(staircases, "_over_all", spied)
-    staircases.shortlist(bench, retuned, [one], sights)
+    staircases.shortlist(fitter, retuned, [one], sights)
     assert len(seen) == len(set(seen)) > 100
 
 
 @pytest.mark.parametrize("moved", [(0.0, 0.0), (2.0, 0.0), (-1.0, 3.0)])
 def test_strained_parameters_count_as_their_priors_say(moved: tuple[float, float]) -> None:
     """Minus the logarithm of two normal densities, beyond that of the nominal values."""
-    bench, _ = made({})
+    fitter, _ = made({})
     values = {
         free.name: free.nominal + by * (free.prior or np.nan)
-        for free, by in zip(bench.nominal, moved)
+        for free, by in zip(fitter.nominal, moved)
     }
     expected = -sum(norm.logpdf(by) - norm.logpdf(0.0) for by in moved)
-    assert bench.unfit((), (), values).chance == pytest.approx(expected, abs=1e-9)
+    assert fitter.unfit((), (), values).chance == pytest.approx(expected, abs=1e-9)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import model
 from servo_models.diagnosis.clock import Answers, answers
-from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.fitted_model import Fitter
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import HOLD, _values, made, with_hold
 from tests.support.logs import measured
@@ -30,10 +30,10 @@ def test_steps_before_a_hold_are_answered_on_its_ticks(period: float) -> None:
 
 def test_a_delay_before_the_hold_is_waited_for_first() -> None:
     truth = {f"{HOLD}.period": 4.1e-3, "transport_delay.time": 1.3e-3}
-    bench, every = made(truth, 2e-5)
+    fitter, every = made(truth, 2e-5)
     free = [*every[HOLD].free, *every["transport_delay"].free]
     values = {**_values(4.1e-3), "transport_delay.time": 1.3e-3}
-    found = answers(bench.unfit((HOLD, "transport_delay"), free, values), HOLD)
+    found = answers(fitter.unfit((HOLD, "transport_delay"), free, values), HOLD)
     assert found is not None
     assert found.late == pytest.approx(found.due, abs=0.3e-3)
 
@@ -85,7 +85,7 @@ def test_a_hold_of_an_inner_signal_is_not_judged_by_commands() -> None:
     chosen = model("smart_servo")
     times = 5e-3 * np.arange(400.0)
     goal = {"goal": np.repeat([0.0, 0.2, -0.1, 0.3], 100)}
-    bench = Bench(chosen, [measured(chosen, times, goal, {"angle": 0.0})], (), {"angle": 1e-3})
+    fitter = Fitter(chosen, [measured(chosen, times, goal, {"angle": 0.0})], (), {"angle": 1e-3})
     hold = free_parameter(chosen.plant.parameters[f"{HOLD}.period"], 0.0, None)
-    found = bench.unfit((HOLD,), [hold], {hold.name: 0.02})
+    found = fitter.unfit((HOLD,), [hold], {hold.name: 0.02})
     assert answers(found, HOLD) is None

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.codes import Step, hidden_steps, loudest
+from servo_models.diagnosis.codes import Step, loudest, steps_under_noise
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -37,7 +37,7 @@ def quantised(step: float, codes: float, share: float, seed: int, memory: float 
 def test_codes_under_a_little_noise_show_their_step(
     step: float, codes: float, share: float, seed: int
 ) -> None:
-    found = hidden_steps([quantised(step, codes, share, seed)])
+    found = steps_under_noise([quantised(step, codes, share, seed)])
     assert min(abs(one.size / step - 1.0) for one in found) < 0.005
 
 
@@ -49,7 +49,7 @@ def test_the_error_of_a_step_is_that_of_the_line_through_its_codes() -> None:
         scores = []
         for seed in range(200):
             records = [quantised(0.1, 12.0, 0.1, seed, memory)]
-            best = min(hidden_steps(records), key=lambda it: abs(it.size - 0.1))
+            best = min(steps_under_noise(records), key=lambda it: abs(it.size - 0.1))
             scores.append((best.size - 0.1) / best.error)
         assert low < math.sqrt(np.mean(np.square(scores))) < high
 
@@ -57,7 +57,7 @@ def test_the_error_of_a_step_is_that_of_the_line_through_its_codes() -> None:
 def test_a_step_is_shown_once_and_not_by_its_fractions() -> None:
     walk = np.cumsum(np.random.default_rng(1).standard_normal(4000))
     records = [5.0 * np.round(walk / 5.0), 5.0 * np.round(walk[:500] / 5.0)]
-    found = np.array([one.size for one in hidden_steps(records)])
+    found = np.array([one.size for one in steps_under_noise(records)])
     assert found[0] == pytest.approx(5.0, rel=1e-3)
     parts = 5.0 / found[1:]
     assert np.all(np.abs(parts - np.round(parts)) > 0.03 * np.round(parts))
@@ -71,8 +71,8 @@ def test_a_step_that_one_record_hardly_shows_is_sure_by_several_of_the_same_code
         records = [
             np.round(it) + 0.26 * noise(2 * seed + k, 600, 0.0) for k, it in enumerate(smooth)
         ]
-        alone += [any(is_one(it) for it in hidden_steps([one])) for one in records]
-        both.append(any(is_one(it) for it in hidden_steps(records)))
+        alone += [any(is_one(it) for it in steps_under_noise([one])) for one in records]
+        both.append(any(is_one(it) for it in steps_under_noise(records)))
     assert np.mean(both) > 0.9
     assert np.mean(alone) < 0.6
 
@@ -82,7 +82,7 @@ def is_one(step: Step) -> bool:
 
 
 def test_values_that_do_not_move_have_no_step_and_bound_no_noise() -> None:
-    assert hidden_steps([np.full(100, 2.0)]) == []
+    assert steps_under_noise([np.full(100, 2.0)]) == []
     assert loudest(np.full(100, 2.0), 0.0) == math.inf
 
 

@@ -10,30 +10,30 @@ from servo_models.core.simulate import simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.conditions import carried_over, conditions
-from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.conditions import conditions, leave_one_condition_out
+from servo_models.diagnosis.fitting.fitted_model import Fitter
 from tests.support.diagnoses import made
 from tests.support.logs import changed
 
 RESISTANCES = (1500.0, 3600.0, 9000.0)
 
 
-def under(effects: dict[str, float]) -> Bench:
+def under(effects: dict[str, float]) -> Fitter:
     """The rig of ``made``, driven through three resistances that its logs tell."""
-    bench, _ = made(effects)
-    (log,) = bench.logs
-    noise = log.outputs["angle"] - _angle(bench, log, {"torque_constant": 5.5, **effects})
+    fitter, _ = made(effects)
+    (log,) = fitter.logs
+    noise = log.outputs["angle"] - _angle(fitter, log, {"torque_constant": 5.5, **effects})
     logs = []
     for resistance in RESISTANCES:
         values = {"torque_constant": 5.5, "resistance": resistance, **effects}
-        angle = _angle(bench, log, values) + noise
+        angle = _angle(fitter, log, values) + noise
         constants = {"resistance": resistance}
         logs.append(replace(log, outputs={"angle": angle}, constants=constants))
-    return replace(bench, logs=logs)
+    return replace(fitter, logs=logs)
 
 
-def _angle(bench: Bench, log: Log, values: dict[str, float]) -> Array:
-    rig = changed(bench.model, values)
+def _angle(fitter: Fitter, log: Log, values: dict[str, float]) -> Array:
+    rig = changed(fitter.model, values)
     return simulate(rig, log.times, log.inputs)["angle"]
 
 
@@ -43,20 +43,20 @@ def test_logs_are_grouped_by_what_was_constant() -> None:
 
 
 def test_two_conditions_say_nothing() -> None:
-    bench = under({})
-    bench = replace(bench, logs=bench.logs[:2])
-    assert carried_over(bench, bench.fit((), ())) == 0.0
+    fitter = under({})
+    fitter = replace(fitter, logs=fitter.logs[:2])
+    assert leave_one_condition_out(fitter, fitter.fit((), ())) == 0.0
 
 
 def test_the_cause_carries_over_and_what_imitates_it_does_not() -> None:
-    bench = under({"coulomb_friction.level": 2e-3})
+    fitter = under({"coulomb_friction.level": 2e-3})
     lost = {}
-    for one in candidates(bench.model, bench.logs):
+    for one in candidates(fitter.model, fitter.logs):
         if one.name in ("coulomb_friction", "viscous_friction", "hysteresis"):
-            lost[one.name] = carried_over(
-                bench, bench.fit((one.name,), one.at(one.trial_values[0]))
+            lost[one.name] = leave_one_condition_out(
+                fitter, fitter.fit((one.name,), one.at(one.trial_values[0]))
             )
     truth = lost.pop("coulomb_friction")
-    samples = sum(len(log.times) for log in bench.logs)
+    samples = sum(len(log.times) for log in fitter.logs)
     assert truth == pytest.approx(samples, rel=0.1)  # the noise, which is one floor
     assert all(it > 1.5 * truth for it in lost.values())

@@ -12,7 +12,7 @@ import pytest
 
 from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import DOUBTFUL_PROBABILITY, Codes, detection, sentence
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.sections import pictures
 from servo_models.report.style import figure
 from tests.support.diagnoses import made, with_hold
@@ -21,10 +21,10 @@ STEP, NOISE = 4e-3, 5e-4
 QUANTISER = "sensor_quantisation"
 
 
-def with_codes(truth: dict[str, float], step: float) -> Explanation:
-    bench, every = made(truth, NOISE)
-    values = {free.name: free.nominal for free in bench.nominal} | {f"{QUANTISER}.step": step}
-    return bench.unfit((QUANTISER,), every[QUANTISER].free, values)
+def with_codes(truth: dict[str, float], step: float) -> FittedModel:
+    fitter, every = made(truth, NOISE)
+    values = {free.name: free.nominal for free in fitter.nominal} | {f"{QUANTISER}.step": step}
+    return fitter.unfit((QUANTISER,), every[QUANTISER].free, values)
 
 
 def test_codes_are_as_bunched_as_the_noise_after_them_allows() -> None:
@@ -71,7 +71,7 @@ def test_the_page_draws_what_each_detector_sees() -> None:
         assert seen is not None
         assert sentence(seen) in drawn.text
         assert figure(drawn).axes[0].has_data()
-    found.claims = [SimpleNamespace(detected=None)]
+    found.ranking = [SimpleNamespace(detected=None)]
     assert pictures.detectors(found) == ()
 
 
@@ -80,14 +80,14 @@ def test_where_a_reading_rests_is_no_code(seed: int) -> None:
     """Eight levels anywhere, each for 150 samples, with noise: some step bunches most."""
     random = np.random.default_rng(seed)
     levels = np.repeat(random.uniform(-0.02, 0.02, 8), 150) + 4e-5 * random.standard_normal(1200)
-    bench, every = made({})
-    (log,) = bench.logs
+    fitter, every = made({})
+    (log,) = fitter.logs
     still = replace(log, outputs={"angle": levels})
-    bench = replace(bench, logs=[still])
+    fitter = replace(fitter, logs=[still])
     steps = np.geomspace(8e-4, 1e-2, 60)
-    nominal = {free.name: free.nominal for free in bench.nominal}
+    nominal = {free.name: free.nominal for free in fitter.nominal}
     seen = [
-        detection(bench.unfit((QUANTISER,), every[QUANTISER].free, {**nominal, **size}), QUANTISER)
+        detection(fitter.unfit((QUANTISER,), every[QUANTISER].free, {**nominal, **size}), QUANTISER)
         for size in ({f"{QUANTISER}.step": step} for step in steps)
     ]
     assert max(it.bunched for it in seen if it) > 0.5

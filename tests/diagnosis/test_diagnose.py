@@ -23,10 +23,10 @@ from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.fitting.evidence import Evidence, blocks
+from servo_models.diagnosis.fitting.crossval import CrossValidation, blocks
 from servo_models.diagnosis.gap import gaps, whole_gap
+from servo_models.diagnosis.held_out import HeldOut
 from servo_models.diagnosis.preconditions import slowest_time_constant
-from servo_models.diagnosis.unseen import Unseen
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -49,7 +49,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, Told]:
 def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagnosis, Told]) -> None:
     found, told = case
     fitted = [text for text in told if text.startswith("fitting ")]
-    for claim in found.claims:
+    for claim in found.ranking:
         assert any(text.split(";")[0].endswith(claim.name) for text in fitted) or claim.taken
     assert any("best so far transport_delay" in text for text in fitted)
     first = next(i for i, text in enumerate(told) if "best so far" in text)
@@ -60,7 +60,7 @@ def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagno
 def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
     told = read_description(case[0].logs[0].path.parent / "rig.toml")
     found = diagnose(told, left_out=["transport_delay"])
-    assert "transport_delay" not in {claim.name for claim in found.claims}
+    assert "transport_delay" not in {claim.name for claim in found.ranking}
     assert "transport_delay" not in summary.ruled_out(found)
 
 
@@ -132,7 +132,7 @@ def test_no_effect_is_blamed_where_parameters_alone_cannot_be_simulated(
     case: tuple[Diagnosis, Told], after: float
 ) -> None:
     found = replace(case[0])
-    found.__dict__["held_out"] = (Unseen("light", math.nan, after, worse=False),)
+    found.__dict__["held_out"] = (HeldOut("light", math.nan, after, worse=False),)
     (text,) = [text for text in summary.warnings(found) if "'light'" in text]
     assert "with parameters alone" in text
     assert "something else is missing" not in text
@@ -304,9 +304,9 @@ def test_gaps_of_outputs_make_up_the_gap_of_all(seed: int, size: float) -> None:
     random = np.random.default_rng(seed)
     parts = blocks(problem)
 
-    def stage(scale: float) -> Evidence:
+    def stage(scale: float) -> CrossValidation:
         errors = scale * random.normal(size=len(parts)) * np.where(parts % 2, 1.0, 3.0)
-        return Evidence(np.empty(0), errors, errors, parts)
+        return CrossValidation(np.empty(0), errors, errors, parts)
 
     before, retuned, after = stage(5.0 * size), stage(2.0 * size), stage(size)
     causes: Any = SimpleNamespace(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.search.causes import candidates
+from servo_models.diagnosis.search.selection import candidates
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "papers_gap"
 NOISE_SERVO = np.radians(0.05)

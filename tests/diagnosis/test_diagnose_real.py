@@ -14,7 +14,7 @@ import pytest
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
-from servo_models.diagnosis.search.causes import TOLERANCE
+from servo_models.diagnosis.search.selection import TOLERANCE
 from servo_models.diagnosis.verdict import OUTSIDE
 
 pytestmark = pytest.mark.thorough

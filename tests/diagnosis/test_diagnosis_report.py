@@ -89,7 +89,7 @@ def unsure(found: Diagnosis) -> Diagnosis:
     """As if the two best effects could not be told apart."""
     rivals = tuple(found.causes.singles[:2])
     members = tuple(name for one in rivals for name in one.effects)
-    claims = tuple(replace(one, in_set=one.name in members) for one in found.claims)
+    claims = tuple(replace(one, in_set=one.name in members) for one in found.ranking)
     verdict = replace(found.verdict, kind=EFFECT, members=members, rivals=rivals)
     return replace(found, verdict=verdict, claims=claims)
 
@@ -176,7 +176,7 @@ def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
     frame = found.tables()["Gap, RMS on stretches that no fit has seen"]
     assert frame["before [deg]"].to_list() == [np.degrees(found.gaps[0].rms["before"])]
     effects = found.tables()["Effects, most likely first"]
-    assert effects["effect"].to_list() == [claim.name for claim in found.claims]
+    assert effects["effect"].to_list() == [claim.name for claim in found.ranking]
 
 
 def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None:
@@ -333,7 +333,7 @@ def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begi
         found,
         causes=causes,
         verdict=replace(found.verdict, kind=kind, chances={}),
-        claims=tuple(replace(one, taken=False, in_set=False) for one in found.claims),
+        claims=tuple(replace(one, taken=False, in_set=False) for one in found.ranking),
     )
     text = _page(other)
     Page(text).assert_stands_alone()

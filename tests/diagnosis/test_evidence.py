@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.evidence import Evidence, consistency
+from servo_models.diagnosis.fitting.crossval import CrossValidation, consistency
 
 BLOCKS, ROWS = 20, 50
 
 
-def judged(sizes: Array, seed: int) -> Evidence:
+def judged(sizes: Array, seed: int) -> CrossValidation:
     """Errors at random of a size in each block."""
     random = np.random.default_rng(seed)
     errors = np.repeat(sizes, ROWS) * random.standard_normal(BLOCKS * ROWS)
-    return Evidence(np.empty(0), errors, errors, np.repeat(np.arange(BLOCKS), ROWS))
+    return CrossValidation(np.empty(0), errors, errors, np.repeat(np.arange(BLOCKS), ROWS))
 
 
 def chances(better: Array, worse: Array, count: int = 200) -> Array:

@@ -21,9 +21,9 @@ from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.experiments.commands import FAMILIES, Command
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.experiments.experiment_search import Stage
-from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.search.causes import find_causes
-from servo_models.diagnosis.search.staircases import shortened
+from servo_models.diagnosis.fitting.fitted_model import Fitter
+from servo_models.diagnosis.search.grid_search import shortened
+from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter
 from tests.conftest import Run
@@ -51,7 +51,7 @@ def verdict_on(*logs: Log) -> Verdict:
         free_parameter(parameters[name], chosen.values[name], prior)
         for name, prior in KNOWN.items()
     )
-    return decide(find_causes(Bench(chosen, logs, free, {"angle": FLOOR})))
+    return decide(select_effects(Fitter(chosen, logs, free, {"angle": FLOOR})))
 
 
 STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}
@@ -149,13 +149,13 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     chosen = nominal()
     parameters = chosen.plant.parameters
     free = (free_parameter(parameters["torque_constant"], 6.432, 1.6),)
-    bench = Bench(chosen, [first], free, {"angle": FLOOR})
+    fitter = Fitter(chosen, [first], free, {"angle": FLOOR})
     # the back EMF tells them apart; without it they are one model
     still = changed(chosen, {"back_emf_constant": 0.0})
-    bench = replace(bench, model=still)
-    retuned = bench.fit((), ())
+    fitter = replace(fitter, model=still)
+    retuned = fitter.fit((), ())
     gain = free_parameter(parameters["gain_error.error"], 0.0, None)
-    other = bench.fit(("gain_error",), [gain])
+    other = fitter.fit(("gain_error",), [gain])
     (found,) = next_experiments((other, retuned))
     assert found.separation < 0.1
     assert not found.telling
@@ -221,9 +221,9 @@ def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
     told = {}
     for size in (1.0, 1e-5):
         log = replace(first, outputs={"angle": size * first.outputs["angle"]})
-        bench = Bench(nominal(), [log], (), {"angle": FLOOR})
-        other = bench.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
-        stage = Stage((bench.unfit((), (), {}), other), 0)
+        fitter = Fitter(nominal(), [log], (), {"angle": FLOOR})
+        other = fitter.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
+        stage = Stage((fitter.unfit((), (), {}), other), 0)
         told[size] = stage.difference(Command("triangle", 0.0, 10.0, 0.05, 0), 0, 1)
     assert told[1.0] > 100.0
     assert told[1e-5] == 0.0
@@ -234,10 +234,10 @@ def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(fi
     still = replace(first, inputs={"voltage": 0.0 * TWO_LEVELS})
     spring = nominal().plant.parameters["stiffness"]
     value = nominal().values["stiffness"]
-    bench = Bench(
+    fitter = Fitter(
         nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}
     )
-    rivals = [bench.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
+    rivals = [fitter.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
     stage = Stage(rivals, 0)
     command = Command("triangle", 0.0, 10.0, 0.05, 0)
     assert stage.difference(command, 0, 1) > 50.0

@@ -10,13 +10,13 @@ import pytest
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.structure import LeftOver
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.fitting.residuals import Residuals
+from servo_models.diagnosis.held_out import held_out_scores
 from servo_models.diagnosis.repeatability import unrepeatable
-from servo_models.diagnosis.search.causes import find_causes
-from servo_models.diagnosis.search.screening import look
+from servo_models.diagnosis.search.screening import screen
+from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.search.starts import best_start
-from servo_models.diagnosis.unseen import unseen
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
@@ -31,8 +31,8 @@ THREE = {
 
 @pytest.mark.thorough
 def test_three_causes_are_named_and_no_fourth() -> None:
-    bench, _ = made(THREE)
-    causes = find_causes(bench)
+    fitter, _ = made(THREE)
+    causes = select_effects(fitter)
     assert set(causes.taken.effects) == {name.partition(".")[0] for name in THREE}
     assert set(causes.alike[0].effects) == set(causes.taken.effects)
     assert all(len(one.effects) == 3 for one in causes.alike)
@@ -42,17 +42,17 @@ def test_three_causes_are_named_and_no_fourth() -> None:
 
 
 def test_two_causes_are_not_joined_by_a_third() -> None:
-    bench, _ = made(dict(list(THREE.items())[:2]))
-    causes = find_causes(bench)
+    fitter, _ = made(dict(list(THREE.items())[:2]))
+    causes = select_effects(fitter)
     assert set(causes.taken.effects) == {"coulomb_friction", "drive_saturation"}
     assert not causes.more
 
 
 @pytest.mark.parametrize("name", ["drive_saturation", "coulomb_friction", "gear_compliance"])
 def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(name: str) -> None:
-    bench, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
-    seen = bench.fit((), ()).view
-    for sight in look((seen,), [every[name]])[:5]:
+    fitter, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
+    seen = fitter.fit((), ()).linearised
+    for sight in screen((seen,), [every[name]])[:5]:
         begin = best_start([sight])
         as_seen = {**sight.settings, **sight.seen.start(sight.whole)}
         assert begin.cost <= seen.cost(as_seen)
@@ -64,18 +64,18 @@ def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(
 def test_a_motion_that_the_effects_make_worse_is_named() -> None:
     """One held-out log is of the rig with its friction, the other of one without it, for which
     parameters alone are right."""
-    bench, _ = made({"coulomb_friction.level": 1.5e-3})
-    (log,) = bench.logs
+    fitter, _ = made({"coulomb_friction.level": 1.5e-3})
+    (log,) = fitter.logs
     plain = replace(
-        bench.model, values={**bench.model.values, **bench.finish(bench.fit((), ())).values}
+        fitter.model, values={**fitter.model.values, **fitter.finish(fitter.fit((), ())).values}
     )
     noise = 1e-5 * np.random.default_rng(4).standard_normal(len(log.times))
     angle = simulate(plain, log.times, log.inputs)["angle"] + noise
     held = replace(log, name="as fitted", held_out=np.ones(len(log.times), dtype=bool))
     other = replace(held, name="without friction", outputs={"angle": angle})
-    causes = find_causes(replace(bench, logs=[log, held, other]))
+    causes = select_effects(replace(fitter, logs=[log, held, other]))
     assert causes.taken.effects == ("coulomb_friction",)
-    same, plain_one = unseen(causes)
+    same, plain_one = held_out_scores(causes)
     assert (same.log, plain_one.log) == ("as fitted", "without friction")
     assert not same.worse
     assert same.after == pytest.approx(1.0, abs=0.1)
@@ -85,7 +85,7 @@ def test_a_motion_that_the_effects_make_worse_is_named() -> None:
     assert plain_one.after > 10.0
 
 
-def hunting(effect: str, step: float) -> Explanation:
+def hunting(effect: str, step: float) -> FittedModel:
     """The servo with a quantiser, its gain half a per cent off as after a fit."""
     nominal = model("sg90", "measured")
     rig = changed(nominal, {f"{effect}.step": step})
@@ -96,11 +96,11 @@ def hunting(effect: str, step: float) -> Explanation:
     free = free_parameter(
         nominal.plant.parameters[name], nominal.values[name], 0.05 * nominal.values[name]
     )
-    bench = Bench(nominal, [log], (free,), {"angle": 1e-4})
+    fitter = Fitter(nominal, [log], (free,), {"angle": 1e-4})
     every = {one.name: one for one in candidates(nominal, [log])}
     extra = every[effect].at({f"{effect}.step": step})
     values = {name: 1.005 * nominal.values[name], f"{effect}.step": step}
-    return bench.unfit((effect,), extra, values)
+    return fitter.unfit((effect,), extra, values)
 
 
 def test_a_quantiser_in_the_loop_makes_it_hunt() -> None:
@@ -114,12 +114,12 @@ def test_a_quantiser_outside_the_loop_repeats_itself(effect: str) -> None:
 
 
 def test_a_smooth_response_repeats_itself() -> None:
-    bench, _ = made({"drive_saturation.limit": 15.0})
-    assert unrepeatable(bench.fit((), ())) == 0.0
+    fitter, _ = made({"drive_saturation.limit": 15.0})
+    assert unrepeatable(fitter.fit((), ())) == 0.0
 
 
 def test_what_cannot_be_repeated_is_taken_off_what_is_left() -> None:
-    left = LeftOver(structured=5.0, least=4.0, noise=1.0, total=5.1)
+    left = Residuals(structured=5.0, least=4.0, noise=1.0, total=5.1)
     assert left.without(0.0) == left
     assert left.without(3.0) == replace(left, structured=4.0, least=np.sqrt(7.0))
     assert left.without(6.0).structured == left.without(6.0).least == 0.0

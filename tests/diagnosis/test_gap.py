@@ -13,10 +13,10 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.audit import REPEATS, RESIDUAL, audit, noise_floors
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.evidence import Evidence
-from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.gap import Gap, Reduction, closed, gaps, whole_gap
-from servo_models.diagnosis.search.causes import Causes
+from servo_models.diagnosis.fitting.crossval import CrossValidation
+from servo_models.diagnosis.fitting.fitted_model import Fitter
+from servo_models.diagnosis.gap import Gap, GapSummary, closed, gaps, whole_gap
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, log_of
 
@@ -45,8 +45,8 @@ def log(outputs: dict[str, Array], name: str = "one", kept: int = COUNT) -> Log:
 def found(*logs: Log) -> dict[str, Gap]:
     """Gaps of the nominal model, by output."""
     floors = {name: 1e-5 for log in logs for name in log.outputs}
-    nominal = Bench(MODEL, logs, (), floors).unfitted()
-    causes = Causes(nominal.evidence, nominal, [], [], [], nominal, {})
+    nominal = Fitter(MODEL, logs, (), floors).unfitted()
+    causes = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
     return {gap.output: gap for gap in gaps(causes, floors, dict.fromkeys(floors, ""), 0)}
 
 
@@ -75,8 +75,8 @@ def test_a_log_without_noise_has_a_floor_of_motion_alone() -> None:
     angle = {"current": simulate(MODEL, times, {"voltage": jumps})["current"]}
     moved = replace(log(angle), inputs={"voltage": jumps})
     floors = noise_floors([audit(moved, MODEL.plant)])
-    nominal = Bench(MODEL, (moved,), (), floors).unfitted()
-    causes = Causes(nominal.evidence, nominal, [], [], [], nominal, {})
+    nominal = Fitter(MODEL, (moved,), (), floors).unfitted()
+    causes = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
     (gap,) = gaps(causes, floors, {"current": RESIDUAL}, 0)
     assert gap.motion == pytest.approx(floors["current"], rel=1e-6)
     (gap,) = gaps(causes, floors, {"current": REPEATS}, 0)
@@ -161,9 +161,9 @@ def test_what_a_log_states_is_not_free_in_it() -> None:
     second = replace(second, constants={"resistance": value})
     first = log({"angle": simulated()["angle"]})
     free = free_parameter(MODEL.plant.parameters["resistance"], MODEL.values["resistance"], 100.0)
-    bench = Bench(MODEL, [first, second], (free,), {"angle": 1e-6})
-    assert bench.unfitted().evidence.rms < 1e-9
-    (run,) = bench.problem().runs[1:]
+    fitter = Fitter(MODEL, [first, second], (free,), {"angle": 1e-6})
+    assert fitter.unfitted().evidence.rms < 1e-9
+    (run,) = fitter.problem().runs[1:]
     assert run.with_constants({"resistance": 1.0, "stiffness": 2.0})["resistance"] == value
     assert run.with_constants({"resistance": 1.0, "stiffness": 2.0})["stiffness"] == 2.0
 
@@ -174,13 +174,13 @@ def test_what_stands_still_has_no_range() -> None:
     assert np.isnan(found(log({"angle": angle}, kept=500))["angle"].nrmse)
 
 
-def reduced(before: float, after: float, seed: int) -> Reduction:
+def reduced(before: float, after: float, seed: int) -> GapSummary:
     """The gap of independent errors, in 20 blocks of 50, over a noise floor of 1."""
     random, parts = np.random.default_rng(seed), np.repeat(np.arange(20), 50)
 
     def stage(size: float) -> Any:
         errors = size * random.standard_normal(len(parts))
-        return Evidence(np.empty(0), errors, errors, parts)
+        return CrossValidation(np.empty(0), errors, errors, parts)
 
     fitted = SimpleNamespace(evidence=stage(before))
     causes: Any = SimpleNamespace(
@@ -210,7 +210,7 @@ def test_a_gap_in_one_block_has_an_interval_that_says_something() -> None:
     random, parts = np.random.default_rng(2), np.repeat(np.arange(20), 50)
     after = random.standard_normal(len(parts))
     before = after + np.where(parts == 7, 15.0, 0.0)
-    first, last = (Evidence(np.empty(0), it, it, parts) for it in (before, after))
+    first, last = (CrossValidation(np.empty(0), it, it, parts) for it in (before, after))
     causes: Any = SimpleNamespace(
         before=first, retuned=SimpleNamespace(evidence=first), taken=SimpleNamespace(evidence=last)
     )

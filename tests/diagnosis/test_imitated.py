@@ -20,9 +20,9 @@ from servo_models.diagnosis import summary
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.experiments.experiment import next_experiments
-from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.fitting.nominal import nominal_parameters
-from servo_models.diagnosis.search.imitated import imitated_effects
+from servo_models.diagnosis.fitting.fitted_model import Fitter
+from servo_models.diagnosis.fitting.priors import prior_parameters
+from servo_models.diagnosis.search.masking import masked_effects
 from servo_models.diagnosis.search.screening import sights_of
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict
@@ -90,11 +90,11 @@ def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> Non
     without = response(parameters)
     measured = log.outputs["angle"] / found.floors["angle"]
     for one in found.imitated:
-        own = one.explanation.problem.model.values
+        own = one.fitted_model.problem.model.values
         effect = {k: v for k, v in own.items() if k.startswith(f"{one.name}.")}
         moved = response({**parameters, **effect}) - without
         assert np.sqrt(np.mean(moved**2)) == pytest.approx(one.moved, rel=1e-6)
-        errors = response({**one.explanation.values, **effect}) - measured
+        errors = response({**one.fitted_model.values, **effect}) - measured
         more = np.sum(errors**2) - np.sum((without - measured) ** 2)
         assert more < noise**2
         assert one.moved > found.tolerance
@@ -208,10 +208,10 @@ def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
 
 def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
     told = read_description(found.logs[0].path.parent / "rig.toml")
-    bench = Bench(told.model, told.logs, nominal_parameters(told), found.floors)
-    retuned = bench.finish(bench.fit((), ()))
-    sights = sights_of([retuned.view], candidates(bench.model, bench.logs))
-    one, other = (imitated_effects(bench, retuned, it, 2.0) for it in (sights, sights[::-1]))
+    fitter = Fitter(told.model, told.logs, prior_parameters(told), found.floors)
+    retuned = fitter.finish(fitter.fit((), ()))
+    sights = sights_of([retuned.linearised], candidates(fitter.model, fitter.logs))
+    one, other = (masked_effects(fitter, retuned, it, 2.0) for it in (sights, sights[::-1]))
     assert {it.name: it.moved for it in one} == {it.name: it.moved for it in other}
 
 

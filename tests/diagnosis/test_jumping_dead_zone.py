@@ -8,9 +8,9 @@ import pytest
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.explanation import Bench
+from servo_models.diagnosis.fitting.fitted_model import Fitter
 from servo_models.diagnosis.search.fits import beside, starts_of
-from servo_models.diagnosis.search.screening import look
+from servo_models.diagnosis.search.screening import screen
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, measured
 
@@ -19,7 +19,7 @@ PRIORS = {"motor_time_constant": 0.1, "motor_gain": 0.15, "amplifier_gain": 0.05
 """Standard deviations over the nominal values."""
 
 
-def rig(half_width: float, kept: float) -> tuple[Bench, Candidate]:
+def rig(half_width: float, kept: float) -> tuple[Fitter, Candidate]:
     """The linear servo with a dead zone, under steps of several sizes and a slow triangle."""
     nominal = model("sg90", "linear")
     times: Array = 0.02 * np.arange(3000.0)
@@ -35,7 +35,7 @@ def rig(half_width: float, kept: float) -> tuple[Bench, Candidate]:
         for name, share in PRIORS.items()
     )
     (one,) = [it for it in candidates(nominal, [log]) if it.name == "drive_dead_zone"]
-    return Bench(nominal, [log], free, {"angle": NOISE}).surveyed(), one
+    return Fitter(nominal, [log], free, {"angle": NOISE}).surveyed(), one
 
 
 @pytest.mark.thorough
@@ -44,10 +44,10 @@ def rig(half_width: float, kept: float) -> tuple[Bench, Candidate]:
 )
 def test_a_fit_finds_the_part_that_is_kept(half_width: float, kept: float) -> None:
     """All that a fit is told of it is what is seen of dead zones that keep nothing."""
-    bench, one = rig(half_width, kept)
-    first = bench.fit((), ())
-    ((_, own),) = starts_of(look((first.view,), [one]))
-    found = beside(bench, first, own)
+    fitter, one = rig(half_width, kept)
+    first = fitter.fit((), ())
+    ((_, own),) = starts_of(screen((first.linearised,), [one]))
+    found = beside(fitter, first, own)
     assert found.values["drive_dead_zone.kept"] == pytest.approx(kept, abs=0.03)
     assert found.evidence.rms < 1.3
     assert first.evidence.rms > 50.0

@@ -14,14 +14,14 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
+from servo_models.diagnosis.fitting.crossval import advantage
 from servo_models.diagnosis.fitting.discontinuous import shifted
-from servo_models.diagnosis.fitting.evidence import advantage
-from servo_models.diagnosis.fitting.explanation import Bench
-from servo_models.diagnosis.fitting.worth import LIKELY, earns
+from servo_models.diagnosis.fitting.entry_test import LIKELY, passes_entry_test
+from servo_models.diagnosis.fitting.fitted_model import Fitter
 from servo_models.diagnosis.search.fits import beside
-from servo_models.diagnosis.search.pairs_seen import pairs
-from servo_models.diagnosis.search.screening import look
-from servo_models.diagnosis.search.staircases import shortlist
+from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.pair_screening import pairs
+from servo_models.diagnosis.search.screening import screen
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, log_of
@@ -52,15 +52,15 @@ def test_the_least_in_a_box_is_that_of_a_library(seed: int, twins: bool, shut: b
 
 def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     """A fit that its bounds have stopped leaves what it leaves, alone or beside an effect."""
-    bench, every = made({"sensor_offset.value": 2e-3, "torque_constant": 3.0})
-    held = [replace(it, low=0.98 * it.nominal, high=1.02 * it.nominal) for it in bench.nominal]
-    bench = replace(bench, nominal=tuple(held))
-    retuned = bench.finish(bench.fit((), ()))
+    fitter, every = made({"sensor_offset.value": 2e-3, "torque_constant": 3.0})
+    held = [replace(it, low=0.98 * it.nominal, high=1.02 * it.nominal) for it in fitter.nominal]
+    fitter = replace(fitter, nominal=tuple(held))
+    retuned = fitter.finish(fitter.fit((), ()))
     assert "low" in retuned.problem.sides(retuned.evidence.vector)
-    assert retuned.view.left == pytest.approx(retuned.cost, rel=1e-3)
-    sights = look((retuned.view,), [every["sensor_offset"], every["sensor_nonlinearity"]])
+    assert retuned.linearised.left == pytest.approx(retuned.cost, rel=1e-3)
+    sights = screen((retuned.linearised,), [every["sensor_offset"], every["sensor_nonlinearity"]])
     sight = next(it for it in sights if it.candidate.name == "sensor_offset")
-    found = beside(bench, retuned, [sight])
+    found = beside(fitter, retuned, [sight])
     assert found.cost == pytest.approx(sight.left, rel=0.02)
     both, other = pairs(sights)[0]
     assert {both.candidate.name, other.candidate.name} == {"sensor_offset", "sensor_nonlinearity"}
@@ -84,8 +84,8 @@ def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:
         nominal.values["transport_delay.time"],
         0.01,
     )
-    bench = Bench(nominal, [log], (free,), names)
-    found = bench.fit((), ())
+    fitter = Fitter(nominal, [log], (free,), names)
+    found = fitter.fit((), ())
     assert found.values["transport_delay.time"] == pytest.approx(delay, abs=0.1 * step)
     assert found.evidence.rms < 1.2
 
@@ -118,36 +118,36 @@ def test_no_search_ends_on_the_edge_of_a_stair() -> None:
         inputs = {"pulse_width": pulse}
         told = simulate(replace(nominal, values={**known, **rig}), times, inputs)
         read = {it: told[it] + noise * random.standard_normal(count) for it, noise in names.items()}
-        bench = Bench(nominal, [log_of(times, inputs, read)], free, names)
-        left.append(bench.fit((), ()).evidence.rms)
+        fitter = Fitter(nominal, [log_of(times, inputs, read)], free, names)
+        left.append(fitter.fit((), ()).evidence.rms)
     assert max(left) < 1.2
 
 
 def test_where_nothing_jumps_no_delay_is_moved() -> None:
-    bench, every = made({"transport_delay.time": 2e-3})
-    problem = bench.problem(every["transport_delay"].at({"transport_delay.time": 1e-3}))
+    fitter, every = made({"transport_delay.time": 2e-3})
+    problem = fitter.problem(every["transport_delay"].at({"transport_delay.time": 1e-3}))
     before = problem.memory.evaluations
     assert shifted(problem, problem.start) is None
     assert problem.memory.evaluations == before
 
 
 def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
-    bench, every = made({"sensor_offset.value": 1e-5})
-    retuned = bench.finish(bench.fit((), ()))
-    sights = look((retuned.view,), [every["sensor_offset"]])
-    found = beside(bench, retuned, sights[:1])
+    fitter, every = made({"sensor_offset.value": 1e-5})
+    retuned = fitter.finish(fitter.fit((), ()))
+    sights = screen((retuned.linearised,), [every["sensor_offset"]])
+    found = beside(fitter, retuned, sights[:1])
     worth = advantage(found.evidence, retuned.evidence)
     assert worth > LIKELY
-    assert earns(replace(found, chance=0.0), retuned)
-    assert not earns(replace(found, chance=0.6 * (worth - LIKELY)), retuned)
+    assert passes_entry_test(replace(found, chance=0.0), retuned)
+    assert not passes_entry_test(replace(found, chance=0.6 * (worth - LIKELY)), retuned)
 
 
 def test_a_phase_goes_on_beyond_half_a_turn() -> None:
     """A ripple sought from the other side of half a turn: the way there leads over the bound."""
     true = {"cogging.torque": 3e-4, "cogging.phase": -2.97}
-    bench, every = made(true)
-    best = bench.fit(("cogging",), every["cogging"].at(true))
-    found = bench.fit(("cogging",), every["cogging"].at({**true, "cogging.phase": 2.9}))
+    fitter, every = made(true)
+    best = fitter.fit(("cogging",), every["cogging"].at(true))
+    found = fitter.fit(("cogging",), every["cogging"].at({**true, "cogging.phase": 2.9}))
     assert found.values["cogging.phase"] < 0.0
     assert found.cost == pytest.approx(best.cost, rel=1e-3)
 
@@ -168,18 +168,18 @@ def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
     log = log_of(times, {"pulse_width": pulse}, read)
     delay = nominal.plant.parameters["transport_delay.time"]
     free = (free_parameter(delay, nominal.values[delay.name], 0.01),)
-    bench = Bench(nominal, [log], free, {"angle_reading": noise})
-    retuned = bench.fit((), ())
+    fitter = Fitter(nominal, [log], free, {"angle_reading": noise})
+    retuned = fitter.fit((), ())
     assert retuned.values[delay.name] > nominal.values[delay.name] + 0.3 * period
     (hold,) = [it for it in candidates(nominal, [log]) if it.name == "sample_hold"]
-    sight = look((retuned.view,), shortlist(bench, retuned, [hold]))[0]
+    sight = screen((retuned.linearised,), shortlist(fitter, retuned, [hold]))[0]
     assert sight.settings["sample_hold.period"] == pytest.approx(period, rel=3e-3)
 
 
 def test_half_of_what_a_limit_on_a_rate_does_is_twice_the_rate() -> None:
     """And no small part of a tight one counts: it imitates a lag, and no fit leads away."""
-    bench, every = made({"rate_limit.rate": 5000.0, "null_shift.angle": 2e-3})
-    seen = look((bench.fit((), ()).view,), [every["rate_limit"]])
+    fitter, every = made({"rate_limit.rate": 5000.0, "null_shift.angle": 2e-3})
+    seen = screen((fitter.fit((), ()).linearised,), [every["rate_limit"]])
     assert 2500.0 < seen[0].settings["rate_limit.rate"] < 10000.0
     assert seen[0].at(0.5)["rate_limit.rate"] == 2.0 * seen[0].settings["rate_limit.rate"]
     assert min(it.share for it in seen) > 0.49

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.view import View
-from servo_models.diagnosis.search.causes import find_causes
+from servo_models.diagnosis.fitting.linearisation import Linearisation
 from servo_models.diagnosis.search.fits import TRIED, Teller, beside, likeliest, settled
-from servo_models.diagnosis.search.further import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.search.looks import SIZES, Looks, narrowed, seen_beside
-from servo_models.diagnosis.search.pairing import lookalikes, promising
-from servo_models.diagnosis.search.pairs_seen import left_beside, pairs
-from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.search.forward import RIVAL, RIVALS, _rivals
+from servo_models.diagnosis.search.pair_screening import pairs, residual_beside
+from servo_models.diagnosis.search.pairing import ambiguous, promising
+from servo_models.diagnosis.search.preselection import SIZES, Looks, preselect, seen_beside
+from servo_models.diagnosis.search.screening import Screened, screen
+from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
@@ -36,10 +36,12 @@ PAIR = {"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0}
 
 
 def test_effects_that_change_the_response_alike_take_one_place() -> None:
-    bench, every = made({"coulomb_friction.level": 2e-3})
+    fitter, every = made({"coulomb_friction.level": 2e-3})
     one = every["coulomb_friction"]
     twins = [one, replace(one, name="first twin"), replace(one, name="second twin")]
-    seen = look((bench.fit((), ()).view,), [*twins, every["cogging"], every["sensor_offset"]])
+    seen = screen(
+        (fitter.fit((), ()).linearised,), [*twins, every["cogging"], every["sensor_offset"]]
+    )
     chosen = [name for name, _ in promising(seen, np.inf, 2)]
     assert len(chosen) == 2
     assert len({"coulomb_friction", "first twin", "second twin"} & set(chosen)) == 1
@@ -50,11 +52,11 @@ def test_effects_that_change_the_response_alike_take_one_place() -> None:
 def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
     """Under a constant load, friction in proportion to it is Coulomb friction."""
     load = {"coulomb_friction.level": 1.5e-3, "constant_load.torque": 4e-3}
-    bench, every = made({**load, "cogging.torque": 3e-4, "cogging.count": 200.0})
+    fitter, every = made({**load, "cogging.torque": 3e-4, "cogging.count": 200.0})
     names = ("coulomb_friction", "constant_load")
-    found = bench.fit(names, [free for name in names for free in every[name].at(load)])
+    found = fitter.fit(names, [free for name in names for free in every[name].at(load)])
     assert not settled(found)
-    alike = lookalikes(bench, found, list(every.values()), Teller())
+    alike = ambiguous(fitter, found, list(every.values()), Teller())
     twin = next(it for it in alike if set(it.effects) == {"constant_load", "load_friction"})
     assert twin.cost == pytest.approx(found.cost, rel=1e-3)
 
@@ -62,15 +64,15 @@ def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
 def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     """Alone it takes a count that imitates the friction as well."""
     true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
-    bench, every = made({**true, "stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1})
-    sights = look((bench.fit((), ()).view,), list(every.values()))
-    near = narrowed(every.values(), sights)
+    fitter, every = made({**true, "stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1})
+    sights = screen((fitter.fit((), ()).linearised,), list(every.values()))
+    near = preselect(every.values(), sights)
     (ripple,) = [one for one in near if one.name == "cogging"]
     assert ripple.trial_values == every["cogging"].trial_values
     friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
-    first = bench.fit(("stribeck_friction",), friction)
+    first = fitter.fit(("stribeck_friction",), friction)
     own = [it for it in seen_beside(first, near) if it.candidate.name == "cogging"]
-    found = beside(bench, first, own[:TRIED]).values
+    found = beside(fitter, first, own[:TRIED]).values
     assert found["cogging.count"] == pytest.approx(200.0, rel=0.01)
     assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
 
@@ -90,12 +92,12 @@ def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
     first: dict[str, float], second: dict[str, float]
 ) -> None:
     """None of these laws adds to another one, and the sizes are those that would do if they did."""
-    bench, every = made({**first, **second})
-    near = narrowed(every.values(), look((bench.fit((), ()).view,), list(every.values())))
+    fitter, every = made({**first, **second})
+    near = preselect(every.values(), screen((fitter.fit((), ()).linearised,), list(every.values())))
     (name,), (cause,) = ({it.partition(".")[0] for it in part} for part in (first, second))
-    fitted = bench.fit((name,), every[name].at(first))
+    fitted = fitter.fit((name,), every[name].at(first))
     few = seen_beside(fitted, near)
-    most = look((fitted.view,), [one for one in every.values() if one.name != name])
+    most = screen((fitted.linearised,), [one for one in every.values() if one.name != name])
     smooth = [one.name for one in near if len(one.alone) > SIZES and one.name != name]
     assert len(smooth) > 10
     best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
@@ -119,7 +121,7 @@ def test_a_near_start_weighs_parameters_as_a_library_does(
     m = problem.samples + len(problem.free)
     one, other, errors, whole = random.standard_normal((4, m))
     slopes = np.column_stack([one, one + apart * other])
-    seen = View(problem, problem.nominal, errors, slopes)
+    seen = Linearisation(problem, problem.nominal, errors, slopes)
     heavy = np.sqrt(np.mean(errors**2)) * np.eye(2)
     wanted = -np.concatenate([errors + whole, np.zeros(2)])
     step = np.linalg.lstsq(np.vstack([slopes, heavy]), wanted, rcond=None)[0]
@@ -136,9 +138,9 @@ def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
     """A pair is seen with the ripple at the count and phase that it has beside the friction."""
     true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
     friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
-    bench, every = made({**true, **friction})
+    fitter, every = made({**true, **friction})
     wanted = [every[name] for name in ("cogging", "stribeck_friction")]
-    sights = look((bench.fit((), ()).view,), wanted)
+    sights = screen((fitter.fit((), ()).linearised,), wanted)
     alone = next(it for it in sights if it.candidate.name == "cogging")
     ((one, other),) = pairs(sights)
     ripple = one if one.candidate.name == "cogging" else other
@@ -149,16 +151,16 @@ def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
 
 
 def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench, every = made({"coulomb_friction.level": 2e-3})
-    first = bench.fit(("coulomb_friction",), every["coulomb_friction"].free)
+    fitter, every = made({"coulomb_friction.level": 2e-3})
+    first = fitter.fit(("coulomb_friction",), every["coulomb_friction"].free)
     others = [every[name] for name in ("cogging", "stribeck_friction", "dead_band")]
     looks, asked = Looks(), []
 
     def counted(views: Any, wanted: Any, corrected: bool = True) -> Any:
         asked.append([one.name for one in wanted])
-        return look(views, wanted, corrected)
+        return screen(views, wanted, corrected)
 
-    monkeypatch.setattr("servo_models.diagnosis.search.looks.look", counted)
+    monkeypatch.setattr("servo_models.diagnosis.search.preselection.screen", counted)
     found = looks.beside(first, others[:2])
     again = looks.beside(first, others)
     assert asked == [["cogging", "stribeck_friction"], ["dead_band"]]
@@ -171,15 +173,15 @@ def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch
 def test_a_fit_begins_with_several_shapes() -> None:
     """Slopes from a wrong one may lead to its bound: friction at 5 mrad/s for that at 100."""
     friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
-    bench, every = made(friction)
+    fitter, every = made(friction)
     one = every["stribeck_friction"]
-    sights = look((bench.fit((), ()).view,), [one])
+    sights = screen((fitter.fit((), ()).linearised,), [one])
     tried = likeliest(sights)
     speeds = [it.settings["stribeck_friction.speed"] for it in tried]
     assert len(set(speeds)) == len(speeds) == TRIED
     assert tried[0] is sights[0]
     wrong = sorted(tried, key=lambda it: it.settings["stribeck_friction.speed"])
-    found = beside(bench, bench.fit((), ()), wrong[:2])
+    found = beside(fitter, fitter.fit((), ()), wrong[:2])
     assert found.values["stribeck_friction.speed"] == pytest.approx(0.1, rel=0.1)
 
 
@@ -187,19 +189,21 @@ def test_a_fit_begins_with_several_shapes() -> None:
 def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
     seed: int, count: int, others: int
 ) -> None:
-    bench, every = made({"coulomb_friction.level": 2e-3})
-    problem = bench.problem()
+    fitter, every = made({"coulomb_friction.level": 2e-3})
+    problem = fitter.problem()
     random = np.random.default_rng(seed)
     m = problem.samples + len(problem.free)
-    seen = View(problem, problem.nominal, random.standard_normal(m), random.standard_normal((m, 2)))
+    seen = Linearisation(
+        problem, problem.nominal, random.standard_normal(m), random.standard_normal((m, 2))
+    )
 
-    def sight(name: str) -> Sight:
+    def sight(name: str) -> Screened:
         change = random.standard_normal(m) * random.uniform(0.1, 3.0)
-        return Sight(seen, every[name], {}, 1.0, change, seen.without(change), 0.0)
+        return Screened(seen, every[name], {}, 1.0, change, seen.without(change), 0.0)
 
     sights = [sight("sample_hold") for _ in range(count)]
     beside_them = [sight(name) for name in list(SHARED)[:others]]
-    found = left_beside(sights, beside_them)
+    found = residual_beside(sights, beside_them)
     for one, left in zip(sights, found):
         rest = seen.without(seen.errors + one.change)
         expected = min(
@@ -213,20 +217,20 @@ def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
 def test_smooth_pairs_spare_the_search_for_staircases() -> None:
     """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
     heard: list[str] = []
-    causes = find_causes(made(PAIR)[0], tell=heard.append)
+    causes = select_effects(made(PAIR)[0], tell=heard.append)
     assert set(causes.taken.effects) == {name.partition(".")[0] for name in PAIR}
     assert not any("staircases" in it for it in heard)
     heard.clear()
     hold = {"coulomb_friction.level": 2e-3, "sample_hold.period": 2.43e-3}
-    causes = find_causes(made(hold, 2e-4, sweep=50.0)[0], tell=heard.append)
+    causes = select_effects(made(hold, 2e-4, sweep=50.0)[0], tell=heard.append)
     assert set(causes.taken.effects) == {"coulomb_friction", "sample_hold"}
     assert any("staircases" in it for it in heard)
 
 
 @pytest.mark.parametrize("kept", [(), ("dead_band",), ("cogging",)])
 def test_where_hardly_any_effect_is_left_the_gap_is_outside(kept: tuple[str, ...]) -> None:
-    bench, every = made(PAIR)
-    causes = find_causes(bench, left_out=[name for name in every if name not in kept])
+    fitter, every = made(PAIR)
+    causes = select_effects(fitter, left_out=[name for name in every if name not in kept])
     assert set(causes.taken.effects) <= set(kept)
     assert decide(causes).kind == OUTSIDE
 

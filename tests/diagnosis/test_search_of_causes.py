@@ -14,21 +14,21 @@ from scipy.optimize import least_squares, lsq_linear
 from servo_models.core.simulate import model
 from servo_models.data.description import read_description
 from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.fitting.crossval import blocks, cross_validate
 from servo_models.diagnosis.fitting.descent import _Point, _step, descend
-from servo_models.diagnosis.fitting.evidence import blocks, judge
-from servo_models.diagnosis.fitting.nominal import BELIEVED, nominal_parameters
+from servo_models.diagnosis.fitting.priors import BELIEVED, prior_parameters
+from servo_models.diagnosis.search.detectability import reaches
 from servo_models.diagnosis.search.fits import beside
-from servo_models.diagnosis.search.reach import reaches
-from servo_models.diagnosis.search.screening import look
-from servo_models.diagnosis.search.staircases import shortlist
+from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.trial_values import travel
 from servo_models.identification.problem import Free
 from tests.support.diagnoses import made
 
 
 def test_a_short_search_ends_where_a_library_does() -> None:
-    bench, every = made({"coulomb_friction.level": 2e-3})
-    problem = bench.problem(every["coulomb_friction"].at({"coulomb_friction.level": 1e-3}))
+    fitter, every = made({"coulomb_friction.level": 2e-3})
+    problem = fitter.problem(every["coulomb_friction"].at({"coulomb_friction.level": 1e-3}))
     vector, met, _ = descend(problem, problem.start, 1e-9, 100)
     library = least_squares(problem.residuals, problem.start, bounds=problem.bounds, xtol=1e-12)
     assert met
@@ -38,9 +38,9 @@ def test_a_short_search_ends_where_a_library_does() -> None:
 
 
 def test_a_short_search_stays_inside_its_bounds() -> None:
-    bench, every = made({"coulomb_friction.level": 2e-3})
+    fitter, every = made({"coulomb_friction.level": 2e-3})
     (level,) = every["coulomb_friction"].at({"coulomb_friction.level": 5e-4})
-    problem = bench.problem([replace(level, high=1e-3)])
+    problem = fitter.problem([replace(level, high=1e-3)])
     vector, _, _ = descend(problem, problem.start, 1e-6, 50)
     assert problem.sides(vector)[-1] == "high"
     assert np.all(vector <= problem.bounds[1])
@@ -66,13 +66,13 @@ def test_a_step_leads_down_inside_the_box_however_degenerate(seed: int, damping:
 
 def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:
     """Both share a problem, which remembers only the best of all."""
-    bench, every = made({"coulomb_friction.level": 2e-3})
+    fitter, every = made({"coulomb_friction.level": 2e-3})
     level = every["coulomb_friction"].at({"coulomb_friction.level": 1e-4})
-    rough = bench.unfit(
-        ("coulomb_friction",), level, {f.name: f.start for f in (*bench.nominal, *level)}
+    rough = fitter.unfit(
+        ("coulomb_friction",), level, {f.name: f.start for f in (*fitter.nominal, *level)}
     )
     left = rough.cost
-    further = bench.again(rough)
+    further = fitter.again(rough)
     assert further.cost < 0.5 * left
     assert rough.cost == left
     whole = further.problem.residuals(further.evidence.vector)
@@ -80,20 +80,20 @@ def test_what_a_fit_has_left_does_not_change_when_it_is_fitted_on() -> None:
 
 
 def test_without_free_parameters_an_explanation_is_the_model() -> None:
-    bench, _ = made({})
-    fixed = replace(bench, nominal=())
+    fitter, _ = made({})
+    fixed = replace(fitter, nominal=())
     found = fixed.fit((), ())
     assert found.evidence.rms == pytest.approx(fixed.unfitted().evidence.rms)
 
 
 def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> None:
     """An offset of the reading is linear: the look's start is the answer."""
-    bench, every = made({"sensor_offset.value": 2e-3})
-    retuned = bench.finish(bench.fit((), ()))
+    fitter, every = made({"sensor_offset.value": 2e-3})
+    retuned = fitter.finish(fitter.fit((), ()))
     wanted = [every["sensor_offset"], every["coulomb_friction"]]
-    sights = look((retuned.view,), wanted)
+    sights = screen((retuned.linearised,), wanted)
     assert sights[0].candidate.name == "sensor_offset"
-    found = beside(bench, retuned, sights[:1])
+    found = beside(fitter, retuned, sights[:1])
     assert found.cost == pytest.approx(sights[0].left, rel=0.02)
     assert found.values["sensor_offset.value"] == pytest.approx(2e-3, rel=0.01)
     whole = np.sqrt(np.mean(sights[0].difference ** 2))
@@ -103,10 +103,10 @@ def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> No
 
 def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
     truth = {"cogging.torque": 4e-4, "cogging.count": 230.0, "cogging.phase": -1.2}
-    bench, every = made(truth)
-    retuned = bench.finish(bench.fit((), ()))
-    sights = look((retuned.view,), [every["cogging"]])
-    found = beside(bench, retuned, sights[:2])
+    fitter, every = made(truth)
+    retuned = fitter.finish(fitter.fit((), ()))
+    sights = screen((retuned.linearised,), [every["cogging"]])
+    found = beside(fitter, retuned, sights[:2])
     assert found.values["cogging.count"] == pytest.approx(230.0, rel=0.01)
     assert found.values["cogging.torque"] == pytest.approx(4e-4, rel=0.05)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.1)
@@ -115,44 +115,44 @@ def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
 def test_a_hold_is_found_though_no_size_near_it_looks_like_it() -> None:
     """The peak is narrower than one part in a hundred, and constants have made up for it."""
     period = 2.43e-3
-    bench, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
-    retuned = bench.finish(bench.fit((), ()))
-    sights = look((retuned.view,), shortlist(bench, retuned, [every["sample_hold"]]))
-    found = beside(bench, retuned, sights[:2])
+    fitter, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
+    retuned = fitter.finish(fitter.fit((), ()))
+    sights = screen((retuned.linearised,), shortlist(fitter, retuned, [every["sample_hold"]]))
+    found = beside(fitter, retuned, sights[:2])
     assert found.values["sample_hold.period"] == pytest.approx(period, rel=2e-3)
 
 
 def test_a_stiff_resonance_is_followed_beyond_its_reach() -> None:
     """Behind a stiff spring an inertia is nearly rigid; what is left of it tells them apart."""
     truth = {"gear_compliance.inertia": 9.5e-7, "gear_compliance.compliance": 0.2}
-    bench, every = made({**truth, "gear_compliance.damping": 0.05}, noise=1e-6)
-    retuned = bench.finish(bench.fit((), ()))
+    fitter, every = made({**truth, "gear_compliance.damping": 0.05}, noise=1e-6)
+    retuned = fitter.finish(fitter.fit((), ()))
     found = {}
     for name in ("gear_compliance", "load_inertia"):
-        sights = look((retuned.view,), [every[name]])
-        found[name] = beside(bench, retuned, sights[:2])
+        sights = screen((retuned.linearised,), [every[name]])
+        found[name] = beside(fitter, retuned, sights[:2])
     stiff, rigid = found["gear_compliance"], found["load_inertia"]
     assert stiff.values["gear_compliance.compliance"] == pytest.approx(0.2, rel=0.1)
     assert stiff.loss < rigid.loss
 
 
 def test_only_a_bound_that_holds_a_fit_back_makes_a_disguise() -> None:
-    bench, every = made({"coulomb_friction.level": 2e-3})
+    fitter, every = made({"coulomb_friction.level": 2e-3})
     (level,) = every["coulomb_friction"].at({"coulomb_friction.level": 1e-3})
-    held = bench.fit(("coulomb_friction",), [replace(level, high=1e-3)])
-    at_the_best = bench.fit(("coulomb_friction",), [level]).values[level.name]
-    idle = bench.fit(("coulomb_friction",), [replace(level, high=0.9999 * at_the_best)])
+    held = fitter.fit(("coulomb_friction",), [replace(level, high=1e-3)])
+    at_the_best = fitter.fit(("coulomb_friction",), [level]).values[level.name]
+    idle = fitter.fit(("coulomb_friction",), [replace(level, high=0.9999 * at_the_best)])
     assert held.disguised
     assert not idle.disguised
     assert idle.problem.sides(idle.evidence.vector)[-1] == "high"
 
 
 def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
-    bench, every = made({"command_quantisation.step": 3.137})
-    retuned = bench.finish(bench.fit((), ()))
+    fitter, every = made({"command_quantisation.step": 3.137})
+    retuned = fitter.finish(fitter.fit((), ()))
     one = every["command_quantisation"]
-    sights = look((retuned.view,), shortlist(bench, retuned, [one]))
-    found = beside(bench, retuned, sights[:2])
+    sights = screen((retuned.linearised,), shortlist(fitter, retuned, [one]))
+    found = beside(fitter, retuned, sights[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
 
@@ -168,18 +168,18 @@ def test_a_reading_is_quantised_where_its_codes_show_it() -> None:
 
 
 def test_a_reading_without_codes_is_not_quantised_at_any_size() -> None:
-    bench, _ = made({}, noise=3e-4)
-    (log,) = bench.logs
+    fitter, _ = made({}, noise=3e-4)
+    (log,) = fitter.logs
     late = slice(600, None)  # a chirp, which rests nowhere
     chirp = replace(
         log, times=log.times[:600], rows=log.rows[late], held_out=log.held_out[late],
         inputs={"voltage": log.inputs["voltage"][late]},
         outputs={"angle": log.outputs["angle"][late]},
     )  # fmt: skip
-    one = {it.name: it for it in candidates(bench.model, [chirp])}["sensor_quantisation"]
+    one = {it.name: it for it in candidates(fitter.model, [chirp])}["sensor_quantisation"]
     assert one.trial_values == ()
     assert one.trials == 1
-    assert look((bench.fit((), ()).view,), [one]) == []
+    assert screen((fitter.fit((), ()).linearised,), [one]) == []
 
 
 def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
@@ -196,10 +196,10 @@ def test_a_resonance_stays_near_the_frequency_at_which_it_was_seen() -> None:
 @pytest.mark.parametrize("share", [1e-6, 1e-2, 1.0, 100.0])
 def test_every_effect_is_looked_at_whatever_the_travel(share: float) -> None:
     """A travel too small for one period of any ripple left none to look at."""
-    bench, _ = made({})
-    (log,) = bench.logs
+    fitter, _ = made({})
+    (log,) = fitter.logs
     small = replace(log, outputs={"angle": share * log.outputs["angle"]})
-    for one in candidates(bench.model, [small]):
+    for one in candidates(fitter.model, [small]):
         assert one.trial_values or one.name == "sensor_quantisation"
         assert one.trials >= len(one.trial_values)
         for settings in one.trial_values:
@@ -218,7 +218,7 @@ def test_nominal_parameters_stay_within_what_is_believed(tmp_path: Path) -> None
         "outputs.angle = { column = 'y', unit = 'deg' }\n"
     )
     told = read_description(tmp_path / "rig.toml")
-    free: dict[str, Free] = {one.name: one for one in nominal_parameters(told)}
+    free: dict[str, Free] = {one.name: one for one in prior_parameters(told)}
     constant = free["torque_constant"]
     assert constant.high == pytest.approx((1.0 + 0.1 * BELIEVED) * constant.nominal)
     assert constant.low == pytest.approx((1.0 - 0.1 * BELIEVED) * constant.nominal)
@@ -226,13 +226,13 @@ def test_nominal_parameters_stay_within_what_is_believed(tmp_path: Path) -> None
 
 def test_a_block_left_out_never_more_than_doubles_its_errors() -> None:
     """Also where one block alone says what a parameter is, and a step without it goes far."""
-    bench, every = made({"coulomb_friction.level": 2e-3})
-    found = bench.fit(("coulomb_friction",), every["coulomb_friction"].at({}))
-    seen = found.view
+    fitter, every = made({"coulomb_friction.level": 2e-3})
+    found = fitter.fit(("coulomb_friction",), every["coulomb_friction"].at({}))
+    seen = found.linearised
     wild = replace(
         seen, slopes=seen.slopes * np.where(np.arange(len(seen.errors)) < 60, 1e4, 1.0)[:, None]
     )
-    evidence = judge(found.problem, wild, blocks(found.problem))
+    evidence = cross_validate(found.problem, wild, blocks(found.problem))
     inside = np.bincount(evidence.parts, evidence.errors**2)
     assert np.all(evidence.losses <= 4.0 * inside * (1.0 + 1e-9))
 

@@ -13,10 +13,10 @@ from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.search.fits import beside
-from servo_models.diagnosis.search.looks import seen_beside
+from servo_models.diagnosis.search.grid_search import shortened, shortlist
 from servo_models.diagnosis.search.pairing import stairs_seen
-from servo_models.diagnosis.search.screening import look
-from servo_models.diagnosis.search.staircases import shortened, shortlist
+from servo_models.diagnosis.search.preselection import seen_beside
+from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.trial_values import (
     GRID_SPACING_IN_PERIODS,
     LARGEST_RELATIVE_GRID_SPACING,
@@ -59,19 +59,19 @@ def test_of_a_log_with_few_samples_that_count_more_is_taken() -> None:
 
 
 def test_an_effect_that_moves_nothing_is_not_on_the_list() -> None:
-    bench, every = made({"command_quantisation.step": 3.0})
-    retuned = bench.fit((), ())
+    fitter, every = made({"command_quantisation.step": 3.0})
+    retuned = fitter.fit((), ())
     stairs = [every["command_quantisation"], every["sample_hold"]]
-    seen = look((retuned.view,), stairs)
+    seen = screen((retuned.linearised,), stairs)
     other = [it for it in seen if it.candidate.name == "sample_hold"]
-    assert [it.name for it in shortlist(bench, retuned, stairs, other)] == ["sample_hold"]
+    assert [it.name for it in shortlist(fitter, retuned, stairs, other)] == ["sample_hold"]
 
 
 def test_an_effect_that_is_on_is_not_on_the_list() -> None:
-    bench, every = made({"command_quantisation.step": 3.0})
+    fitter, every = made({"command_quantisation.step": 3.0})
     one = every["command_quantisation"]
-    on = bench.fit((one.name,), one.at({"command_quantisation.step": 3.0}))
-    assert [it.name for it in shortlist(bench, on, [one, every["cogging"]])] == []
+    on = fitter.fit((one.name,), one.at({"command_quantisation.step": 3.0}))
+    assert [it.name for it in shortlist(fitter, on, [one, every["cogging"]])] == []
 
 
 @given(st.sampled_from(["sample_hold", "command_quantisation", "dead_band"]), st.floats(1e-3, 1e3))
@@ -104,11 +104,11 @@ SECONDS = {
 @pytest.mark.parametrize("second", SECONDS)
 def test_a_fit_from_the_size_of_a_hold_does_not_leave_it(second: str, period: float) -> None:
     """While the other parameters are wrong, another size may leave less."""
-    bench, every = made({"sample_hold.period": period, **SECONDS[second]}, 2e-4, sweep=50.0)
+    fitter, every = made({"sample_hold.period": period, **SECONDS[second]}, 2e-4, sweep=50.0)
     begin = {name: 0.6 * value for name, value in SECONDS[second].items()}
     begin["sample_hold.period"] = 1.0002 * period
     names = (second, "sample_hold")
-    found = bench.fit(names, [free for name in names for free in every[name].at(begin)])
+    found = fitter.fit(names, [free for name in names for free in every[name].at(begin)])
     assert found.values["sample_hold.period"] == pytest.approx(period, rel=1e-3)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.05)
 
@@ -118,33 +118,33 @@ def test_a_fit_from_the_size_of_a_hold_does_not_leave_it(second: str, period: fl
 def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     """Its needle is narrower than the sizes that are looked at first are apart."""
     truth = {"sample_hold.period": period, **SECONDS["coulomb_friction"]}
-    bench, every = made(truth, 2e-4, sweep=50.0)
-    retuned = bench.finish(bench.fit((), ()))
-    friction = look((retuned.view,), [every["coulomb_friction"]])
-    first = beside(bench, retuned, friction[:2])
+    fitter, every = made(truth, 2e-4, sweep=50.0)
+    retuned = fitter.finish(fitter.fit((), ()))
+    friction = screen((retuned.linearised,), [every["coulomb_friction"]])
+    first = beside(fitter, retuned, friction[:2])
     others = [one for one in every.values() if not one.grid]
     both = [*others, every["sample_hold"]]
-    seen = stairs_seen(bench, first, both, seen_beside(first, both))
+    seen = stairs_seen(fitter, first, both, seen_beside(first, both))
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
 
 
 def test_a_staircase_is_fitted_without_any_other_parameter() -> None:
-    bench, every = made({"command_quantisation.step": 3.137})
-    known = changed(bench.model, {"torque_constant": 5.5})
+    fitter, every = made({"command_quantisation.step": 3.137})
+    known = changed(fitter.model, {"torque_constant": 5.5})
     name = "command_quantisation"
     extra = every[name].at({f"{name}.step": 3.13})
-    found = replace(bench, nominal=(), model=known).fit((name,), extra)
+    found = replace(fitter, nominal=(), model=known).fit((name,), extra)
     assert found.values[f"{name}.step"] == pytest.approx(3.137, rel=1e-3)
 
 
 def test_a_delay_before_a_hold_is_moved_by_parts_of_its_period() -> None:
     """Between two ticks nothing depends on it, so slopes say nothing."""
     truth = {"transport_delay.time": 1e-3, "sample_hold.period": 4e-3}
-    bench, every = made(truth, sweep=50.0)
+    fitter, every = made(truth, sweep=50.0)
     extra = [free for name in ("transport_delay", "sample_hold") for free in every[name].at(truth)]
-    problem = bench.problem(extra)
-    true = {**bench.model.values, **truth, "torque_constant": 5.5}
+    problem = fitter.problem(extra)
+    true = {**fitter.model.values, **truth, "torque_constant": 5.5}
     late = {**true, "transport_delay.time": 2.2e-3}
     found, begin = (np.array([it[f.name] for f in problem.free]) for it in (true, late))
     least, before = problem.costs([found / problem.scales, begin / problem.scales])
@@ -188,15 +188,15 @@ def test_only_a_staircase_has_many_sizes_to_be_searched() -> None:
 def test_a_correction_that_leads_astray_is_not_followed() -> None:
     """Slopes of a ripple's phase promise too much: one size may not spoil those looked at after."""
     true = {"cogging.torque": 4e-3, "cogging.phase": 1.5, "sample_hold.period": 4e-3}
-    bench, every = made(true)
+    fitter, every = made(true)
     ripple = every["cogging"].at({"cogging.torque": 3e-3, "cogging.phase": 0.5})
-    begin = {it.name: it.start for it in (*bench.nominal, *ripple)}
-    seen = bench.unfit(("cogging",), ripple, begin).view
+    begin = {it.name: it.start for it in (*fitter.nominal, *ripple)}
+    seen = fitter.unfit(("cogging",), ripple, begin).linearised
     sizes = tuple({"sample_hold.period": 4e-3 * (1.0 + k / 500.0)} for k in range(-40, 41))
     hold = replace(every["sample_hold"], trial_values=sizes)
 
     def left(corrected: bool) -> Array:
-        sights = look((seen,), [hold], corrected)
+        sights = screen((seen,), [hold], corrected)
         found = {it.settings["sample_hold.period"]: it.change for it in sights}
         return np.array(
             [np.sum(seen.without(seen.errors + found[it]) ** 2) for it in sorted(found)]

@@ -17,8 +17,14 @@ from scipy.signal import lfilter
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.data.sensor import difference_noise
-from servo_models.diagnosis.fitting.evidence import Evidence
-from servo_models.diagnosis.fitting.structure import LOUDEST, LeftOver, left_over, missing, sure
+from servo_models.diagnosis.fitting.crossval import CrossValidation
+from servo_models.diagnosis.fitting.residuals import (
+    LOUDEST,
+    Residuals,
+    residuals_of,
+    sure,
+    unmodelled,
+)
 from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
 from tests.support.logs import log_of
@@ -28,7 +34,7 @@ DRAWS = 60
 
 def split(
     errors: Array, floor: float = 1.0, step: float = 0.0, reading: Array | None = None
-) -> LeftOver:
+) -> Residuals:
     """Split errors [noise floors] of a reading with a floor and a reading step [SI]."""
     n = len(errors)
     if reading is None:
@@ -38,7 +44,9 @@ def split(
     times = np.linspace(0.0, 1e-3 * n, n)
     log = log_of(times, {"voltage": np.zeros(n)}, {"angle": reading})
     problem = Problem(model("torque_motor"), [log], [], {"angle": floor})
-    return left_over(problem, Evidence(np.empty(0), errors, errors, np.zeros(n, dtype=np.int64)))
+    return residuals_of(
+        problem, CrossValidation(np.empty(0), errors, errors, np.zeros(n, dtype=np.int64))
+    )
 
 
 def coloured(seed: int, count: int, memory: float, size: float = 1.0) -> Array:
@@ -80,7 +88,7 @@ def test_errors_louder_than_the_audit_allows_are_no_noise(
 ) -> None:
     """A quantiser in a loop, left out: the simulated response hunts, the measured one does not."""
     found = [split(coloured(k, count, memory, size)) for k in range(DRAWS)]
-    assert sum(missing(one, one.total) for one in found) > 0.9 * DRAWS
+    assert sum(unmodelled(one, one.total) for one in found) > 0.9 * DRAWS
     assert np.median([one.structured for one in found]) > 0.75 * size
 
 
@@ -94,10 +102,10 @@ def test_steps_of_a_quantiser_left_out_are_no_noise(memory: float) -> None:
         errors = heard + stairs
         found = split(errors, reading=smooth + errors)
         assert found.structured == pytest.approx(math.sqrt(np.mean(stairs**2)), rel=0.15)
-        assert missing(found, found.total)
+        assert unmodelled(found, found.total)
         as_loud = coloured(seed, 1500, 0.0, 3.0)
         plain = split(as_loud, reading=smooth + as_loud)
-        assert not missing(plain, plain.total)
+        assert not unmodelled(plain, plain.total)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.9, 0.95])
@@ -114,7 +122,7 @@ def test_audited_floor_is_a_seventh_of_noise_or_more(memory: float) -> None:
 def test_noise_of_any_colour_is_not_structured(memory: float, share: float, count: int) -> None:
     """Noise that remembers for ten samples is hard to tell from motion in a single record."""
     found = [split(coloured(k, count, memory, 3.0)) for k in range(DRAWS)]
-    assert sum(missing(one, one.total) for one in found) <= share * DRAWS
+    assert sum(unmodelled(one, one.total) for one in found) <= share * DRAWS
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
@@ -132,7 +140,7 @@ def test_what_a_model_lacks_is_found(name: str, memory: float, size: float) -> N
     """Power of 90 % at 0.7 times white and 1.2 times coloured noise, in 1000 samples."""
     part = of_size(PARTS[name](1000), 2.0 * size)
     found = [split(part + coloured(k, 1000, memory, 2.0)) for k in range(DRAWS)]
-    assert sum(missing(one, one.total) for one in found) >= 0.9 * DRAWS
+    assert sum(unmodelled(one, one.total) for one in found) >= 0.9 * DRAWS
 
 
 @pytest.mark.thorough
@@ -175,7 +183,7 @@ def test_figures_scale_with_errors_and_their_squares_add_up(
 
 
 def test_no_errors_and_short_records_have_nothing_structured() -> None:
-    assert split(np.zeros(500)) == LeftOver(0.0, 0.0, 1.0, 0.0)
+    assert split(np.zeros(500)) == Residuals(0.0, 0.0, 1.0, 0.0)
     short = split(5.0 * motion(100))
     assert short.structured == short.least == 0.0
     assert short.total == short.noise
@@ -188,21 +196,21 @@ positive = st.floats(0.0, 100.0)
 def test_the_more_is_left_the_more_is_missing(
     structured: float, share: float, noise: float, gap: float, more: float
 ) -> None:
-    left = LeftOver(structured, min(share, 1.0) * structured, noise, math.hypot(structured, noise))
+    left = Residuals(structured, min(share, 1.0) * structured, noise, math.hypot(structured, noise))
     larger = replace(left, structured=more * structured, least=more * left.least)
-    assert missing(larger, gap) >= missing(left, gap)
-    assert missing(left, gap) >= missing(left, more * gap)
-    assert not missing(replace(left, least=0.0), gap)
+    assert unmodelled(larger, gap) >= unmodelled(left, gap)
+    assert unmodelled(left, gap) >= unmodelled(left, more * gap)
+    assert not unmodelled(replace(left, least=0.0), gap)
     # many effects imitate anything: whatever they surely leave is missing, and nothing else is
-    assert missing(left, gap, 3) == missing(left, 0.0, 1) == sure(left)
-    assert missing(left, gap, 2) == missing(left, gap)
+    assert unmodelled(left, gap, 3) == unmodelled(left, 0.0, 1) == sure(left)
+    assert unmodelled(left, gap, 2) == unmodelled(left, gap)
 
 
 def test_what_is_remembered_of_a_log_does_not_keep_it_alive() -> None:
-    bench, _ = made({})
-    one = bench.unfitted()
-    gone = weakref.ref(bench.logs[0])
+    fitter, _ = made({})
+    one = fitter.unfitted()
+    gone = weakref.ref(fitter.logs[0])
     assert one.left.total > 0.0
-    del bench, one
+    del fitter, one
     gc.collect()
     assert gone() is None

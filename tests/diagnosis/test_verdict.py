@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.diagnosis import verdict as verdicts
-from servo_models.diagnosis.belief import probabilities
-from servo_models.diagnosis.search.causes import Causes, find_causes
+from servo_models.diagnosis.search.selection import Selection, select_effects
 from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
+from servo_models.diagnosis.weights import probabilities
 from tests.support.diagnoses import made
 
 
 def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None:
-    bench, _ = made({"transport_delay.time": 1.1e-3, "drive_saturation.limit": 15.0})
-    causes = find_causes(bench)
+    fitter, _ = made({"transport_delay.time": 1.1e-3, "drive_saturation.limit": 15.0})
+    causes = select_effects(fitter)
     verdict = decide(causes)
     assert verdict.kind == EFFECTS
     assert set(causes.taken.effects) == {"transport_delay", "drive_saturation"}
@@ -28,11 +28,11 @@ def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None
 
 
 @pytest.fixture(scope="module")
-def friction() -> Causes:
-    return find_causes(made({"coulomb_friction.level": 1.5e-3})[0])
+def friction() -> Selection:
+    return select_effects(made({"coulomb_friction.level": 1.5e-3})[0])
 
 
-def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Causes) -> None:
+def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Selection) -> None:
     rivals = friction.singles[:3]
     plain = probabilities(rivals)
     doubtful = [probabilities(rivals, 50.0 * rival.loss) for rival in rivals]
@@ -42,7 +42,7 @@ def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Ca
         assert chances.max() <= plain.max()
 
 
-def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Causes) -> None:
+def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Selection) -> None:
     """A likelier one may not have earned its place: both are told then."""
     last = friction.singles[-1]
     verdict = decide(replace(friction, taken=last))
@@ -52,12 +52,12 @@ def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Causes) -> N
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7))
-def test_no_effect_is_surer_than_sure(friction: Causes, parts: list[float]) -> None:
+def test_no_effect_is_surer_than_sure(friction: Selection, parts: list[float]) -> None:
     """One that is in every explanation has all shares, whose sum is 1 but for its rounding."""
     one = friction.retuned
     every = [replace(one, effects=("backlash", f"other {k}")) for k in range(len(parts))]
     shares = np.array(parts) + 1e-9
-    causes = Causes(one.evidence, one, [], every, [], every[0], {})
+    causes = Selection(one.evidence, one, [], every, [], every[0], {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verdicts, "chances_of", lambda *_: shares / shares.sum())
         assert max(decide(causes, tolerance=0.0).chances.values()) <= 1.0
@@ -69,20 +69,20 @@ def test_an_output_that_is_not_followed_counts_from_the_tolerance_that_was_asked
 ) -> None:
     """A fit leaves noise of 1.5 floors, which is all that the output moves by."""
     motion = float(np.std(made({})[0].logs[0].outputs["angle"]))
-    bench, _ = made({}, noise=motion / 1.5)
-    one = bench.unfitted()
+    fitter, _ = made({}, noise=motion / 1.5)
+    one = fitter.unfitted()
     noise = 1.5 * np.random.default_rng(0).standard_normal(len(one.evidence.errors))
     left = replace(one, evidence=replace(one.evidence, errors=noise, unseen=noise))
     before = replace(one.evidence, unseen=10.0 * noise)
-    verdict = decide(Causes(before, left, [], [], [], left, {}), tolerance)
+    verdict = decide(Selection(before, left, [], [], [], left, {}), tolerance)
     assert (verdict.kind, verdict.rest) == (kind, 0.0)
 
 
 def test_unless_asked_the_search_and_the_verdict_allow_the_same_gap() -> None:
     """What a verdict calls no gap, no search explains before."""
     motion = float(np.std(made({})[0].logs[0].outputs["angle"]))
-    bench, _ = made({}, noise=motion)
-    assert 0.0 < bench.unfitted().evidence.rms < 2.0
-    causes = find_causes(bench)
+    fitter, _ = made({}, noise=motion)
+    assert 0.0 < fitter.unfitted().evidence.rms < 2.0
+    causes = select_effects(fitter)
     assert decide(causes).kind == NO_GAP
     assert not causes.fitted

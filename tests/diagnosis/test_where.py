@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from servo_models.core.simulate import PLANTS, Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.evidence import Evidence, blocks
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where import Bin, Breakdown, where
-from servo_models.diagnosis.where.alone import by_block, opened
-from servo_models.diagnosis.where.breakdown import plain
-from servo_models.diagnosis.where.regimes import _between, _digits
-from servo_models.diagnosis.where.samples import moving_input
+from servo_models.diagnosis.fitting.crossval import CrossValidation, blocks
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.localisation import Bin, Breakdown, localise
+from servo_models.diagnosis.localisation.breakdown import plain
+from servo_models.diagnosis.localisation.open_loop import by_block, opened
+from servo_models.diagnosis.localisation.regimes import _between, _digits
+from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support import logs
 from tests.support.logs import changed, log_of
@@ -51,13 +51,13 @@ def found(
 ) -> dict[str, Breakdown]:
     """Breakdowns of errors [noise floors] that are given, of shape (n,) for each output."""
     log = measured({name: clean()[name] for name in outputs})
-    bench = Bench(MODEL, [log], (), {name: FLOOR[name] for name in outputs})
-    fitted = bench.fit((), ())
+    fitter = Fitter(MODEL, [log], (), {name: FLOOR[name] for name in outputs})
+    fitted = fitter.fit((), ())
     parts = blocks(fitted.problem)
     empty = np.empty(0)
-    taken = replace(fitted, evidence=Evidence(empty, after, after, parts))
-    causes = Causes(Evidence(empty, before, before, parts), fitted, [], [], [], taken, {})
-    return {one.dimension: one for one in where(causes)}
+    taken = replace(fitted, evidence=CrossValidation(empty, after, after, parts))
+    causes = Selection(CrossValidation(empty, before, before, parts), fitted, [], [], [], taken, {})
+    return {one.dimension: one for one in localise(causes)}
 
 
 def noise(seed: int) -> Array:
@@ -176,8 +176,8 @@ def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Arr
     outputs = LOGGED[command]
     rig = changed(chosen, changes)
     log = logs.measured(rig, TIMES, {command: values}, dict.fromkeys(outputs, 0.0))
-    fitted = Bench(chosen, [log], (), dict.fromkeys(outputs, 1e-5)).fit((), ())
-    found = by_block(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
+    fitted = Fitter(chosen, [log], (), dict.fromkeys(outputs, 1e-5)).fit((), ())
+    found = by_block(Selection(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert found is not None
     return found
 
@@ -197,14 +197,14 @@ def test_a_block_is_judged_from_its_measured_input() -> None:
 def test_each_model_is_judged_at_the_moment_that_suits_it_best() -> None:
     """Before is the rig itself; a lag that the rig has not closes nothing."""
     outputs = {name: clean()[name] for name in FLOOR}
-    bench = Bench(MODEL, [measured(outputs)], (), FLOOR)
-    nominal = bench.fit((), ())
+    fitter = Fitter(MODEL, [measured(outputs)], (), FLOOR)
+    nominal = fitter.fit((), ())
     lag = "sensor_lag.time_constant"
     free = [free_parameter(MODEL.plant.parameters[lag], 0.0, None)]
-    late = bench.unfit(("sensor_lag",), free, {lag: 5e-4})
+    late = fitter.unfit(("sensor_lag",), free, {lag: 5e-4})
 
-    def block(taken: Explanation) -> Bin:
-        found = by_block(Causes(nominal.evidence, nominal, [], [], [], taken, {}))
+    def block(taken: FittedModel) -> Bin:
+        found = by_block(Selection(nominal.evidence, nominal, [], [], [], taken, {}))
         assert found is not None
         return found.bins[0]
 
@@ -237,8 +237,8 @@ def command_of(chosen: Model, inputs: Mapping[str, Array]) -> tuple[str, float, 
 def test_windows_of_time_count_from_the_files_first_row() -> None:
     noisy = clean()["angle"] + 10.0 * FLOOR["angle"] * noise(3)
     log = replace(measured({"angle": noisy}), begin=7.0)
-    fitted = Bench(MODEL, [log], (), {"angle": FLOOR["angle"]}).fit((), ())
-    places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
+    fitted = Fitter(MODEL, [log], (), {"angle": FLOOR["angle"]}).fit((), ())
+    places = localise(Selection(fitted.evidence, fitted, [], [], [], fitted, {}))
     (time,) = [one for one in places if one.dimension == "time"]
     assert (time.bins[0].low, time.bins[-1].high) == (7.0, 7.0 + TIMES[-1])
     assert sum(one.count for one in time.bins) == len(TIMES)
@@ -306,8 +306,8 @@ def test_edges_about_an_offset_differ(offset: float, width: float) -> None:
 
 def test_a_single_sample_has_no_spectrum() -> None:
     log = measured({"angle": clean()["angle"] + 1e-3}, np.arange(len(TIMES)) != 700)
-    fitted = Bench(MODEL, [log], (), {"angle": 1e-4}).fit((), ())
-    places = where(Causes(fitted.evidence, fitted, [], [], [], fitted, {}))
+    fitted = Fitter(MODEL, [log], (), {"angle": 1e-4}).fit((), ())
+    places = localise(Selection(fitted.evidence, fitted, [], [], [], fitted, {}))
     assert "frequency" not in {one.dimension for one in places}
     assert next(one for one in places if one.dimension == "signal").bins[0].count == 1
 

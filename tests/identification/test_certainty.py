@@ -77,9 +77,9 @@ def test_inertia_and_resistance_count_as_a_product_only() -> None:
 
 def test_check_does_not_call_a_product_determined(issued: Description) -> None:
     found = check(alone(issued))
-    assert [set(group) for group in found.excitation.together] == [PAIR]
+    assert [set(group) for group in found.identifiability.together] == [PAIR]
     assert any("cannot be told apart" in text for text in found.warnings)
-    reaches = {reach.name: reach for reach in found.excitation.parameters}
+    reaches = {reach.name: reach for reach in found.identifiability.parameters}
     assert all(reaches[name].together > 1.0 for name in PAIR)
     assert all(reaches[name].together < 0.1 for name in set(FREE) - PAIR)
 

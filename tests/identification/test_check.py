@@ -17,7 +17,7 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
-from servo_models.identification.identifiability import SHOWN, Excitation, excitation
+from servo_models.identification.identifiability import SHOWN, Identifiability, identifiability
 from tests.conftest import Run
 from tests.support.html_page import Page
 from tests.support.logs import changed
@@ -33,7 +33,7 @@ from tests.support.noisy_motor import (
 )
 
 
-def named(found: Excitation, name: str) -> float:
+def named(found: Identifiability, name: str) -> float:
     return next(r.moves for r in (*found.parameters, *found.effects) if r.name == name)
 
 
@@ -46,7 +46,7 @@ def fitted(free: tuple[str, ...], count: int = 60) -> Array:
 
 @pytest.mark.thorough
 def test_errors_to_expect_are_those_of_many_fits() -> None:
-    found = excitation(MOTOR, [motor_log()], {"angle": NOISE}, FREE)
+    found = identifiability(MOTOR, [motor_log()], {"angle": NOISE}, FREE)
     reaches = {reach.name: reach for reach in found.parameters}
     together = np.array([reaches[name].together * reaches[name].scale for name in FREE])
     assert fitted(FREE).std(axis=0) == pytest.approx(together, rel=0.3)
@@ -58,10 +58,12 @@ def test_errors_to_expect_are_those_of_many_fits() -> None:
 
 def test_a_prior_bounds_the_error_and_adds_as_information() -> None:
     prior = 0.02 * MOTOR.values["torque_constant"]
-    plain = excitation(MOTOR, [motor_log()], {"angle": NOISE}, ["torque_constant"])
-    known = excitation(MOTOR, [motor_log()], {"angle": NOISE}, priors={"torque_constant": prior})
+    plain = identifiability(MOTOR, [motor_log()], {"angle": NOISE}, ["torque_constant"])
+    known = identifiability(
+        MOTOR, [motor_log()], {"angle": NOISE}, priors={"torque_constant": prior}
+    )
 
-    def variance(found: Excitation) -> float:
+    def variance(found: Identifiability) -> float:
         reach = next(r for r in found.parameters if r.name == "torque_constant")
         return float((reach.together * reach.scale) ** 2)
 
@@ -70,7 +72,7 @@ def test_a_prior_bounds_the_error_and_adds_as_information() -> None:
 
 def test_the_movement_is_in_noise_floors() -> None:
     logs = [motor_log(None)]
-    near, far = (excitation(MOTOR, logs, {"angle": f}) for f in (NOISE, 10.0 * NOISE))
+    near, far = (identifiability(MOTOR, logs, {"angle": f}) for f in (NOISE, 10.0 * NOISE))
     one, other = (
         MOTOR,
         changed(MOTOR, {"drive_dead_zone.half_width": 1.5}),
@@ -84,15 +86,15 @@ def test_the_movement_is_in_noise_floors() -> None:
 
 
 def test_a_log_that_never_reaches_a_limit_cannot_show_it() -> None:
-    found = excitation(MOTOR, [motor_log(size=0.1)], {"angle": NOISE})
+    found = identifiability(MOTOR, [motor_log(size=0.1)], {"angle": NOISE})
     assert named(found, "drive_saturation") == 0.0
     assert all(not r.shown for r in found.effects if r.moves < SHOWN)
 
 
 def test_what_a_free_parameter_explains_is_not_shown() -> None:
     logs, floor = [motor_log()], {"angle": NOISE}
-    fixed = next(r for r in excitation(MOTOR, logs, floor).effects if r.name == "gain_error")
-    free = excitation(MOTOR, logs, floor, ["torque_constant", "back_emf_constant"])
+    fixed = next(r for r in identifiability(MOTOR, logs, floor).effects if r.name == "gain_error")
+    free = identifiability(MOTOR, logs, floor, ["torque_constant", "back_emf_constant"])
     gain = next(r for r in free.effects if r.name == "gain_error")
     assert fixed.shown
     assert gain.absorbed
@@ -105,7 +107,7 @@ def test_parameters_that_only_count_as_a_product_are_named_together() -> None:
     angle = simulate(linear, times, {"pulse_width": pulse})["angle"]
     log = replace(motor_log(), times=times, inputs={"pulse_width": pulse}, outputs={"angle": angle})
     log = replace(log, held_out=np.zeros(600, dtype=bool))
-    found = excitation(linear, [log], {"angle": 1e-5}, ["amplifier_gain", "motor_gain"])
+    found = identifiability(linear, [log], {"angle": 1e-5}, ["amplifier_gain", "motor_gain"])
     assert [set(group.names) for group in found.groups if "motor_gain" in group.names] == [
         {"amplifier_gain", "motor_gain"}
     ]
@@ -116,7 +118,7 @@ def test_parameters_that_only_count_as_a_product_are_named_together() -> None:
 def test_all_held_out_is_refused() -> None:
     log = motor_log()
     with pytest.raises(UserError, match="held out"):
-        excitation(MOTOR, [replace(log, held_out=~log.held_out)], {"angle": NOISE})
+        identifiability(MOTOR, [replace(log, held_out=~log.held_out)], {"angle": NOISE})
 
 
 def test_effects_are_confused_with_known_ones_and_in_no_two_ways() -> None:
@@ -213,7 +215,7 @@ def test_a_delay_that_is_to_be_estimated_is_judged(tmp_path: Path) -> None:
         'time = "t"\ninputs.voltage = "u"\noutputs.angle = "a"\n'
     )
     found = check(description)
-    [reach] = found.excitation.parameters
+    [reach] = found.identifiability.parameters
     assert reach.name == "transport_delay.time"
     assert 0.0 < reach.together * reach.scale < 1e-4
 

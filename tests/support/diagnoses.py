@@ -7,7 +7,7 @@ import numpy as np
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, measured
 
@@ -17,7 +17,7 @@ PRIORS = {"torque_constant": 1.0, "friction_coefficient": 1e-4}
 
 def made(
     effects: dict[str, float], noise: float = FLOOR, sweep: float = 500.0
-) -> tuple[Bench, dict[str, Candidate]]:
+) -> tuple[Fitter, dict[str, Candidate]]:
     """A torque motor with some effects, without stops, under steps and a chirp.
 
     ``sweep`` is half the rate [Hz/s] of the chirp.
@@ -34,17 +34,17 @@ def made(
         free_parameter(parameters[name], nominal.values[name], prior)
         for name, prior in PRIORS.items()
     )
-    bench = Bench(nominal, [log], free, {"angle": noise})
-    return bench, {one.name: one for one in candidates(nominal, [log])}
+    fitter = Fitter(nominal, [log], free, {"angle": noise})
+    return fitter, {one.name: one for one in candidates(nominal, [log])}
 
 
 HOLD = "sample_hold"
 
 
-def with_hold(truth: dict[str, float], period: float) -> Explanation:
+def with_hold(truth: dict[str, float], period: float) -> FittedModel:
     """A rig, and what a hold of this period would explain of it."""
-    bench, every = made(truth, 2e-5)
-    return bench.unfit((HOLD,), every[HOLD].free, _values(period))
+    fitter, every = made(truth, 2e-5)
+    return fitter.unfit((HOLD,), every[HOLD].free, _values(period))
 
 
 def _values(period: float) -> dict[str, float]:

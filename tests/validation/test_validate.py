@@ -22,7 +22,12 @@ from servo_models.errors import UserError
 from servo_models.report.conditions import conditions
 from servo_models.validation.cases import Case, all_cases, grid, schedule
 from servo_models.validation.fmu_subject import Subject
-from servo_models.validation.implementation import LIMIT, excitation, implementation_rows, irregular
+from servo_models.validation.implementation import (
+    LIMIT,
+    implementation_rows,
+    input_signals,
+    irregular,
+)
 from servo_models.validation.responses import cost_curve, response_rows
 from servo_models.validation.rows import (
     IMPLEMENTATION,
@@ -115,7 +120,7 @@ def test_an_fmu_equals_its_simulation(name: str, fmu_file: FmuFile) -> None:
 
 def test_excitation_moves_every_input_within_its_bounds() -> None:
     chosen = model("sg90")
-    columns = excitation(chosen, irregular(241))
+    columns = input_signals(chosen, irregular(241))
     for column, wire in zip(columns.T, chosen.plant.inputs):
         assert len(np.unique(column)) > 5
         assert wire.low is not None

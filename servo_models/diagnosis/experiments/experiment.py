@@ -17,7 +17,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.tables import write_signals
 from servo_models.diagnosis.experiments.experiment_search import Stage
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.verdict import FEW
 
 TELLING = 1.0
@@ -91,7 +91,7 @@ def is_filled(path: Path) -> bool:
         return file.readline().count(b",") != 1
 
 
-def next_experiments(rivals: Sequence[Explanation], seed: int = 0) -> tuple[Experiment, ...]:
+def next_experiments(rivals: Sequence[FittedModel], seed: int = 0) -> tuple[Experiment, ...]:
     """Return for each pair of explanations left the command that separates them.
 
     Of more than ``verdict.FEW`` only the first is told from each other one, since what it survives
@@ -158,8 +158,8 @@ def _few(size: float) -> str:
     return f"{size:.2g}" if size < 99.5 else f"{size:.0f}"
 
 
-def _names(explanation: Explanation) -> str:
-    return " with ".join(explanation.effects) or "parameters alone"
+def _names(fitted_model: FittedModel) -> str:
+    return " with ".join(fitted_model.effects) or "parameters alone"
 
 
 def _held(plant: Plant, constants: Mapping[str, float]) -> str:

@@ -19,10 +19,10 @@ from servo_models.core.plant import Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Command, grid
-from servo_models.diagnosis.experiments.refit import left_after_refit
-from servo_models.diagnosis.fitting.evidence import dispersion
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.where.samples import moving_input
+from servo_models.diagnosis.experiments.refit import residual_after_refit
+from servo_models.diagnosis.fitting.crossval import dispersion
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 
@@ -54,7 +54,7 @@ class Stage:
         farthest: outputs [noise floors] from which a model runs away.
     """
 
-    def __init__(self, rivals: Sequence[Explanation], seed: int) -> None:
+    def __init__(self, rivals: Sequence[FittedModel], seed: int) -> None:
         self.rivals = rivals
         self.problem = rivals[0].problem
         self.seed = seed
@@ -130,7 +130,7 @@ class Stage:
         parts = np.split(self._response(rig, command), len(names))
         outputs = {name: self.problem.sigma[name] * part for name, part in zip(names, parts)}
         problem = played(self.rivals[model], replace(plan, outputs=outputs))
-        return left_after_refit(self.rivals[model], problem, self.known[model])
+        return residual_after_refit(self.rivals[model], problem, self.known[model])
 
     @cached_property
     def known(self) -> list[Array]:
@@ -211,7 +211,7 @@ class Stage:
         return played(self.rivals[i], self.plan(command))
 
 
-def played(rival: Explanation, plan: Log) -> Problem:
+def played(rival: FittedModel, plan: Log) -> Problem:
     """Return the problem of a rival with the log of an experiment."""
     problem = rival.problem
     return Problem(problem.model, [plan], problem.free, sigma=problem.sigma)

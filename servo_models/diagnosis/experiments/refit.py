@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.identification.problem import Problem
 
 EVALUATIONS = 40
 """Slopes that a fit may take."""
 
 
-def left_after_refit(rival: Explanation, problem: Problem, known: Array) -> float:
+def residual_after_refit(rival: FittedModel, problem: Problem, known: Array) -> float:
     """Return the RMS error [noise floors] of a rival on a log, re-fitted to that log.
 
     Args:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 
 LEAST = 3
 """Conditions from which one can be spared."""
@@ -27,20 +27,20 @@ def conditions(logs: Sequence[Log]) -> list[list[Log]]:
     return list(groups.values())
 
 
-def carried_over(bench: Bench, found: Explanation) -> float:
+def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
     """Return the squared errors of each condition by fits to the others, begun where one ended.
 
     0 where there are fewer than three conditions, so that nothing speaks for or against it.
     """
-    groups = conditions(bench.logs)
+    groups = conditions(fitter.logs)
     if len(groups) < LEAST:
         return 0.0
     extra = [free for free in found.problem.free if free.prior is None]
     lost = 0.0
     for group in groups:
         rest = [log for other in groups if other is not group for log in other]
-        fitted = replace(bench, logs=rest).fit(found.effects, extra, found.values)
-        unseen = replace(bench, logs=group).problem(extra)
+        fitted = replace(fitter, logs=rest).fit(found.effects, extra, found.values)
+        unseen = replace(fitter, logs=group).problem(extra)
         errors = unseen.residuals(fitted.evidence.vector)[: unseen.samples]
         lost += float(errors @ errors)
     return lost

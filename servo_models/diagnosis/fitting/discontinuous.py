@@ -30,7 +30,7 @@ MOVED_COST_OVER_COST = 0.98
 MOST_MOVES = 8
 
 
-def staircases_of(problem: Problem) -> list[int]:
+def discontinuous_of(problem: Problem) -> list[int]:
     """Which free parameters are discontinuous: the response is a staircase of them."""
     return [
         i

@@ -15,7 +15,7 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.discontinuous import delays_of
-from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.fitting.linearisation import Linearisation
 from servo_models.diagnosis.trial_values import Settings
 from servo_models.errors import UserError
 
@@ -42,7 +42,9 @@ def neighbours(one: Candidate) -> list[list[Settings]]:
     return found
 
 
-def changes(seen: View, base: Settings, task: tuple[Candidate, Sequence[Settings]]) -> list[Array]:
+def changes(
+    seen: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+) -> list[Array]:
     """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
     one, sizes = task
     if one.late and _delay(seen):
@@ -51,7 +53,7 @@ def changes(seen: View, base: Settings, task: tuple[Candidate, Sequence[Settings
 
 
 def corrected_changes(
-    seen: View, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+    seen: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
 ) -> list[Array]:
     """The same, other parameters corrected beside a staircase."""
     one, sizes = task
@@ -71,20 +73,20 @@ def corrected_changes(
     return found
 
 
-def _simulated(seen: View, base: Settings, one: Candidate, size: Settings) -> Array:
+def _simulated(seen: Linearisation, base: Settings, one: Candidate, size: Settings) -> Array:
     """The change by an effect; of a ripple, those by its sine and by its cosine."""
     phases = (0.0, pi / 2.0) if one.ripple else ()
     probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
     return np.column_stack([_difference(seen, {**base, **probe}) for probe in probes])
 
 
-def _corrected(seen: View, size: Settings, whole: Array) -> Array:
+def _corrected(seen: Linearisation, size: Settings, whole: Array) -> Array:
     """A change by an effect once more, from where it would take the other parameters."""
     return _change(seen, seen.start(whole), size)
 
 
 def _held(
-    seen: View, base: Settings, sizes: Sequence[Settings], parts: Sequence[float]
+    seen: Linearisation, base: Settings, sizes: Sequence[Settings], parts: Sequence[float]
 ) -> list[Array]:
     """Changes by a hold, with the delay less by the part of its period that leaves least.
 
@@ -103,18 +105,18 @@ def _held(
     return found
 
 
-def _left(seen: View, change: Array) -> float:
+def _left(seen: Linearisation, change: Array) -> float:
     """Squared errors beside a change, without what parameters imitate."""
     return float(np.sum(seen.without(seen.errors + change) ** 2))
 
 
-def _delay(seen: View) -> str:
+def _delay(seen: Linearisation) -> str:
     """The free delay of a problem, empty where there is none."""
     delays = delays_of(seen.problem)
     return seen.problem.free[delays[0]].name if delays else ""
 
 
-def _change(seen: View, values: Settings, size: Settings) -> Array:
+def _change(seen: Linearisation, values: Settings, size: Settings) -> Array:
     """A change by an effect with other parameters at ``values``, less what their slopes do."""
     change = _difference(seen, {**values, **size})
     if not change.any():  # also where nothing can be simulated: slopes would make a change of it
@@ -125,7 +127,7 @@ def _change(seen: View, values: Settings, size: Settings) -> Array:
     return change
 
 
-def _difference(seen: View, values: dict[str, float]) -> Array:
+def _difference(seen: Linearisation, values: dict[str, float]) -> Array:
     """Change of the weighted errors, none where nothing can be simulated; the priors do not
     change."""
     problem = seen.problem

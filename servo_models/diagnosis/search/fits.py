@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.search.screening import Sight
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.search.screening import Screened
 from servo_models.diagnosis.search.starts import Start, best_start
 from servo_models.identification.problem import Free
 
@@ -20,7 +20,7 @@ class Teller:
     """Tells what goes on, with the best explanation so far."""
 
     tell: Tell = lambda _: None
-    best: Explanation | None = None
+    best: FittedModel | None = None
 
     def __call__(self, text: str) -> None:
         if self.best:
@@ -28,15 +28,15 @@ class Teller:
             text = f"{text}; best so far {names}, {left:.3g} noise floors"
         self.tell(text)
 
-    def saw(self, one: Explanation) -> None:
+    def saw(self, one: FittedModel) -> None:
         if self.best is None or one.loss < self.best.loss:
             self.best = one
 
 
-Task = tuple[str, Callable[[Bench], Explanation]]
+Task = tuple[str, Callable[[Fitter], FittedModel]]
 """What is fitted, in words, and how."""
 
-Seen = tuple[str, list[Sight]]
+Seen = tuple[str, list[Screened]]
 """An effect, and the sizes at which it was seen that promise most."""
 
 TRIED, STARTS = 5, 2
@@ -53,7 +53,7 @@ SETTLED = 0.3
 """Structured part of the errors over the noise, below which nothing is left to explain."""
 
 
-def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanation:
+def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> FittedModel:
     """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
 
     It begins where least is left, and again from the next while a look has promised less.  While
@@ -61,7 +61,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
-    best: Explanation | None = None
+    best: FittedModel | None = None
     glances = (best_start([sight], thorough=False) for sight in own)
     begins = _unlike(sorted(glances, key=lambda it: it.cost))
     plain = len({_shape(it) for it in begins}) == 1
@@ -69,10 +69,10 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
         if best and begin.cost > FAR * first.cost:
             break
         (sight,) = begin.sights
-        found = bench.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
+        found = fitter.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
         if found.cost < first.cost:
-            found = _followed(bench, found, kept, sight.candidate)
-        found = _polished(bench, found, first) if sight.candidate.discontinuous else found
+            found = _followed(fitter, found, kept, sight.candidate)
+        found = _polished(fitter, found, first) if sight.candidate.discontinuous else found
         if best is None or found.cost < best.cost:
             best = found
         if best.cost < PROMISED * min(it.left for it in own) and (settled(best) or plain):
@@ -83,7 +83,7 @@ def beside(bench: Bench, first: Explanation, own: Sequence[Sight]) -> Explanatio
     for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
         if settled(best):
             break
-        found = bench.fit(effects, [*kept, *free], values, begins[0].sights[0].seen.slopes)
+        found = fitter.fit(effects, [*kept, *free], values, begins[0].sights[0].seen.slopes)
         best = min(best, found, key=lambda it: it.cost)
     return best
 
@@ -99,7 +99,7 @@ def _shape(begin: Start) -> Hashable:
 
 
 def _half_jumps(
-    begin: Start, found: Explanation
+    begin: Start, found: FittedModel
 ) -> Iterator[tuple[tuple[Free, ...], dict[str, float]]]:
     """Two starts at half of the jump, as parameters of the effect and values [SI] of the others:
     at the size that was seen, and at that which loses as much beyond the jump as a fit does.
@@ -119,8 +119,8 @@ def _half_jumps(
 
 
 def _followed(
-    bench: Bench, found: Explanation, kept: Sequence[Free], one: Candidate
-) -> Explanation:
+    fitter: Fitter, found: FittedModel, kept: Sequence[Free], one: Candidate
+) -> FittedModel:
     """Fit on where an effect stopped at the end of its reach, and can be reached from there."""
     for _ in range(AGAIN):
         further = [*kept, *one.at(found.values)]
@@ -128,7 +128,7 @@ def _followed(
         sides = found.problem.sides(found.evidence.vector)[own]
         if not any(map(_opened, sides, found.problem.free[own], further)):
             break
-        before, found = found, bench.fit(found.effects, further, found.values)
+        before, found = found, fitter.fit(found.effects, further, found.values)
         if found.cost > SLOWLY * before.cost:
             break
     return found
@@ -141,20 +141,20 @@ def _opened(side: str, before: Free, after: Free) -> bool:
     return side == "high" and after.high > before.high
 
 
-def _polished(bench: Bench, found: Explanation, first: Explanation) -> Explanation:
+def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedModel:
     """Fit a promising staircase again while that helps: each fit moves its size a little."""
     for _ in range(AGAIN):
         if found.cost > HALF * first.cost:
             break
-        before, found = found, bench.again(found)
+        before, found = found, fitter.again(found)
         if found.cost > SLOWLY * before.cost:
             break
     return found
 
 
-def side_by_side(bench: Bench, tasks: Sequence[Task], say: Teller) -> Iterator[Explanation]:
+def side_by_side(fitter: Fitter, tasks: Sequence[Task], say: Teller) -> Iterator[FittedModel]:
     """Yield fits in the order of their names, found together."""
-    found = bench.workers.map(lambda task: task[1](bench), tasks)
+    found = fitter.workers.map(lambda task: task[1](fitter), tasks)
     for name, _ in tasks:
         say(f"fitting {name}")
         one = next(found)
@@ -163,49 +163,49 @@ def side_by_side(bench: Bench, tasks: Sequence[Task], say: Teller) -> Iterator[E
 
 
 def beside_each(
-    bench: Bench, first: Explanation, starts: Iterable[Seen], say: Teller
-) -> list[Explanation]:
+    fitter: Fitter, first: FittedModel, starts: Iterable[Seen], say: Teller
+) -> list[FittedModel]:
     """Fits of some effects, each beside those of ``first``, best first."""
     tasks = [(name, partial(beside, first=first, own=own)) for name, own in starts]
-    return best_of_each(side_by_side(bench, tasks, say))
+    return best_of_each(side_by_side(fitter, tasks, say))
 
 
-def together(bench: Bench, pair: Sequence[Sight]) -> Explanation:
+def together(fitter: Fitter, pair: Sequence[Screened]) -> FittedModel:
     """Fit effects that were seen together."""
     names = tuple(sight.candidate.name for sight in pair)
     begin = best_start(pair)
-    return bench.fit(names, begin.free, begin.values, pair[0].seen.slopes)
+    return fitter.fit(names, begin.free, begin.values, pair[0].seen.slopes)
 
 
-def settled(explanation: Explanation) -> bool:
+def settled(fitted_model: FittedModel) -> bool:
     """Whether what is left is noise."""
-    return explanation.left.structured < SETTLED * explanation.left.noise
+    return fitted_model.left.structured < SETTLED * fitted_model.left.noise
 
 
-def best_of_each(found: Iterable[Explanation]) -> list[Explanation]:
+def best_of_each(found: Iterable[FittedModel]) -> list[FittedModel]:
     """Explanations by different effects, best first."""
-    best: dict[frozenset[str], Explanation] = {}
+    best: dict[frozenset[str], FittedModel] = {}
     for one in sorted(found, key=lambda one: one.loss):
         best.setdefault(frozenset(one.effects), one)
     return list(best.values())
 
 
-def names_of(sights: Iterable[Sight]) -> list[str]:
+def names_of(sights: Iterable[Screened]) -> list[str]:
     return list(dict.fromkeys(sight.candidate.name for sight in sights))
 
 
-def starts_of(sights: Sequence[Sight], count: int | None = None) -> Iterator[Seen]:
+def starts_of(sights: Sequence[Screened], count: int | None = None) -> Iterator[Seen]:
     """The effects seen first, each with the sizes from which its fit begins."""
     for name in names_of(sights)[:count]:
         yield name, likeliest([sight for sight in sights if sight.candidate.name == name])
 
 
-def likeliest(own: Sequence[Sight]) -> list[Sight]:
+def likeliest(own: Sequence[Screened]) -> list[Screened]:
     """Of the sizes of one effect, best first, those that are worth a simulation.
 
     A fit finds the size, but hardly another shape: of each shape the best size is one of them.
     """
-    best: dict[Hashable, Sight] = {}
+    best: dict[Hashable, Screened] = {}
     for sight in own:
         best.setdefault(sight.candidate.shape_at(sight.settings), sight)
     first = list(best.values())

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 from servo_models.diagnosis.search.fits import (
     Seen,
     Task,
@@ -23,10 +23,10 @@ from servo_models.diagnosis.search.fits import (
     starts_of,
     together,
 )
-from servo_models.diagnosis.search.looks import Looks, seen_beside
-from servo_models.diagnosis.search.pairs_seen import pairs
-from servo_models.diagnosis.search.screening import Sight, look
-from servo_models.diagnosis.search.staircases import shortlist
+from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.pair_screening import pairs
+from servo_models.diagnosis.search.preselection import Looks, seen_beside
+from servo_models.diagnosis.search.screening import Screened, screen
 from servo_models.identification.problem import Free
 
 FIRSTS, SECONDS, PAIRS = 3, 4, 6
@@ -49,14 +49,14 @@ FEW = 5
 
 
 def paired(
-    bench: Bench,
-    singles: Sequence[Explanation],
-    sights: Sequence[Sight],
+    fitter: Fitter,
+    singles: Sequence[FittedModel],
+    sights: Sequence[Screened],
     every: Sequence[Candidate],
     looks: Looks,
     say: Teller,
-    known: Iterable[Explanation] = (),
-) -> list[Explanation]:
+    known: Iterable[FittedModel] = (),
+) -> list[FittedModel]:
     """Pairs seen together from the start, and second effects seen beside the best first ones.
 
     One effect, or a pair seen together, that explains everything needs no long search for another.
@@ -67,20 +67,20 @@ def paired(
     old = {frozenset(it.effects): it for it in known}
     if settled(singles[0]):
         more = _seconds(singles[:1], every, LESS, FEW, looks, old)
-        return best_of_each([*old.values(), *side_by_side(bench, more, say)])
+        return best_of_each([*old.values(), *side_by_side(fitter, more, say)])
     seen = pairs(sights, PROMISING * singles[0].cost)[:PAIRS]
     new = [pair for pair in seen if frozenset(names_of(pair)) not in old]
     tasks = [(" and ".join(names_of(pair)), partial(together, pair=pair)) for pair in new]
-    found = best_of_each([*old.values(), *side_by_side(bench, tasks, say)])
+    found = best_of_each([*old.values(), *side_by_side(fitter, tasks, say)])
     if any(map(settled, found)):
         return found
     fitted = {frozenset(it.effects) for it in found}
     more = _seconds(singles[:FIRSTS], every, PROMISING, SECONDS, looks, fitted)
-    return best_of_each([*found, *side_by_side(bench, more, say)])
+    return best_of_each([*found, *side_by_side(fitter, more, say)])
 
 
 def _seconds(
-    firsts: Iterable[Explanation],
+    firsts: Iterable[FittedModel],
     every: Sequence[Candidate],
     share: float,
     count: int,
@@ -96,14 +96,14 @@ def _seconds(
 
 
 def promising(
-    seen: Iterable[Sight], enough: float, count: int, unlike: bool = True
+    seen: Iterable[Screened], enough: float, count: int, unlike: bool = True
 ) -> Iterator[Seen]:
     """Effects that promise to leave less than enough, and sizes to begin from.
 
     Those that are to be ``unlike`` each other do not change the response alike: of some that do,
     only the first is worth a fit while the others' places may be taken by the cause.
     """
-    chosen: list[Sight] = []
+    chosen: list[Screened] = []
     for name, own in starts_of([it for it in seen if it.left < enough]):
         if len(chosen) == count:
             break
@@ -112,70 +112,70 @@ def promising(
             yield name, own
 
 
-def _same(one: Sight, other: Sight) -> bool:
+def _same(one: Screened, other: Screened) -> bool:
     """Whether two effects change the response alike, beside what parameters imitate."""
     a, b = one.difference, other.difference
     return abs(float(a @ b)) > SAME * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def stairs_beside(
-    bench: Bench, first: Explanation, every: Sequence[Candidate], looks: Looks, say: Teller
-) -> Iterator[Explanation]:
+    fitter: Fitter, first: FittedModel, every: Sequence[Candidate], looks: Looks, say: Teller
+) -> Iterator[FittedModel]:
     """Fits of staircases beside an effect, at the sizes that look best there."""
     say(f"looking closer at staircases beside {' and '.join(first.effects)}")
-    stairs = stairs_seen(bench, first, every, looks.beside(first, every))
+    stairs = stairs_seen(fitter, first, every, looks.beside(first, every))
     likely = promising(stairs, PROMISING * first.cost, SECONDS)
-    return side_by_side(bench, [added(first, name, own) for name, own in likely], say)
+    return side_by_side(fitter, [added(first, name, own) for name, own in likely], say)
 
 
 def stairs_seen(
-    bench: Bench, first: Explanation, every: Sequence[Candidate], seen: Sequence[Sight]
-) -> list[Sight]:
+    fitter: Fitter, first: FittedModel, every: Sequence[Candidate], seen: Sequence[Screened]
+) -> list[Screened]:
     """What is seen of staircases beside some effects after a closer look, best first.
 
     ``seen`` is what is seen of all effects there before.
     """
-    return look((first.view,), shortlist(bench, first, every, seen))
+    return screen((first.linearised,), shortlist(fitter, first, every, seen))
 
 
-def added(first: Explanation, name: str, own: Sequence[Sight]) -> Task:
+def added(first: FittedModel, name: str, own: Sequence[Screened]) -> Task:
     """The fit of an effect beside those of ``first``."""
     return " and ".join((*first.effects, name)), partial(beside, first=first, own=own)
 
 
-def swapped(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Teller
-) -> list[Explanation]:
+def swap(
+    fitter: Fitter, found: FittedModel, every: Sequence[Candidate], say: Teller
+) -> list[FittedModel]:
     """Explanations in which one effect is sought again, the others kept as they are.
 
     Beside them it may look different: another size, or another effect.  Where nothing is left to
     explain, only those that do as well are sought.
     """
     if settled(found):
-        return lookalikes(bench, found, every, say)
-    return _sought(bench, found, every, PROMISING, SWAPS, say)
+        return ambiguous(fitter, found, every, say)
+    return _sought(fitter, found, every, PROMISING, SWAPS, say)
 
 
-def lookalikes(
-    bench: Bench, found: Explanation, every: Sequence[Candidate], say: Teller
-) -> list[Explanation]:
+def ambiguous(
+    fitter: Fitter, found: FittedModel, every: Sequence[Candidate], say: Teller
+) -> list[FittedModel]:
     """Explanations in which another effect takes the place of one, and may do as well.
 
     They belong to the set that cannot be told apart.
     """
     others = [one for one in every if one.name not in found.effects]
-    return _sought(bench, found, others, ALIKE, LOOKALIKES, say, unlike=False)
+    return _sought(fitter, found, others, ALIKE, LOOKALIKES, say, unlike=False)
 
 
 def _sought(
-    bench: Bench,
-    found: Explanation,
+    fitter: Fitter,
+    found: FittedModel,
     every: Sequence[Candidate],
     enough: float,
     count: int,
     say: Teller,
     unlike: bool = True,
-) -> list[Explanation]:
+) -> list[FittedModel]:
     """Explanations with each effect in turn taken out, and another one of ``every`` fitted in its
     place: at most ``count``, which promise to leave less than ``enough`` times as much.
 
@@ -183,17 +183,17 @@ def _sought(
     """
     tasks: list[Task] = []
     for name in found.effects:
-        stays = bench.unfit(*_without(found, name), found.values)
+        stays = fitter.unfit(*_without(found, name), found.values)
         seen = seen_beside(stays, [_nearer(one, found) for one in every])
         likely = dict(promising(seen, enough * found.cost, count, unlike))
         own = likeliest([it for it in seen if it.candidate.name == name])
         if len({it.candidate.shape_at(it.settings) for it in own}) > 1:
             likely.setdefault(name, own)
         tasks += [added(stays, other, sights) for other, sights in likely.items()]
-    return list(side_by_side(bench, tasks, say))
+    return list(side_by_side(fitter, tasks, say))
 
 
-def _nearer(one: Candidate, found: Explanation) -> Candidate:
+def _nearer(one: Candidate, found: FittedModel) -> Candidate:
     """A staircase with sizes very near that of a fit, if it is part of it: beside another effect
     the needle may lie next to where it was found alone."""
     if not one.discontinuous or one.name not in found.effects:
@@ -205,18 +205,18 @@ def _nearer(one: Candidate, found: Explanation) -> Candidate:
     )
 
 
-def without(bench: Bench, found: Explanation, name: str) -> Explanation:
+def without(fitter: Fitter, found: FittedModel, name: str) -> FittedModel:
     """The fit without one of some effects, begun where that with it has ended."""
-    return bench.fit(*_without(found, name), found.values)
+    return fitter.fit(*_without(found, name), found.values)
 
 
-def _without(found: Explanation, name: str) -> tuple[tuple[str, ...], list[Free]]:
+def _without(found: FittedModel, name: str) -> tuple[tuple[str, ...], list[Free]]:
     """The other effects and their free parameters."""
     effects = tuple(it for it in found.effects if it != name)
     own = {free.name: free.name.rpartition(".")[0] for free in found.problem.free}
     return effects, [it for it in found.problem.free if it.prior is None and own[it.name] != name]
 
 
-def halves_of(bench: Bench, couples: Iterable[Explanation]) -> list[Explanation]:
+def singles_of(fitter: Fitter, couples: Iterable[FittedModel]) -> list[FittedModel]:
     """Each effect of a pair alone, begun where the pair has ended: it may suffice."""
-    return [without(bench, couple, name) for couple in couples for name in couple.effects]
+    return [without(fitter, couple, name) for couple in couples for name in couple.effects]

@@ -19,7 +19,7 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.diagnosis.candidates import Candidate
 from servo_models.diagnosis.fitting.box import least_in_box, value_at
-from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.fitting.linearisation import Linearisation
 from servo_models.diagnosis.search.changes import changes, corrected_changes, neighbours
 from servo_models.diagnosis.trial_values import Settings
 
@@ -31,7 +31,7 @@ LARGEST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Screened:
     """An effect at one size.
 
     Attributes:
@@ -45,7 +45,7 @@ class Sight:
         waves: of a ripple, its changes by a sine and by a cosine, shape (m + priors, 2).
     """
 
-    seen: View
+    seen: Linearisation
     candidate: Candidate
     settings: dict[str, float]
     share: float
@@ -77,7 +77,9 @@ class Sight:
         }
 
 
-def look(views: Sequence[View], every: Sequence[Candidate], corrected: bool = True) -> list[Sight]:
+def screen(
+    views: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
+) -> list[Screened]:
     """Return each effect at each size from each view, best first, without those that do nothing.
 
     Other parameters are ``corrected`` before a staircase is judged: one of the wrong step looks
@@ -86,16 +88,16 @@ def look(views: Sequence[View], every: Sequence[Candidate], corrected: bool = Tr
     return promising(sights_of(views, every, corrected))
 
 
-def promising(sights: Iterable[Sight]) -> list[Sight]:
+def promising(sights: Iterable[Screened]) -> list[Screened]:
     """Return those that move the outputs beyond what parameters can imitate, best first."""
     return sorted((it for it in sights if it.difference.any()), key=lambda it: it.left)
 
 
 def sights_of(
-    views: Sequence[View], every: Sequence[Candidate], corrected: bool = True
-) -> list[Sight]:
+    views: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
+) -> list[Screened]:
     """Return each effect at each size from each view, whatever it does."""
-    sights: list[Sight] = []
+    sights: list[Screened] = []
     for seen in views:
         problem = seen.problem
         base = problem.values(seen.vector)
@@ -108,17 +110,17 @@ def sights_of(
 
 
 def _sights(
-    seen: View, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
-) -> list[Sight]:
-    left, share = best_shares(seen, [one for one, _ in every], changes)
+    seen: Linearisation, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
+) -> list[Screened]:
+    left, share = best_scales(seen, [one for one, _ in every], changes)
     return [
         _sight(seen, one, settings, columns, own, float(rest))
         for (one, settings), columns, rest, own in zip(every, changes, left, share)
     ]
 
 
-def best_shares(
-    seen: View, every: Sequence[Candidate], changes: Sequence[Array]
+def best_scales(
+    seen: Linearisation, every: Sequence[Candidate], changes: Sequence[Array]
 ) -> tuple[Array, Array]:
     """Return what effects leave that change errors so, shape (k,), and at which share of it.
 
@@ -139,12 +141,12 @@ def best_shares(
         gram[k, own, :p] = gram[k, :p, own].T
         gram[k, own, own] = columns.T @ columns
         towards[k, own] = columns.T @ seen.errors
-        low[k, own], high[k, own] = shares(one)
+        low[k, own], high[k, own] = scales(one)
     left, steps = remains(seen, gram, towards, low, high)
     return left, steps[:, p:]
 
 
-def shares(one: Candidate) -> tuple[float, float]:
+def scales(one: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
     if one.ripple:
         return -LARGEST, LARGEST
@@ -154,17 +156,22 @@ def shares(one: Candidate) -> tuple[float, float]:
 
 
 def _sight(
-    seen: View, one: Candidate, settings: Settings, columns: Array, share: Array, left: float
-) -> Sight:
+    seen: Linearisation,
+    one: Candidate,
+    settings: Settings,
+    columns: Array,
+    share: Array,
+    left: float,
+) -> Screened:
     if not one.ripple:
         change = columns[:, 0]
-        return Sight(seen, one, settings, float(share[0]), change, seen.without(change), left)
+        return Screened(seen, one, settings, float(share[0]), change, seen.without(change), left)
     at_once = {**settings, one.ripple[1]: 0.0}
-    plain = Sight(seen, one, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
+    plain = Screened(seen, one, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
     return turned(plain, share, left)
 
 
-def turned(ripple: Sight, share: Array, left: float) -> Sight:
+def turned(ripple: Screened, share: Array, left: float) -> Screened:
     """Return a ripple with these shares of its sine and its cosine, shape (2,)."""
     assert ripple.candidate.ripple
     assert ripple.waves is not None
@@ -177,7 +184,7 @@ def turned(ripple: Sight, share: Array, left: float) -> Sight:
 
 
 def remains(
-    seen: View, gram: Array, towards: Array, low: Array, high: Array
+    seen: Linearisation, gram: Array, towards: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
     """Return the squared errors that are left at the best steps inside a box, and these steps."""
     best = least_in_box(gram, towards, low, high)

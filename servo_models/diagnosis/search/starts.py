@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from servo_models.diagnosis.search.screening import Sight
+from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
 
 
@@ -28,13 +28,13 @@ class Start:
         cost: squared errors that are left there, priors included.
     """
 
-    sights: tuple[Sight, ...]
+    sights: tuple[Screened, ...]
     free: tuple[Free, ...]
     values: dict[str, float]
     cost: float
 
 
-def best_start(sights: Sequence[Sight], thorough: bool = True) -> Start:
+def best_start(sights: Sequence[Screened], thorough: bool = True) -> Start:
     """Return the best start of effects that are fitted together, each seen at one size.
 
     Other parameters are tried where they make up for the whole effects only, unless ``thorough``.
@@ -44,7 +44,7 @@ def best_start(sights: Sequence[Sight], thorough: bool = True) -> Start:
     return min(starts, key=lambda it: it.cost)
 
 
-def _start(sights: Sequence[Sight], scales: Sequence[float], thorough: bool) -> Start:
+def _start(sights: Sequence[Screened], scales: Sequence[float], thorough: bool) -> Start:
     """The start with the effects at so many times the sizes at which they were seen."""
     seen = sights[0].seen
     free = tuple(one for it, scale in zip(sights, scales) for one in it.candidate.at(it.at(scale)))

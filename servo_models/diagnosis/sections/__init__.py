@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from servo_models.analysis.explain import display_scale
 from servo_models.data.parameters import installed_version
 from servo_models.diagnosis import summary
-from servo_models.diagnosis.belief import COVERED
-from servo_models.diagnosis.claims import Claim, Value
+from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.diagnosis.weights import COVERED
 from servo_models.identification.readings import log_facts
 from servo_models.report.conditions import conditions
 from servo_models.report.numbers import ARROW, number, percent
@@ -74,7 +74,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
         if lines:
             yield Card("re-tuned most", "\n".join(lines), None, PARAMETER)
         return
-    named = [claim for claim in diagnosis.claims if claim.taken or claim.in_set]
+    named = [claim for claim in diagnosis.ranking if claim.taken or claim.in_set]
     if not named:
         return
     lines = [_cause(diagnosis, claim) for claim in named[: FEW + 1]]
@@ -83,8 +83,8 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
     yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
 
 
-def _cause(diagnosis: Diagnosis, claim: Claim) -> str:
-    rival = not claim.taken and any(one.taken for one in diagnosis.claims)
+def _cause(diagnosis: Diagnosis, claim: RankedEffect) -> str:
+    rival = not claim.taken and any(one.taken for one in diagnosis.ranking)
     sizes = ", ".join(
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
         for value in claim.parameters

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.diagnosis.claims import Value
 from servo_models.diagnosis.clock import Answers
 from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.experiments.experiment_search import played
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.nominal import BELIEVED
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.fitting.priors import BELIEVED
+from servo_models.diagnosis.localisation import Breakdown
+from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import tables
-from servo_models.diagnosis.where import Breakdown
 from servo_models.identification.readings import (
     Reading,
     axis_label,
@@ -111,26 +111,26 @@ def _draw_place(breakdown: Breakdown, axes: Sequence[Axes]) -> None:
     _without_scale(panel)
 
 
-def fits(diagnosis: Diagnosis, explanations: Sequence[Explanation], title: str) -> Picture:
+def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str) -> Picture:
     """Return what each fit leaves, with intervals of the comparison with the best."""
     return Picture(
         title,
-        partial(_draw_fits, diagnosis, explanations),
+        partial(_draw_fits, diagnosis, fitted_models),
         "Upright marks: the noise floor; dotted: the best. Lines: 95 % intervals of the comparison"
         " with the best: one that reaches the best does as well. Filled: in the set.",
-        height=MARGIN + ROW * (len(explanations) + 1),
+        height=MARGIN + ROW * (len(fitted_models) + 1),
     )
 
 
 def _draw_fits(
-    diagnosis: Diagnosis, explanations: Sequence[Explanation], axes: Sequence[Axes]
+    diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], axes: Sequence[Axes]
 ) -> None:
     (panel,) = axes
-    count, best = len(explanations), explanations[0].evidence.rms
+    count, best = len(fitted_models), fitted_models[0].evidence.rms
     edge = BEYOND * diagnosis.causes.before.rms
-    chances = tables.probabilities(diagnosis, explanations)
-    limits = tables.intervals(explanations)
-    for row, (one, interval, chance) in enumerate(zip(explanations, limits, chances)):
+    chances = tables.probabilities(diagnosis, fitted_models)
+    limits = tables.intervals(fitted_models)
+    for row, (one, interval, chance) in enumerate(zip(fitted_models, limits, chances)):
         member, error = one in diagnosis.verdict.rivals, one.evidence.rms
         tint = colour("blue" if member else "muted")
         if error > edge:
@@ -156,7 +156,7 @@ def _draw_fits(
 
 def detectors(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     """Return what each detector of a believed effect sees."""
-    seen = [claim.detected for claim in diagnosis.claims if claim.detected is not None]
+    seen = [claim.detected for claim in diagnosis.ranking if claim.detected is not None]
     return tuple(_codes(it) if isinstance(it, Codes) else _ticks(it) for it in seen)
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.diagnosis import summary
-from servo_models.diagnosis.claims import Claim, Value
 from servo_models.diagnosis.detectors import sentence
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import DRAWS, Gap
+from servo_models.diagnosis.localisation import Bin, Breakdown
+from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.verdict import chances_of
-from servo_models.diagnosis.where import Bin, Breakdown
+from servo_models.diagnosis.verdict import weights_of
 from servo_models.identification.readings import error_table
 from servo_models.report.numbers import Quantity, number, percent, prefix
 from servo_models.report.sections import Cell, Table
@@ -48,7 +48,7 @@ def size(diagnosis: Diagnosis, value: Value) -> Quantity:
     )
 
 
-def probability(claim: Claim) -> str:
+def probability(claim: RankedEffect) -> str:
     """Return how likely an effect is."""
     return _chance(claim.probability)
 
@@ -174,11 +174,11 @@ def _percent(share: float | None) -> Quantity:
 def effects(diagnosis: Diagnosis) -> Table:
     """Every effect that was fitted, most likely first."""
     columns = ("effect", "on", "probability", "size", f"left [{FLOORS}]", "closes", "")
-    rows = tuple(_effect(diagnosis, claim) for claim in diagnosis.claims)
+    rows = tuple(_effect(diagnosis, claim) for claim in diagnosis.ranking)
     return Table("Effects, most likely first", columns, rows)
 
 
-def _effect(diagnosis: Diagnosis, claim: Claim) -> tuple[Cell, ...]:
+def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> tuple[Cell, ...]:
     fitted = diagnosis.causes.fitted
     marks = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
     if claim.name in fitted and not claim.taken:
@@ -195,9 +195,9 @@ def _effect(diagnosis: Diagnosis, claim: Claim) -> tuple[Cell, ...]:
     )
 
 
-def fits(diagnosis: Diagnosis, explanations: Sequence[Explanation], title: str) -> Table:
+def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str) -> Table:
     """Every fit of so many effects, the best first."""
-    chances = probabilities(diagnosis, explanations)
+    chances = probabilities(diagnosis, fitted_models)
     rows = tuple(
         (
             together(one.effects),
@@ -206,35 +206,35 @@ def fits(diagnosis: Diagnosis, explanations: Sequence[Explanation], title: str) 
             "in the set" if one in diagnosis.verdict.rivals else "",
             "converged" if one.converged else "did not converge",
         )
-        for one, interval, chance in zip(explanations, intervals(explanations), chances)
+        for one, interval, chance in zip(fitted_models, intervals(fitted_models), chances)
     )
     columns = ("effects", f"left [{FLOORS}], 95 %", "probability", "set", "search")
     return Table(title, columns, rows, folded=True)
 
 
-def probabilities(diagnosis: Diagnosis, explanations: Sequence[Explanation]) -> list[str]:
+def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
     """Return them among explanations of as many effects as were taken, "" for others."""
-    if explanations is not diagnosis.causes.alike or not diagnosis.causes.taken.effects:
-        return [""] * len(explanations)
-    chances = chances_of(diagnosis.causes, diagnosis.verdict.rest)
+    if fitted_models is not diagnosis.causes.alike or not diagnosis.causes.taken.effects:
+        return [""] * len(fitted_models)
+    chances = weights_of(diagnosis.causes, diagnosis.verdict.rest)
     return [_chance(float(chance)) for chance in chances]
 
 
-def intervals(explanations: Sequence[Explanation]) -> list[tuple[float, float]]:
+def intervals(fitted_models: Sequence[FittedModel]) -> list[tuple[float, float]]:
     """Return 95 % intervals of the errors left [noise floors], as compared with the best.
 
     Blocks are drawn again, the same for all, and the ratio to the best explanation is what
     varies: one whose interval reaches the best's error does as well.
     """
-    if not explanations:
+    if not fitted_models:
         return []
-    losses = np.array([one.evidence.losses for one in explanations])
+    losses = np.array([one.evidence.losses for one in fitted_models])
     best = int(np.argmin(losses.sum(axis=1)))
     blocks = losses.shape[1]
     draws = np.random.default_rng(0).integers(0, blocks, (DRAWS, blocks))
     drawn = losses[:, draws].sum(axis=2)
     ratios = np.sqrt(drawn / drawn[best])
-    scale = explanations[best].evidence.rms
+    scale = fitted_models[best].evidence.rms
     limits = scale * np.quantile(ratios, (0.025, 0.975), axis=1)
     return [(float(low), float(high)) for low, high in limits.T]
 
@@ -246,13 +246,13 @@ def together(effects: Sequence[str]) -> str:
 
 def detected(diagnosis: Diagnosis) -> Table:
     """What the detectors of believed effects have seen."""
-    rows = tuple((it.name, sentence(it.detected)) for it in diagnosis.claims if it.detected)
+    rows = tuple((it.name, sentence(it.detected)) for it in diagnosis.ranking if it.detected)
     return Table("Seen apart from any error", ("effect", "its own detector"), rows)
 
 
 def reasons(diagnosis: Diagnosis) -> Table:
     """Why effects were not fitted, those of one reason in one row."""
-    fitted = {claim.name for claim in diagnosis.claims}
+    fitted = {claim.name for claim in diagnosis.ranking}
     rows: dict[str, list[str]] = {}
     for name, reason in summary.ruled_out(diagnosis).items():
         if name not in fitted:

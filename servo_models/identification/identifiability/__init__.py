@@ -23,7 +23,7 @@ from servo_models.core.workers import Workers
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.identifiability import responses
-from servo_models.identification.identifiability.evidence import EXPLAINED, Evidence
+from servo_models.identification.identifiability.ambiguity import EXPLAINED, Comparison
 from servo_models.identification.problem import Problem
 
 SHOWN = 0.5
@@ -32,7 +32,7 @@ and models are never quite right."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class Detectability:
     """How far one cause would move what was measured.
 
     Attributes:
@@ -79,7 +79,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Excitation:
+class Identifiability:
     """What logs can determine.
 
     Attributes:
@@ -90,21 +90,21 @@ class Excitation:
         refused: effects whose simulation leaves the finite numbers.
     """
 
-    parameters: tuple[Reach, ...]
-    effects: tuple[Reach, ...]
+    parameters: tuple[Detectability, ...]
+    effects: tuple[Detectability, ...]
     groups: tuple[Group, ...]
     together: tuple[tuple[str, ...], ...]
     refused: tuple[str, ...]
 
 
-def excitation(
+def identifiability(
     model: Model,
     logs: Sequence[Log],
     floor: Mapping[str, float],
     free: Iterable[str] = (),
     priors: Mapping[str, float] | None = None,
     jobs: int | None = None,
-) -> Excitation:
+) -> Identifiability:
     """Return what logs can determine of a model.
 
     Args:
@@ -130,7 +130,7 @@ def excitation(
 
 def _excitation(
     model: Model, problem: Problem, asked: Mapping[str, None], given: Mapping[str, float]
-) -> Excitation:
+) -> Identifiability:
     nominal = responses.response(problem, {})
     if nominal is None:
         raise UserError("the nominal model leaves the finite numbers on these logs: correct it")
@@ -142,10 +142,10 @@ def _excitation(
         problem.workers.map(lambda it: responses.difference(problem, nominal, *it), settings)
     )
     causes = [c for c in (*parameters, *effects) if c.difference is not None]
-    evidence = Evidence(causes, asked, given, told.jitter)
+    evidence = Comparison(causes, asked, given, told.jitter)
     outputs = responses.outputs(problem)
     reaches = [_reach(i, evidence, outputs, told) for i in range(len(causes))]
-    return Excitation(
+    return Identifiability(
         parameters=tuple(reach for reach in reaches if not reach.effect),
         effects=tuple(reach for reach in reaches if reach.effect),
         groups=_groups(model.plant, reaches, evidence, asked),
@@ -155,8 +155,8 @@ def _excitation(
 
 
 def _reach(
-    i: int, evidence: Evidence, outputs: Mapping[str, Mask], told: responses.Slopes
-) -> Reach:
+    i: int, evidence: Comparison, outputs: Mapping[str, Mask], told: responses.Slopes
+) -> Detectability:
     found, difference = evidence.causes[i], evidence.differences[i]
     squares = difference**2 - evidence.rough[i]
     moved = {n: float(np.sqrt(max(np.mean(squares[at]), 0.0))) for n, at in outputs.items()}
@@ -169,7 +169,7 @@ def _reach(
     )
     if found.name in told.steps and prior == 0.0:
         alone, together = (told.steps[found.name](it) for it in (alone, together))
-    return Reach(
+    return Detectability(
         name=found.name,
         effect=found.effect,
         sizes=found.sizes,
@@ -183,7 +183,7 @@ def _reach(
 
 
 def _groups(
-    plant: Plant, reaches: Sequence[Reach], evidence: Evidence, asked: Container[str]
+    plant: Plant, reaches: Sequence[Detectability], evidence: Comparison, asked: Container[str]
 ) -> tuple[Group, ...]:
     """Groups in which every cause looks like every other: effects, and what is to be estimated.
 

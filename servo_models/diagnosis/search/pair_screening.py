@@ -13,8 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.view import View
-from servo_models.diagnosis.search.screening import LEAST, STRETCH, Sight, remains, shares, turned
+from servo_models.diagnosis.fitting.linearisation import Linearisation
+from servo_models.diagnosis.search.screening import (
+    LEAST,
+    STRETCH,
+    Screened,
+    remains,
+    scales,
+    turned,
+)
 
 EACH = 3
 """Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it
@@ -26,10 +33,10 @@ class _Pair(NamedTuple):
 
     left: float
     places: tuple[int, int]
-    shares: tuple[Array, Array]
+    scales: tuple[Array, Array]
 
 
-def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, Sight]]:
+def pairs(sights: Sequence[Screened], enough: float = np.inf) -> list[tuple[Screened, Screened]]:
     """Return pairs of different effects by what both would leave together, best first.
 
     Pairs that leave more than ``enough`` squared errors are none.
@@ -37,23 +44,23 @@ def pairs(sights: Sequence[Sight], enough: float = np.inf) -> list[tuple[Sight, 
     scored: list[_Pair] = []
     for seen in dict.fromkeys(sight.seen for sight in sights):
         scored += _pairs(sights, _taking_part(sights, seen))
-    best: dict[frozenset[str], tuple[Sight, Sight]] = {}
+    best: dict[frozenset[str], tuple[Screened, Screened]] = {}
     for pair in sorted(scored, key=lambda it: it.left):
         if pair.left > enough:
             break
         one, other = (sights[k] for k in pair.places)
         names = frozenset((one.candidate.name, other.candidate.name))
         if names not in best:
-            best[names] = (_at(one, pair.shares[0]), _at(other, pair.shares[1]))
+            best[names] = (_at(one, pair.scales[0]), _at(other, pair.scales[1]))
     return list(best.values())
 
 
-def _at(sight: Sight, share: Array) -> Sight:
+def _at(sight: Screened, share: Array) -> Screened:
     """A ripple at the amplitude and the phase that it has beside another effect."""
     return sight if sight.waves is None else turned(sight, share, sight.left)
 
 
-def _taking_part(sights: Sequence[Sight], seen: View) -> list[int]:
+def _taking_part(sights: Sequence[Screened], seen: Linearisation) -> list[int]:
     """Which sights from a view take part in pairs: of each effect those that leave least alone, of
     a ripple all, and of a staircase those that leave least beside a smooth one."""
     groups: dict[str, list[int]] = {}
@@ -64,14 +71,14 @@ def _taking_part(sights: Sequence[Sight], seen: View) -> list[int]:
     smooth = [sights[i] for i in best if not sights[i].candidate.discontinuous]
     for group in groups.values():
         if smooth and sights[group[0]].candidate.discontinuous:
-            left = left_beside([sights[i] for i in group], smooth)
+            left = residual_beside([sights[i] for i in group], smooth)
             best += [group[k] for k in np.argsort(left)[:EACH]]
         elif sights[group[0]].waves is not None:
             best += group
     return list(dict.fromkeys(best))
 
 
-def left_beside(sights: Sequence[Sight], others: Sequence[Sight]) -> Array:
+def residual_beside(sights: Sequence[Screened], others: Sequence[Screened]) -> Array:
     """Return the squared errors that each of some sights leaves beside the best of the others.
 
     All are from the same view.  Shape (sights,).
@@ -79,7 +86,7 @@ def left_beside(sights: Sequence[Sight], others: Sequence[Sight]) -> Array:
     seen = sights[0].seen
     rest = seen.without(np.column_stack([seen.errors + it.change for it in sights]))
     columns = np.column_stack([it.difference for it in others])
-    low, high = np.array([shares(it.candidate) for it in others]).T[..., None]
+    low, high = np.array([scales(it.candidate) for it in others]).T[..., None]
     power, along = np.sum(columns**2, axis=0)[:, None], columns.T @ rest
     share: Array = np.clip(-along / power, low, high)
     return np.asarray(
@@ -87,7 +94,7 @@ def left_beside(sights: Sequence[Sight], others: Sequence[Sight]) -> Array:
     )
 
 
-def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[_Pair]:
+def _pairs(sights: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
     """What pairs from one view would leave."""
     part = [sights[k] for k in own]
     seen = part[0].seen
@@ -116,7 +123,7 @@ def _pairs(sights: Sequence[Sight], own: Sequence[int]) -> list[_Pair]:
     return found
 
 
-def _different(part: Sequence[Sight]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def _different(part: Sequence[Screened]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Pairs of different effects that do not change the response alike, each of shape (k,)."""
     names = np.array([it.candidate.name for it in part])
     i, j = np.triu_indices(len(part), 1)
@@ -129,10 +136,10 @@ def _different(part: Sequence[Sight]) -> tuple[NDArray[np.int_], NDArray[np.int_
     return i[differ], j[differ]
 
 
-def _limits(part: Sequence[Sight]) -> tuple[Array, Array]:
+def _limits(part: Sequence[Screened]) -> tuple[Array, Array]:
     """Least and largest shares of each column of some sights in pairs, shapes (k, 1)."""
     ends = [
-        shares(it.candidate)
+        scales(it.candidate)
         if it.waves is not None
         else (LEAST if it.candidate.hints.inverse else 0.0, STRETCH)
         for it in part

@@ -1,4 +1,4 @@
-"""A fit with some effects switched on, and the bench on which such fits are made.
+"""A fit with some effects switched on, and the fitter that makes such fits.
 
 Nominal parameters stay free inside their priors in every fit, since a wrong value that is held
 fixed looks like an effect.
@@ -16,22 +16,22 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
+from servo_models.diagnosis.fitting.crossval import CrossValidation, blocks, cross_validate
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.diagnosis.fitting.discontinuous import (
     MOST_MOVES,
     NARROW_RELATIVE_CHANGES,
     WIDE_RELATIVE_CHANGES,
     begins_with_jump,
+    discontinuous_of,
     others_first,
     past_an_edge,
     sharpened,
     shifted,
-    staircases_of,
     turned,
 )
-from servo_models.diagnosis.fitting.evidence import Evidence, blocks, judge
-from servo_models.diagnosis.fitting.structure import LeftOver, left_over
-from servo_models.diagnosis.fitting.view import View, view
+from servo_models.diagnosis.fitting.linearisation import Linearisation, linearised
+from servo_models.diagnosis.fitting.residuals import Residuals, residuals_of
 from servo_models.identification.optimise import steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.uncertainty import Spread, spread
@@ -50,7 +50,7 @@ parameters in scales, and of a stepwise size relative to it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
+class FittedModel:
     """A fit with some effects switched on.
 
     Attributes:
@@ -66,8 +66,8 @@ class Explanation:
 
     effects: tuple[str, ...]
     problem: Problem
-    view: View
-    evidence: Evidence
+    linearised: Linearisation
+    evidence: CrossValidation
     converged: bool
     chance: float
     widths: Array | None = None
@@ -81,12 +81,12 @@ class Explanation:
     def disguised(self) -> bool:
         """Whether a bound holds a parameter of an effect from a better fit: what it imitates may
         be another effect.  One that merely lies there, since the logs do not show it, is none."""
-        sides, slopes = self.problem.sides(self.evidence.vector), self.view.slopes
+        sides, slopes = self.problem.sides(self.evidence.vector), self.linearised.slopes
         for i, free in enumerate(self.problem.free):
             if sides[i] and free.prior is None:
                 others = np.delete(slopes, i, axis=1)
                 own = slopes[:, i] - others @ np.linalg.lstsq(others, slopes[:, i], rcond=1e-9)[0]
-                outward = float(own @ self.view.errors) * (1.0 if sides[i] == "low" else -1.0)
+                outward = float(own @ self.linearised.errors) * (1.0 if sides[i] == "low" else -1.0)
                 least = PRESSED * self.evidence.dispersion * float(own @ own)
                 if outward > 0.0 and outward**2 > least:
                     return True
@@ -105,14 +105,14 @@ class Explanation:
         return tuple(tuple(names[i] for i in group) for group in groups)
 
     @cached_property
-    def left(self) -> LeftOver:
+    def left(self) -> Residuals:
         """What the errors that it leaves consist of."""
-        return left_over(self.problem, self.evidence)
+        return residuals_of(self.problem, self.evidence)
 
     @property
     def cost(self) -> float:
         """Sum of squared errors, priors included, that the fit leaves."""
-        return float(self.view.errors @ self.view.errors)
+        return float(self.linearised.errors @ self.linearised.errors)
 
     @cached_property
     def loss(self) -> float:
@@ -127,7 +127,7 @@ class Explanation:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Fitter:
     """What every fit of a diagnosis shares.
 
     Attributes:
@@ -153,8 +153,8 @@ class Bench:
         free = [*self.nominal, *extra]
         return Problem(self.model, self.logs, free, sigma=dict(self.floors), workers=self.workers)
 
-    def surveyed(self) -> Bench:
-        """Return a bench that knows where the response of the nominal model is rough."""
+    def surveyed(self) -> Fitter:
+        """Return a fitter that knows where the response of the nominal model is rough."""
         problem = self.problem()
         found = steps(problem, problem.start) if problem.free else None
         names = [free.name for free in self.nominal]
@@ -162,7 +162,7 @@ class Bench:
 
     def widths(self, problem: Problem) -> Array | None:
         """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
-        stepwise = staircases_of(problem)
+        stepwise = discontinuous_of(problem)
         coarse = bool(stepwise) or begins_with_jump(problem)
         if not self.rough and not coarse:
             return None
@@ -179,7 +179,7 @@ class Bench:
         start: Mapping[str, float] | None = None,
         known: Array | None = None,
         limit: int = STEPS,
-    ) -> Explanation:
+    ) -> FittedModel:
         """Fit from a start [SI by name]; what it does not name begins with its own.
 
         ``known`` are slopes near there, shape (m, k), of the first k parameters; ``limit`` is that
@@ -194,30 +194,30 @@ class Bench:
 
     def unfit(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
-    ) -> Explanation:
+    ) -> FittedModel:
         """Return an explanation with these values [SI], as it is."""
         problem = self.problem(extra)
         vector = np.array([values[free.name] for free in problem.free]) / problem.scales
         return self._judged(effects, problem, vector, converged=False)
 
-    def unfitted(self) -> Explanation:
+    def unfitted(self) -> FittedModel:
         """Return the nominal model as it is: no fit, so that everything is unseen."""
         problem = self.problem()
         errors = problem.residuals(problem.nominal)
-        seen = View(problem, problem.nominal, errors, np.empty((len(errors), 0)))
+        seen = Linearisation(problem, problem.nominal, errors, np.empty((len(errors), 0)))
         own = errors[: problem.samples]
-        evidence = Evidence(problem.nominal, own, own, blocks(problem))
-        return Explanation((), problem, seen, evidence, converged=True, chance=0.0)
+        evidence = CrossValidation(problem.nominal, own, own, blocks(problem))
+        return FittedModel((), problem, seen, evidence, converged=True, chance=0.0)
 
     def again(
-        self, found: Explanation, tolerance: float = ENOUGH, limit: int = STEPS
-    ) -> Explanation:
+        self, found: FittedModel, tolerance: float = ENOUGH, limit: int = STEPS
+    ) -> FittedModel:
         """Fit once more from where a fit has ended."""
         problem = found.problem
         ended = self._descend(problem, found.evidence.vector, tolerance, limit)
         return self._judged(found.effects, problem, *ended)
 
-    def finish(self, found: Explanation) -> Explanation:
+    def finish(self, found: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
         return self.again(found, EXACT, PATIENT) if found.problem.free else found
 
@@ -228,14 +228,14 @@ class Bench:
         vector: Array,
         converged: bool,
         slopes: Array | None = None,
-    ) -> Explanation:
+    ) -> FittedModel:
         widths = self.widths(problem)
-        seen = view(problem, vector, widths, slopes)
-        held = [*staircases_of(problem), *_pressed(seen)]
-        evidence = judge(problem, seen, blocks(problem), held)
+        seen = linearised(problem, vector, widths, slopes)
+        held = [*discontinuous_of(problem), *_pressed(seen)]
+        evidence = cross_validate(problem, seen, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        return Explanation(effects, problem, seen, evidence, converged, chance, widths)
+        return FittedModel(effects, problem, seen, evidence, converged, chance, widths)
 
     def _descend(
         self,
@@ -250,7 +250,7 @@ class Bench:
         They stay until the other parameters are where such a size needs them: before, a wrong
         one may leave less.
         """
-        widths, stepwise = self.widths(problem), staircases_of(problem)
+        widths, stepwise = self.widths(problem), discontinuous_of(problem)
         vector = np.clip(start, *problem.bounds)
         if stepwise:
             assert widths is not None  # a staircase has no small slopes
@@ -275,7 +275,7 @@ class Bench:
         return vector, met, slopes
 
 
-def _pressed(seen: View) -> list[int]:
+def _pressed(seen: Linearisation) -> list[int]:
     """Which parameters a bound holds from a better fit: without a block it would hold them too."""
     sides, gradient = seen.problem.sides(seen.vector), seen.slopes.T @ seen.errors
     inward = {"low": 1.0, "high": -1.0}

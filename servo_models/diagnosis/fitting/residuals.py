@@ -33,7 +33,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
 from servo_models.diagnosis.codes import loudest
-from servo_models.diagnosis.fitting.evidence import Evidence
+from servo_models.diagnosis.fitting.crossval import CrossValidation
 from servo_models.identification.problem import Problem
 
 LONGEST, SHORTEST, PARTS = 48, 16, 8
@@ -64,7 +64,7 @@ MANY = 3
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class Residuals:
     """What errors consist of, RMS in noise floors of the audit.
 
     Attributes:
@@ -79,7 +79,7 @@ class LeftOver:
     noise: float
     total: float
 
-    def without(self, known: float) -> LeftOver:
+    def without(self, known: float) -> Residuals:
         """Return the same, less a structured part [noise floors] of which the reason is known."""
         structured, least = (
             math.sqrt(max(part**2 - known**2, 0.0)) for part in (self.structured, self.least)
@@ -87,7 +87,7 @@ class LeftOver:
         return replace(self, structured=structured, least=least)
 
 
-def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
+def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
     """Return how much of the errors of a fit is structured, all records and outputs together.
 
     Readings with fewer than ``LEAST_SAMPLES`` count as noise, as far as that may be so loud.
@@ -102,7 +102,7 @@ def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
         structured += float(errors @ errors) - len(errors) * own
         variance += (len(errors) * spread) ** 2
     n = max(problem.samples, 1)
-    return LeftOver(
+    return Residuals(
         structured=math.sqrt(max(structured, 0.0) / n),
         least=math.sqrt(max(structured - SURE * math.sqrt(variance), 0.0) / n),
         noise=max(math.sqrt(noise / n), 1.0),
@@ -110,7 +110,7 @@ def left_over(problem: Problem, evidence: Evidence) -> LeftOver:
     )
 
 
-def missing(left: LeftOver, gap: float, effects: int = 1) -> bool:
+def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
     """Return whether an explanation lacks something that matters.
 
     Its structured part is surely ``LARGE`` against the noise, and at least ``SHARE`` of what
@@ -128,12 +128,12 @@ def missing(left: LeftOver, gap: float, effects: int = 1) -> bool:
     return sure(left) and left.structured > SHARE * before
 
 
-def sure(left: LeftOver) -> bool:
+def sure(left: Residuals) -> bool:
     """Return whether a part of the errors is surely no noise."""
     return left.least > LARGE * left.noise
 
 
-def _readings(problem: Problem, evidence: Evidence) -> Iterator[tuple[Array, float, float]]:
+def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Array, float, float]]:
     """Errors of each output of each log, the noise power that its reading step adds, and how loud
     noise may be."""
     start = 0

@@ -17,7 +17,7 @@ EXPLAINED = 1e-6
 """Share of the square of a difference that may be rounding."""
 
 
-class Evidence:
+class Comparison:
     """Inner products of all differences, and what remains of them beside free parameters."""
 
     def __init__(

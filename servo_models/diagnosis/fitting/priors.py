@@ -13,7 +13,7 @@ BELIEVED = 4.0
 """Prior deviations that a nominal parameter may move."""
 
 
-def nominal_parameters(told: Description) -> tuple[Free, ...]:
+def prior_parameters(told: Description) -> tuple[Free, ...]:
     """Return what is free in every fit: parameters with an uncertainty, within its reach.
 
     Without the limit a large gap takes them anywhere, and an effect that is missing is

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where.alone import by_block
-from servo_models.diagnosis.where.breakdown import Bin, Breakdown
-from servo_models.diagnosis.where.regimes import (
+from servo_models.diagnosis.localisation.breakdown import Bin, Breakdown
+from servo_models.diagnosis.localisation.open_loop import by_block
+from servo_models.diagnosis.localisation.regimes import (
     by_amplitude,
     by_position,
     by_reversal,
@@ -13,13 +12,14 @@ from servo_models.diagnosis.where.regimes import (
     by_speed,
     by_time,
 )
-from servo_models.diagnosis.where.samples import collect
-from servo_models.diagnosis.where.spectrum import by_frequency
+from servo_models.diagnosis.localisation.samples import collect
+from servo_models.diagnosis.localisation.spectrum import by_frequency
+from servo_models.diagnosis.search.selection import Selection
 
 __all__ = ["Bin", "Breakdown", "where"]
 
 
-def where(causes: Causes) -> tuple[Breakdown, ...]:
+def localise(causes: Selection) -> tuple[Breakdown, ...]:
     """Break a gap down by signal, block, time, frequency, command amplitude, speed, reversals,
     position.
 

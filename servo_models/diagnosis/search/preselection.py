@@ -14,17 +14,17 @@ from itertools import chain
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.fitting.linearisation import Linearisation
 from servo_models.diagnosis.search.fits import likeliest, names_of
-from servo_models.diagnosis.search.screening import Sight, best_shares, look
+from servo_models.diagnosis.search.screening import Screened, best_scales, screen
 from servo_models.diagnosis.trial_values import Settings
 
 SIZES = 6
 """Sizes at which an effect is seen again beside others."""
 
 
-def narrowed(every: Iterable[Candidate], sights: Sequence[Sight]) -> list[Candidate]:
+def preselect(every: Iterable[Candidate], sights: Sequence[Screened]) -> list[Candidate]:
     """Return effects with what ``sights``, best first, have shown of their sizes alone.
 
     Of the thousands of sizes of a staircase, those stay that were promising once.  Others keep all:
@@ -51,17 +51,17 @@ def _place(one: Candidate, settings: Settings) -> Hashable:
     return tuple(it for it in settings.items() if it[0] not in (one.ripple or ()))
 
 
-def seen_beside(first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+def seen_beside(first: FittedModel, every: Iterable[Candidate]) -> list[Screened]:
     """Return what is seen of other effects beside those of ``first``, best first."""
-    others = [_likely(first.view, one) for one in every if one.name not in first.effects]
-    return look((first.view,), others)
+    others = [_likely(first.linearised, one) for one in every if one.name not in first.effects]
+    return screen((first.linearised,), others)
 
 
-def _likely(seen: View, one: Candidate) -> Candidate:
+def _likely(seen: Linearisation, one: Candidate) -> Candidate:
     """An effect at the sizes that would leave least from there if changes add up."""
     if len(one.alone) <= SIZES:
         return one
-    left, _ = best_shares(seen, [one] * len(one.alone), one.alone)
+    left, _ = best_scales(seen, [one] * len(one.alone), one.alone)
     best = np.argsort(left, kind="stable")[:SIZES]
     return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
 
@@ -73,9 +73,9 @@ class Looks:
     """
 
     def __init__(self) -> None:
-        self._known: dict[Hashable, list[Sight]] = {}
+        self._known: dict[Hashable, list[Screened]] = {}
 
-    def beside(self, first: Explanation, every: Iterable[Candidate]) -> list[Sight]:
+    def beside(self, first: FittedModel, every: Iterable[Candidate]) -> list[Screened]:
         """Return the same as ``seen_beside``."""
         keys = {_key(first, one): one for one in every if one.name not in first.effects}
         new = {one.name: key for key, one in keys.items() if key not in self._known}
@@ -88,6 +88,6 @@ class Looks:
         return sorted(known, key=lambda sight: sight.left)
 
 
-def _key(first: Explanation, one: Candidate) -> Hashable:
+def _key(first: FittedModel, one: Candidate) -> Hashable:
     """An effect at its sizes, seen from a fit."""
     return first, one.name, tuple(tuple(size.items()) for size in one.trial_values)

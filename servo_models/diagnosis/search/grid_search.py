@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from servo_models.data.log import Log
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.view import view
-from servo_models.diagnosis.search.pairs_seen import left_beside
-from servo_models.diagnosis.search.screening import Sight, look
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.fitting.linearisation import linearised
+from servo_models.diagnosis.search.pair_screening import residual_beside
+from servo_models.diagnosis.search.screening import Screened, screen
 from servo_models.diagnosis.trial_values import Settings
 
 BRIEF, LONG = 1000, 5000
@@ -49,7 +49,7 @@ LISTED = 12
 
 
 def shortlist(
-    bench: Bench, first: Explanation, every: Sequence[Candidate], seen: Sequence[Sight] = ()
+    fitter: Fitter, first: FittedModel, every: Sequence[Candidate], seen: Sequence[Screened] = ()
 ) -> tuple[Candidate, ...]:
     """Return the staircases among some effects, with the sizes that look best beside ``first``.
 
@@ -63,7 +63,7 @@ def shortlist(
     if not stairs:
         return ()
     smooth = [it for it in seen if not it.candidate.grid]
-    parts = {samples: _Part(bench, first, samples, smooth) for samples in (BRIEF, LONG)}
+    parts = {samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF, LONG)}
     return tuple(_listed(one, parts, seen, bool(first.effects)) for one in stairs)
 
 
@@ -71,33 +71,37 @@ class _Part:
     """The first part of some logs, seen from a fit."""
 
     def __init__(
-        self, bench: Bench, first: Explanation, samples: int, smooth: Iterable[Sight] = ()
+        self, fitter: Fitter, first: FittedModel, samples: int, smooth: Iterable[Screened] = ()
     ) -> None:
-        brief = replace(bench, logs=shortened(bench.logs, samples))
+        brief = replace(fitter, logs=shortened(fitter.logs, samples))
         problem = brief.problem([free for free in first.problem.free if free.prior is None])
-        self.view = view(problem, first.evidence.vector, first.widths)
-        self.candidates = {one.name: one for one in candidates(bench.model, brief.logs)}
-        rows = _rows(bench.logs, brief.logs)
+        self.linearised = linearised(problem, first.evidence.vector, first.widths)
+        self.candidates = {one.name: one for one in candidates(fitter.model, brief.logs)}
+        rows = _rows(fitter.logs, brief.logs)
         cut = [self._cut(it, rows) for it in smooth]
         self.smooth = [it for it in cut if it.difference.any()]
 
-    def look(self, name: str, sizes: Iterable[Settings], corrected: bool = False) -> list[Sight]:
+    def screen(
+        self, name: str, sizes: Iterable[Settings], corrected: bool = False
+    ) -> list[Screened]:
         """What is seen of a staircase at some sizes, best first."""
         one = replace(self.candidates[name], trial_values=tuple(sizes))
-        return look((self.view,), [one], corrected)
+        return screen((self.linearised,), [one], corrected)
 
-    def _cut(self, sight: Sight, rows: NDArray[np.int_]) -> Sight:
+    def _cut(self, sight: Screened, rows: NDArray[np.int_]) -> Screened:
         """What was seen of an effect with the whole logs, as far as this part goes."""
-        change = np.zeros(len(self.view.errors))
+        change = np.zeros(len(self.linearised.errors))
         change[: len(rows)] = sight.change[rows]
-        return replace(sight, seen=self.view, change=change, difference=self.view.without(change))
+        return replace(
+            sight, seen=self.linearised, change=change, difference=self.linearised.without(change)
+        )
 
-    def best(self, sights: Sequence[Sight], count: int) -> list[Sight]:
+    def best(self, sights: Sequence[Screened], count: int) -> list[Screened]:
         """So many that leave least alone, and half as many that do beside a smooth effect: that
         may hide the size as nominal parameters do."""
         if not sights or not self.smooth:
             return list(sights[:count])
-        order = np.argsort(left_beside(sights, self.smooth))[: count // 2]
+        order = np.argsort(residual_beside(sights, self.smooth))[: count // 2]
         return [*sights[:count], *(sights[i] for i in order if i >= count)]
 
 
@@ -112,7 +116,7 @@ def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
 
 
 def _listed(
-    full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Sight], beside: bool
+    full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Screened], beside: bool
 ) -> Candidate:
     """A staircase with the sizes that look best, ``beside`` effects or alone."""
     part, long = _showing(parts), parts[LONG]
@@ -120,7 +124,7 @@ def _listed(
     likely = _fitting(every, full.name, seen, REST if beside else ALONE)
     grid, sights = _over_all(full, part, every, likely, beside)
     if not full.late and part is not long:
-        sights = long.look(full.name, [it.settings for it in part.best(sights, HUNDREDS)])
+        sights = long.screen(full.name, [it.settings for it in part.best(sights, HUNDREDS)])
         part = long
     sights = _closer(full, long, [it.settings for it in part.best(sights, DOZENS)])
     best = [it.settings for it in long.best(sights, LISTED)]
@@ -135,32 +139,32 @@ def _over_all(
     every: Sequence[Settings],
     likely: Sequence[Settings],
     beside: bool,
-) -> tuple[list[Settings], list[Sight]]:
+) -> tuple[list[Settings], list[Screened]]:
     """The sizes that are looked at in a part of the logs, and what is seen there, best first."""
     chosen = likely if full.late else likely[::2] if beside else _thinned(likely)
     grid = [*full.trial_values, *chosen]  # a closer look finds those between
-    sights = part.look(full.name, grid)
+    sights = part.screen(full.name, grid)
     alone = not full.late and not beside
-    if alone and sights and sights[0].left < SHOWN * part.view.left:
+    if alone and sights and sights[0].left < SHOWN * part.linearised.left:
         nearer = [it for it in _about(sights[0].settings, every) if it not in grid]
         grid += nearer
-        sights = sorted([*sights, *part.look(full.name, nearer)], key=lambda it: it.left)
+        sights = sorted([*sights, *part.screen(full.name, nearer)], key=lambda it: it.left)
     return grid, sights
 
 
-def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Sight]:
+def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Screened]:
     """What is seen of some sizes and of those around the best half, other parameters corrected."""
-    sights = part.look(full.name, best, corrected=True)
+    sights = part.screen(full.name, best, corrected=True)
     apart = CLOSEST if full.late else CLOSER
     half = part.best(sights, DOZENS // 2)
     closer = [it for sight in half for it in _around(sight.settings, apart)]
-    more = part.look(full.name, closer, corrected=True)
+    more = part.screen(full.name, closer, corrected=True)
     return sorted([*sights, *more], key=lambda it: it.left)
 
 
 def _showing(parts: Mapping[int, _Part]) -> _Part:
     """The shorter part, if what is left to explain shows there."""
-    brief, long = (parts[samples].view for samples in (BRIEF, LONG))
+    brief, long = (parts[samples].linearised for samples in (BRIEF, LONG))
     least = SHOWING * long.left / long.problem.samples
     return parts[BRIEF] if brief.left > least * brief.problem.samples else parts[LONG]
 
@@ -189,7 +193,7 @@ def _thinned(every: Sequence[Settings]) -> list[Settings]:
 
 
 def _fitting(
-    sizes: Sequence[Settings], name: str, seen: Iterable[Sight], weak: float
+    sizes: Sequence[Settings], name: str, seen: Iterable[Screened], weak: float
 ) -> Sequence[Settings]:
     """Sizes that move about as much as there is left to explain, a ``weak`` part of it at least."""
     own = {

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.view import View
-from servo_models.diagnosis.search.screening import Sight
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.fitting.linearisation import Linearisation
+from servo_models.diagnosis.search.screening import Screened
 from servo_models.diagnosis.trial_values import Settings
 from servo_models.errors import UserError
 
@@ -31,7 +31,7 @@ what parameters imitate they find at once."""
 
 
 @dataclass(frozen=True, eq=False)
-class Imitated:
+class MaskedEffect:
     """An effect that parameters imitate, at the largest size at which they were found to.
 
     Attributes:
@@ -40,45 +40,45 @@ class Imitated:
         moved: how far the effect moves the outputs [RMS, noise floors] where the parameters stay.
     """
 
-    explanation: Explanation
+    fitted_model: FittedModel
     moved: float
 
     @property
     def name(self) -> str:
         """That of the effect."""
-        return self.explanation.effects[0]
+        return self.fitted_model.effects[0]
 
 
-def imitated_effects(
-    bench: Bench, retuned: Explanation, sights: Iterable[Sight], least: float
-) -> list[Imitated]:
+def masked_effects(
+    fitter: Fitter, retuned: FittedModel, sights: Iterable[Screened], least: float
+) -> list[MaskedEffect]:
     """Return effects that may be there beside re-tuned parameters, the largest first.
 
     Args:
-        bench: without any effect.
+        fitter: without any effect.
         retuned: nominal parameters alone.
         sights: of every effect.
         least: RMS [noise floors] by which an effect has to move the outputs.
     """
-    alike: dict[tuple[object, ...], list[Sight]] = {}
+    alike: dict[tuple[object, ...], list[Screened]] = {}
     for sight in sights:
         # a ripple is seen as a share of each phase, at no size of its own
-        if sight.seen is retuned.view and sight.waves is None:
+        if sight.seen is retuned.linearised and sight.waves is None:
             alike.setdefault(_kind(sight), []).append(sight)
-    largest: dict[str, Imitated] = {}
+    largest: dict[str, MaskedEffect] = {}
     tried: Counter[str] = Counter()
     for own in sorted(alike.values(), key=lambda it: -_promised(it)):
         name = own[0].candidate.name
         wanted = max(least, largest[name].moved) if name in largest else least
         if _promised(own) > wanted and tried[name] < SHAPES:
             tried[name] += 1
-            one = _Walk(bench, retuned, own).largest()
+            one = _Walk(fitter, retuned, own).largest()
             if one and one.moved > wanted:
                 largest[name] = one
     return sorted(largest.values(), key=lambda it: -it.moved)
 
 
-def _kind(sight: Sight) -> tuple[object, ...]:
+def _kind(sight: Screened) -> tuple[object, ...]:
     """What sizes have in common that differ by how large they are: effect, sign and shape."""
     switches = sight.candidate.switches
     shape = tuple(it for it in sight.settings.items() if it[0] not in switches)
@@ -86,12 +86,12 @@ def _kind(sight: Sight) -> tuple[object, ...]:
     return sight.candidate.name, signs, shape
 
 
-def _promised(own: Iterable[Sight]) -> float:
+def _promised(own: Iterable[Screened]) -> float:
     """How far an effect moves the outputs at sizes that parameters may imitate."""
     return max((_rms(it.change, it.seen) for it in own if _alike(it)), default=0.0)
 
 
-def _alike(sight: Sight) -> bool:
+def _alike(sight: Screened) -> bool:
     """Whether slopes of the parameters lead to most of a change."""
     return bool(np.linalg.norm(sight.difference) < UNLIKE * np.linalg.norm(sight.change))
 
@@ -99,13 +99,13 @@ def _alike(sight: Sight) -> bool:
 class _Walk:
     """Through the sizes of an effect of one sign and shape, to the largest that does not show."""
 
-    def __init__(self, bench: Bench, retuned: Explanation, own: Sequence[Sight]) -> None:
-        self.bench, self.retuned = bench, retuned
+    def __init__(self, fitter: Fitter, retuned: FittedModel, own: Sequence[Screened]) -> None:
+        self.fitter, self.retuned = fitter, retuned
         self.candidate = own[0].candidate
         self.sizes = sorted(own, key=lambda it: float(np.linalg.norm(it.change)))
-        self.best: Imitated | None = None
+        self.best: MaskedEffect | None = None
 
-    def largest(self) -> Imitated | None:
+    def largest(self) -> MaskedEffect | None:
         """Return the effect at the largest size that does not show, None for none."""
         low, high = -1, len(self.sizes)
         middle = max(i for i in range(high) if _alike(self.sizes[i]))
@@ -129,13 +129,13 @@ class _Walk:
     def _closer(self, low: Settings, high: Settings) -> None:
         for _ in range(HALVINGS):
             middle = {name: 0.5 * (low[name] + high[name]) for name in low}
-            start = self.best.explanation.values if self.best else self.retuned.values
+            start = self.best.fitted_model.values if self.best else self.retuned.values
             if self._tried(middle, start):
                 low = middle
             else:
                 high = middle
 
-    def _passes(self, sight: Sight) -> bool:
+    def _passes(self, sight: Screened) -> bool:
         """Whether parameters imitate an effect at a size that was looked at."""
         if not sight.change.any():
             return True
@@ -143,8 +143,8 @@ class _Walk:
 
     def _tried(self, settings: Settings, start: Mapping[str, float]) -> bool:
         """Whether they do so at some settings; keeps the largest that they do imitate."""
-        model = self.bench.model
-        other = replace(self.bench, model=replace(model, values={**model.values, **settings}))
+        model = self.fitter.model
+        other = replace(self.fitter, model=replace(model, values={**model.values, **settings}))
         if self.candidate.discontinuous:
             other = other.surveyed()
         found = other.fit((self.candidate.name,), (), start, limit=STEPS)
@@ -152,29 +152,31 @@ class _Walk:
             return False
         moved = _moved(found, self.retuned)
         if self.best is None or moved > self.best.moved:
-            self.best = Imitated(found, moved)
+            self.best = MaskedEffect(found, moved)
         return True
 
 
-def _stands_out(found: Explanation, retuned: Explanation) -> bool:
+def _stands_out(found: FittedModel, retuned: FittedModel) -> bool:
     """Whether an effect leaves more of the data than noise would make of what parameters alone
     leave, or strains these further than their priors allow."""
     n = retuned.problem.samples
     more = [
         float(it @ it) - float(was @ was)
-        for it, was in zip(np.split(found.view.errors, [n]), np.split(retuned.view.errors, [n]))
+        for it, was in zip(
+            np.split(found.linearised.errors, [n]), np.split(retuned.linearised.errors, [n])
+        )
     ]
     return more[0] > SHOWN**2 * retuned.evidence.dispersion or more[1] > SHOWN**2
 
 
-def _moved(found: Explanation, retuned: Explanation) -> float:
+def _moved(found: FittedModel, retuned: FittedModel) -> float:
     """How far an effect moves the outputs where the parameters stay, 0 where it cannot run."""
     try:
         errors = found.problem.errors_with(retuned.values, strict=True)
     except UserError:
         return 0.0
-    return _rms(errors - retuned.view.errors, retuned.view)
+    return _rms(errors - retuned.linearised.errors, retuned.linearised)
 
 
-def _rms(change: Array, seen: View) -> float:
+def _rms(change: Array, seen: Linearisation) -> float:
     return float(np.linalg.norm(change) / np.sqrt(max(seen.problem.samples, 1)))

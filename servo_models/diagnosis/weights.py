@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 
 COVERED = 0.95
 TEMPER = 3.0
@@ -28,7 +28,7 @@ two that leave nearly the same are not told apart by how many samples there are.
 DRAWS = 400
 
 
-def probabilities(explanations: Sequence[Explanation], lacking: float = 0.0) -> Array:
+def probabilities(fitted_models: Sequence[FittedModel], lacking: float = 0.0) -> Array:
     """Return the probability of each explanation among these, shape (n,).
 
     ``lacking`` is the sum of the squared errors [noise floors squared] that are surely no noise.
@@ -36,9 +36,9 @@ def probabilities(explanations: Sequence[Explanation], lacking: float = 0.0) -> 
     The likelihood of the errors on unseen blocks knows the noise; its mean over blocks drawn
     again knows how much one stretch of the log decides.
     """
-    blocks = np.array([one.evidence.losses for one in explanations])
-    losses = np.array([one.loss for one in explanations])
-    best = explanations[int(np.argmin(losses))]
+    blocks = np.array([one.evidence.losses for one in fitted_models])
+    losses = np.array([one.loss for one in fitted_models])
+    best = fitted_models[int(np.argmin(losses))]
     penalties = losses - blocks.sum(axis=1)
     random = np.random.default_rng(0)
     drawn = random.integers(0, blocks.shape[1], (DRAWS, blocks.shape[1]))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.where.breakdown import (
+from servo_models.diagnosis.localisation.breakdown import (
     SURE,
     WORSE,
     Breakdown,
@@ -18,7 +18,7 @@ from servo_models.diagnosis.where.breakdown import (
     plain,
     tabulate,
 )
-from servo_models.diagnosis.where.samples import Samples
+from servo_models.diagnosis.localisation.samples import Samples
 
 OCTAVES = 1.5
 """Width of a band."""

@@ -14,7 +14,7 @@ from servo_models.identification.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class Linearisation:
     """Where one looks from: a fitted problem, linear about its estimates.
 
     Attributes:
@@ -87,14 +87,14 @@ class View:
         return float(errors @ errors)
 
 
-def view(
+def linearised(
     problem: Problem, vector: Array, widths: Array | None = None, slopes: Array | None = None
-) -> View:
+) -> Linearisation:
     """Return the view from a fit; unknown slopes are taken over ``widths`` [scales], shape (p,)."""
     errors = problem.latest(vector)
     if slopes is None:
         slopes = problem.jacobian(vector, widths)
-    return View(problem, vector, errors, slopes)
+    return Linearisation(problem, vector, errors, slopes)
 
 
 def _orthonormal(slopes: Array) -> Array:

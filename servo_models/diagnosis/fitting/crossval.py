@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from servo_models.analysis.statistics import inflation
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.view import View
+from servo_models.diagnosis.fitting.linearisation import Linearisation
 from servo_models.identification.problem import Problem
 
 BLOCKS = 20
@@ -32,7 +32,7 @@ DRAWS = 999
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class CrossValidation:
     """A fitted model judged on blocks that it has not seen, errors in noise floors.
 
     Attributes:
@@ -80,9 +80,9 @@ def blocks(problem: Problem) -> NDArray[np.int64]:
     return np.concatenate(made)
 
 
-def judge(
-    problem: Problem, seen: View, parts: NDArray[np.int64], held: Sequence[int] = ()
-) -> Evidence:
+def cross_validate(
+    problem: Problem, seen: Linearisation, parts: NDArray[np.int64], held: Sequence[int] = ()
+) -> CrossValidation:
     """Return the errors of a fit on each block, with the block left out of the fit.
 
     Args:
@@ -106,7 +106,7 @@ def judge(
         change = own @ step
         size, most = np.linalg.norm(change), TRUSTED * np.linalg.norm(error)
         unseen[rows] += change * (most / size if size > most else 1.0)
-    return Evidence(seen.vector, unseen, errors, parts)
+    return CrossValidation(seen.vector, unseen, errors, parts)
 
 
 def dispersion(errors: Array) -> float:
@@ -114,7 +114,7 @@ def dispersion(errors: Array) -> float:
     return max(float(np.mean(errors**2)), 1e-30) * inflation(errors)
 
 
-def advantage(better: Evidence, worse: Evidence, by_chance: bool = False) -> float:
+def advantage(better: CrossValidation, worse: CrossValidation, by_chance: bool = False) -> float:
     """Return twice the log likelihood ratio on unseen blocks, in independent samples.
 
     Errors of the better model say how many samples are independent.  If it may be better only
@@ -126,7 +126,7 @@ def advantage(better: Evidence, worse: Evidence, by_chance: bool = False) -> flo
     return float((worse.losses - better.losses).sum()) / scale
 
 
-def consistency(better: Evidence, worse: Evidence) -> float:
+def consistency(better: CrossValidation, worse: CrossValidation) -> float:
     """Return the probability of so many blocks in favour by chance.
 
     They speak in two ways, and either will do: how often the errors fall, whatever their size

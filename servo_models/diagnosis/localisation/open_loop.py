@@ -21,9 +21,9 @@ from servo_models.core.block import Block, Param, effect
 from servo_models.core.plant import Placement, Plant, Wire, place
 from servo_models.core.simulate import PLANTS, Model, flat_of
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.evidence import BLOCKS
-from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where.breakdown import WORSE, Breakdown, Sums, tabulate
+from servo_models.diagnosis.fitting.crossval import BLOCKS
+from servo_models.diagnosis.localisation.breakdown import WORSE, Breakdown, Sums, tabulate
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.errors import UserError
 from servo_models.identification.simulation import Run
 
@@ -83,7 +83,7 @@ def led_on(plant: Plant, names: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def by_block(causes: Causes) -> Breakdown | None:
+def by_block(causes: Selection) -> Breakdown | None:
     """Shares of outputs that are simulated from the others as measured, None without any."""
     problem = causes.taken.problem
     names = tuple(problem.sigma)
@@ -95,9 +95,9 @@ def by_block(causes: Causes) -> Breakdown | None:
         labels.append(f"{name} from measured {' and '.join(others)}")
         for run in problem.runs:
             if others and {name, *others} <= run.log.outputs.keys():
-                bench = _Bench(run, led, others, name, problem.sigma[name])
+                fitter = _Bench(run, led, others, name, problem.sigma[name])
                 with suppress(UserError):  # a block that runs away with what was measured
-                    sums[:, k] += bench.sums(causes.taken.values)
+                    sums[:, k] += fitter.sums(causes.taken.values)
     before, after, amplitude, weight = sums
     if not weight.any():
         return None

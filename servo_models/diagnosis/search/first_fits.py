@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 from servo_models.diagnosis.search.fits import (
     Seen,
     Teller,
@@ -21,10 +21,10 @@ from servo_models.diagnosis.search.fits import (
     settled,
     starts_of,
 )
-from servo_models.diagnosis.search.looks import Looks, narrowed
-from servo_models.diagnosis.search.pairing import LESS, paired, stairs_beside, swapped
-from servo_models.diagnosis.search.screening import Sight, look
-from servo_models.diagnosis.search.staircases import shortlist
+from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.pairing import LESS, paired, stairs_beside, swap
+from servo_models.diagnosis.search.preselection import Looks, preselect
+from servo_models.diagnosis.search.screening import Screened, screen
 
 SINGLES, FIRST = 10, 4
 """Smooth effects fitted in full, and those of them that are fitted first."""
@@ -36,116 +36,116 @@ PAIRED = 0.5
 """Loss of a pair over that of the best effect, from which staircases are not sought beside that."""
 
 
-class Attempts(NamedTuple):
+class FirstFits(NamedTuple):
     """Explanations by one and by two effects, best first, and every effect at promising sizes."""
 
-    singles: list[Explanation]
-    couples: list[Explanation]
+    singles: list[FittedModel]
+    couples: list[FittedModel]
     near: list[Candidate]
 
 
-def attempts(
-    bench: Bench,
-    retuned: Explanation,
-    sights: Sequence[Sight],
+def first_fits(
+    fitter: Fitter,
+    retuned: FittedModel,
+    sights: Sequence[Screened],
     every: Sequence[Candidate],
     say: Teller,
-) -> Attempts:
+) -> FirstFits:
     """Return fits of the most promising effects, one and two at a time.
 
     Where one explanation leaves noise only, others are fitted if they may be its look-alikes.
 
     Args:
-        bench: model, logs, priors and floors.
+        fitter: model, logs, priors and floors.
         retuned: nominal parameters alone.
         sights: what was seen of ``every`` effect, from the nominal model and from there.
         say: is told what goes on.
     """
     smooth = [it for it in sights if not it.candidate.grid]
-    singles, near, looks = _smooth(bench, retuned, smooth, say), narrowed(every, sights), Looks()
+    singles, near, looks = _smooth(fitter, retuned, smooth, say), preselect(every, sights), Looks()
     if any(map(settled, singles)):
-        singles = _with_likely_stairs(bench, retuned, sights, singles, singles, say)
-        couples = paired(bench, singles, sights, near, looks, say)
+        singles = _with_likely_stairs(fitter, retuned, sights, singles, singles, say)
+        couples = paired(fitter, singles, sights, near, looks, say)
     else:
         plain = [one for one in near if not one.grid]
-        couples = paired(bench, singles, smooth, plain, looks, say)
+        couples = paired(fitter, singles, smooth, plain, looks, say)
         if any(map(settled, couples)):
-            singles = _with_likely_stairs(bench, retuned, sights, singles, couples, say)
+            singles = _with_likely_stairs(fitter, retuned, sights, singles, couples, say)
         else:
-            closer = _closer(bench, retuned, singles, sights, every, say)
+            closer = _closer(fitter, retuned, singles, sights, every, say)
             sights = sorted([*sights, *closer], key=lambda sight: sight.left)
-            near = narrowed(every, sights)
-            stairs = beside_each(bench, retuned, starts_of(closer, STAIRCASES), say)
+            near = preselect(every, sights)
+            stairs = beside_each(fitter, retuned, starts_of(closer, STAIRCASES), say)
             singles = best_of_each([*singles, *stairs])
-            couples = _paired_with_stairs(bench, singles, couples, sights, near, looks, say)
+            couples = _paired_with_stairs(fitter, singles, couples, sights, near, looks, say)
     if couples and couples[0].loss < LESS * singles[0].loss:
-        couples = best_of_each([*couples, *swapped(bench, couples[0], near, say)])
-    return Attempts(singles, couples, near)
+        couples = best_of_each([*couples, *swap(fitter, couples[0], near, say)])
+    return FirstFits(singles, couples, near)
 
 
 def _paired_with_stairs(
-    bench: Bench,
-    singles: Sequence[Explanation],
-    known: Sequence[Explanation],
-    sights: Sequence[Sight],
+    fitter: Fitter,
+    singles: Sequence[FittedModel],
+    known: Sequence[FittedModel],
+    sights: Sequence[Screened],
     near: Sequence[Candidate],
     looks: Looks,
     say: Teller,
-) -> list[Explanation]:
+) -> list[FittedModel]:
     """Pairs with staircases too; these are sought anew beside the best effect, unless some pair
     leaves so much less that none beside it need be."""
-    couples = paired(bench, singles, sights, near, looks, say, known)
+    couples = paired(fitter, singles, sights, near, looks, say, known)
     if not singles:
         return couples
     if any(it.loss < PAIRED * singles[0].loss or settled(it) for it in couples):
         return couples
-    return best_of_each([*couples, *stairs_beside(bench, singles[0], near, looks, say)])
+    return best_of_each([*couples, *stairs_beside(fitter, singles[0], near, looks, say)])
 
 
 def _smooth(
-    bench: Bench, retuned: Explanation, sights: Sequence[Sight], say: Teller
-) -> list[Explanation]:
+    fitter: Fitter, retuned: FittedModel, sights: Sequence[Screened], say: Teller
+) -> list[FittedModel]:
     """Fits of the most promising smooth effects, best first."""
     starts = list(starts_of(sights, SINGLES))
-    found = beside_each(bench, retuned, starts[:FIRST], say)
+    found = beside_each(fitter, retuned, starts[:FIRST], say)
     more = _likely(starts[FIRST:], retuned, found)
-    return best_of_each([*found, *beside_each(bench, retuned, more, say)])
+    return best_of_each([*found, *beside_each(fitter, retuned, more, say)])
 
 
 def _with_likely_stairs(
-    bench: Bench,
-    retuned: Explanation,
-    sights: Iterable[Sight],
-    singles: Sequence[Explanation],
-    found: Sequence[Explanation],
+    fitter: Fitter,
+    retuned: FittedModel,
+    sights: Iterable[Screened],
+    singles: Sequence[FittedModel],
+    found: Sequence[FittedModel],
     say: Teller,
-) -> list[Explanation]:
+) -> list[FittedModel]:
     """Single effects with the staircases that may do what one of those ``found`` does."""
     stairs = starts_of([it for it in sights if it.candidate.grid], STAIRCASES)
     likely = _likely(stairs, retuned, found)
-    return best_of_each([*singles, *beside_each(bench, retuned, likely, say)])
+    return best_of_each([*singles, *beside_each(fitter, retuned, likely, say)])
 
 
 def _closer(
-    bench: Bench,
-    retuned: Explanation,
-    singles: Sequence[Explanation],
-    sights: Sequence[Sight],
+    fitter: Fitter,
+    retuned: FittedModel,
+    singles: Sequence[FittedModel],
+    sights: Sequence[Screened],
     every: Sequence[Candidate],
     say: Teller,
-) -> list[Sight]:
+) -> list[Screened]:
     """What is seen of staircases at the sizes that look best where the best fit has put the
     nominal parameters, from there and from where these alone go."""
     say("looking closer at staircases")
     best = min([retuned, *singles], key=lambda it: it.loss)
-    beside_it = bench.unfit((), (), best.values)
-    near = [it for it in sights if it.seen is retuned.view]
-    short = shortlist(bench, beside_it, every, near)
-    return look((retuned.view, beside_it.view), short)
+    beside_it = fitter.unfit((), (), best.values)
+    near = [it for it in sights if it.seen is retuned.linearised]
+    short = shortlist(fitter, beside_it, every, near)
+    return screen((retuned.linearised, beside_it.linearised), short)
 
 
 def _likely(
-    starts: Iterable[Seen], retuned: Explanation, found: Sequence[Explanation]
+    starts: Iterable[Seen], retuned: FittedModel, found: Sequence[FittedModel]
 ) -> Iterator[Seen]:
     """Effects that promise enough to be a look-alike of one that leaves noise only."""
     least = min((one.cost for one in found if settled(one)), default=-np.inf)

@@ -11,19 +11,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.conditions import carried_over
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.worth import WORTH, earns
+from servo_models.diagnosis.fitting.conditions import leave_one_condition_out
+from servo_models.diagnosis.fitting.entry_test import WORTH, passes_entry_test
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 from servo_models.diagnosis.search.fits import Teller, best_of_each, settled, side_by_side
-from servo_models.diagnosis.search.looks import seen_beside
 from servo_models.diagnosis.search.pairing import (
     added,
-    lookalikes,
+    ambiguous,
     promising,
     stairs_seen,
-    swapped,
+    swap,
     without,
 )
+from servo_models.diagnosis.search.preselection import seen_beside
 
 MOST = 5
 """Effects in an explanation."""
@@ -37,38 +37,38 @@ RIVAL, RIVALS = 1.25, 1
 are sought beside it as well, and how many such pairs."""
 
 
-def further(
-    bench: Bench,
-    taken: Explanation,
-    couples: Sequence[Explanation],
+def forward_selection(
+    fitter: Fitter,
+    taken: FittedModel,
+    couples: Sequence[FittedModel],
     every: Sequence[Candidate],
     say: Teller,
-) -> list[Explanation]:
+) -> list[FittedModel]:
     """Return explanations by more effects than ``taken``, the one that earns its place first.
 
     None where no further effect does.  All have as many effects as the first.  Of ``couples``, one
     that leaves little more by quite other effects gets a third as well: that of two look-alikes
     which is closer to the cause gains more by what both lack.
     """
-    others = (_grown(bench, one, every, say) for one in _rivals(taken, couples))
-    ends = [it for it in others if it and _belongs(bench, it.taken, taken, WORTH)]
-    own = _grown(bench, taken, every, say)
+    others = (_grown(fitter, one, every, say) for one in _rivals(taken, couples))
+    ends = [it for it in others if it and _belongs(fitter, it.taken, taken, WORTH)]
+    own = _grown(fitter, taken, every, say)
     ends += [own] if own else []
     if not ends:
         return []
     end = min(ends, key=lambda it: it.taken.loss)
-    every_one = best_of_each([end.taken, *end.tried, *swapped(bench, end.taken, every, say)])
+    every_one = best_of_each([end.taken, *end.tried, *swap(fitter, end.taken, every, say)])
     if not settled(every_one[0]):
-        every_one = best_of_each([*every_one, *lookalikes(bench, every_one[0], every, say)])
+        every_one = best_of_each([*every_one, *ambiguous(fitter, every_one[0], every, say)])
     alike = [it for it in every_one if len(it.effects) == len(end.taken.effects)]
     names = frozenset(end.taken.effects)
     first = next(
-        it for it in alike if frozenset(it.effects) == names or _belongs(bench, it, end.fewer)
+        it for it in alike if frozenset(it.effects) == names or _belongs(fitter, it, end.fewer)
     )
     return [first, *(it for it in alike if it is not first)]
 
 
-def _rivals(taken: Explanation, couples: Sequence[Explanation]) -> list[Explanation]:
+def _rivals(taken: FittedModel, couples: Sequence[FittedModel]) -> list[FittedModel]:
     """Pairs without any effect of the one that is taken, which leave little more."""
     others = [it for it in couples if not set(it.effects) & set(taken.effects)]
     return [it for it in others if it.loss < RIVAL * taken.loss][:RIVALS]
@@ -77,42 +77,44 @@ def _rivals(taken: Explanation, couples: Sequence[Explanation]) -> list[Explanat
 class _Grown(NamedTuple):
     """An explanation, that by one effect fewer, and what else was tried in the last step."""
 
-    taken: Explanation
-    fewer: Explanation
-    tried: list[Explanation]
+    taken: FittedModel
+    fewer: FittedModel
+    tried: list[FittedModel]
 
 
 def _grown(
-    bench: Bench, taken: Explanation, every: Sequence[Candidate], say: Teller
+    fitter: Fitter, taken: FittedModel, every: Sequence[Candidate], say: Teller
 ) -> _Grown | None:
     """Add effects to an explanation as long as they earn their place."""
     grown: _Grown | None = None
     while len(taken.effects) < MOST and not settled(taken):
         seen = seen_beside(taken, every)
-        seen += stairs_seen(bench, taken, every, seen)
+        seen += stairs_seen(fitter, taken, every, seen)
         seen.sort(key=lambda sight: sight.left)
         likely = promising(seen, (1.0 - THIRD) * taken.cost, ADDED)
         tasks = [added(taken, name, own) for name, own in likely]
-        found = best_of_each(side_by_side(bench, tasks, say))
-        better = next((it for it in found if _belongs(bench, it, taken)), None)
+        found = best_of_each(side_by_side(fitter, tasks, say))
+        better = next((it for it in found if _belongs(fitter, it, taken)), None)
         if better is None:
             break
-        needed = _needed(bench, better)
+        needed = _needed(fitter, better)
         # less is left after every step, so that no two of them take turns
         grown = _Grown(needed if needed.loss < taken.loss else better, taken, found)
         taken = grown.taken
     return grown
 
 
-def _belongs(bench: Bench, more: Explanation, fewer: Explanation, worth: float = THIRD) -> bool:
+def _belongs(fitter: Fitter, more: FittedModel, fewer: FittedModel, worth: float = THIRD) -> bool:
     """Whether further effects earn their place, under conditions left out as well."""
-    return earns(more, fewer, worth) and carried_over(bench, more) <= carried_over(bench, fewer)
+    return passes_entry_test(more, fewer, worth) and leave_one_condition_out(
+        fitter, more
+    ) <= leave_one_condition_out(fitter, fewer)
 
 
-def _needed(bench: Bench, found: Explanation) -> Explanation:
+def _needed(fitter: Fitter, found: FittedModel) -> FittedModel:
     """The same without effects that another one has made needless."""
     for name in found.effects[:-1]:
-        fewer = without(bench, found, name)
-        if not earns(found, fewer):
-            return _needed(bench, fewer)
+        fewer = without(fitter, found, name)
+        if not passes_entry_test(found, fewer):
+            return _needed(fitter, fewer)
     return found

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.evidence import BLOCKS
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where.breakdown import grows
+from servo_models.diagnosis.fitting.crossval import BLOCKS
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.localisation.breakdown import grows
+from servo_models.diagnosis.search.selection import Selection
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HeldOut:
     """Samples of a log that no fit of a diagnosis has seen, RMS in noise floors.
 
     Attributes:
@@ -34,7 +34,7 @@ class Unseen:
     worse: bool
 
 
-def unseen(causes: Causes) -> tuple[Unseen, ...]:
+def held_out_scores(causes: Selection) -> tuple[HeldOut, ...]:
     """Return what the explanation that was taken does to each log with samples held out."""
     found = []
     pairs = zip(_squares(causes.retuned), _squares(causes.taken))
@@ -43,11 +43,11 @@ def unseen(causes: Causes) -> tuple[Unseen, ...]:
             parts = np.arange(len(old)) * BLOCKS // len(old)
             retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))
             grown = np.isnan(after) or grows(old, new, np.zeros_like(parts), parts, 1)[0]
-            found.append(Unseen(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
+            found.append(HeldOut(log.name, retuned, after, bool(grown) and not np.isnan(retuned)))
     return tuple(found)
 
 
-def _squares(found: Explanation) -> list[Array]:
+def _squares(found: FittedModel) -> list[Array]:
     """Mean squared errors of all outputs [noise floors^2] of each log, at samples held out."""
     squares = []
     for run in found.problem.runs:

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 from math import inf, log
 
 from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.conditions import carried_over
-from servo_models.diagnosis.fitting.evidence import Evidence
-from servo_models.diagnosis.fitting.explanation import Bench, Explanation
-from servo_models.diagnosis.fitting.worth import earns
-from servo_models.diagnosis.search.attempts import Attempts, attempts
+from servo_models.diagnosis.fitting.conditions import leave_one_condition_out
+from servo_models.diagnosis.fitting.crossval import CrossValidation
+from servo_models.diagnosis.fitting.entry_test import passes_entry_test
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.search.detectability import Detectability, reaches
+from servo_models.diagnosis.search.first_fits import FirstFits, first_fits
 from servo_models.diagnosis.search.fits import (
     Tell,
     Teller,
@@ -24,12 +25,11 @@ from servo_models.diagnosis.search.fits import (
     settled,
     starts_of,
 )
-from servo_models.diagnosis.search.further import further
-from servo_models.diagnosis.search.imitated import Imitated, imitated_effects
-from servo_models.diagnosis.search.looks import narrowed
-from servo_models.diagnosis.search.pairing import LESS, halves_of, lookalikes
-from servo_models.diagnosis.search.reach import Reach, reaches
-from servo_models.diagnosis.search.screening import Sight, promising, sights_of
+from servo_models.diagnosis.search.forward import forward_selection
+from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
+from servo_models.diagnosis.search.pairing import LESS, ambiguous, singles_of
+from servo_models.diagnosis.search.preselection import preselect
+from servo_models.diagnosis.search.screening import Screened, promising, sights_of
 
 TOLERANCE = 2.0
 """Gap in noise floors that counts as none."""
@@ -46,7 +46,7 @@ LEAST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Causes:
+class Selection:
     """What was tried and what was taken.
 
     Attributes:
@@ -59,135 +59,137 @@ class Causes:
         imitated: effects that may be there beside nominal parameters alone, if these were taken.
     """
 
-    before: Evidence
-    retuned: Explanation
-    singles: list[Explanation]
-    pairs: list[Explanation]
-    more: list[Explanation]
-    taken: Explanation
-    reach: dict[str, Reach]
-    imitated: Sequence[Imitated] = ()
+    before: CrossValidation
+    retuned: FittedModel
+    singles: list[FittedModel]
+    pairs: list[FittedModel]
+    more: list[FittedModel]
+    taken: FittedModel
+    reach: dict[str, Detectability]
+    imitated: Sequence[MaskedEffect] = ()
 
     @property
-    def alike(self) -> list[Explanation]:
+    def alike(self) -> list[FittedModel]:
         """Explanations by as many effects as were taken."""
         return self.more or (self.pairs if len(self.taken.effects) == 2 else self.singles)
 
     @property
-    def fitted(self) -> dict[str, Explanation]:
+    def fitted(self) -> dict[str, FittedModel]:
         """By each effect that was fitted: alone, or else the best explanation that has it."""
-        found: dict[str, Explanation] = {}
+        found: dict[str, FittedModel] = {}
         for one in (*self.singles, *self.pairs, *self.more):
             for name in one.effects:
                 found.setdefault(name, one)
         return found
 
 
-def find_causes(
-    bench: Bench,
+def select_effects(
+    fitter: Fitter,
     left_out: Iterable[str] = (),
     tell: Tell | None = None,
     tolerance: float = TOLERANCE,
-) -> Causes:
+) -> Selection:
     """Explain a gap by nominal parameters, by one effect, or by several.
 
     Args:
-        bench: model, logs, priors and floors.
+        fitter: model, logs, priors and floors.
         left_out: effects that are not considered.
         tell: is told what goes on.
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = Teller(tell) if tell else Teller()
-    as_it_is = bench.unfitted()
+    as_it_is = fitter.unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
-        return Causes(before, as_it_is, [], [], [], as_it_is, {})
+        return Selection(before, as_it_is, [], [], [], as_it_is, {})
     say("re-tuning nominal parameters")
-    bench = bench.surveyed()
-    retuned = bench.finish(bench.fit((), ()))
+    fitter = fitter.surveyed()
+    retuned = fitter.finish(fitter.fit((), ()))
     # an effect with an uncertain size is one of the nominal ones, and free in every fit
-    owners = {bench.model.plant.parameters[free.name].owner for free in bench.nominal}
-    every = candidates(bench.model, bench.logs, owners.union(left_out))
-    bench = replace(bench, trials={one.name: log(one.trials) for one in every})
+    owners = {fitter.model.plant.parameters[free.name].owner for free in fitter.nominal}
+    every = candidates(fitter.model, fitter.logs, owners.union(left_out))
+    fitter = replace(fitter, trials={one.name: log(one.trials) for one in every})
     say(f"looking at {len(every)} effects")
     plain = [retuned]
     if not settled(retuned):
-        nominal = {free.name: free.nominal for free in bench.nominal}
-        plain.insert(0, bench.unfit((), (), nominal))
-    sights = sights_of([it.view for it in plain], every)
+        nominal = {free.name: free.nominal for free in fitter.nominal}
+        plain.insert(0, fitter.unfit((), (), nominal))
+    sights = sights_of([it.linearised for it in plain], every)
     reach = reaches(sights, every)
-    tried = _tried(bench, retuned, promising(sights), every, say)
-    couples, more, taken = _explained(bench, retuned, tried, say)
-    imitated: Sequence[Imitated] = ()
+    tried = _tried(fitter, retuned, promising(sights), every, say)
+    couples, more, taken = _explained(fitter, retuned, tried, say)
+    imitated: Sequence[MaskedEffect] = ()
     if taken is retuned:
         say("looking for what re-tuned parameters imitate")
-        imitated = imitated_effects(bench, retuned, sights, max(tolerance, LEAST))
+        imitated = masked_effects(fitter, retuned, sights, max(tolerance, LEAST))
     else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
-        taken = bench.finish(taken)
-    return Causes(before, retuned, tried.singles, couples, more, taken, reach, imitated)
+        taken = fitter.finish(taken)
+    return Selection(before, retuned, tried.singles, couples, more, taken, reach, imitated)
 
 
 def _tried(
-    bench: Bench,
-    retuned: Explanation,
-    sights: Sequence[Sight],
+    fitter: Fitter,
+    retuned: FittedModel,
+    sights: Sequence[Screened],
     every: Sequence[Candidate],
     say: Teller,
-) -> Attempts:
+) -> FirstFits:
     """Fits of one and of two effects, those to the end that leave least."""
     if settled(retuned):
-        few = beside_each(bench, retuned, starts_of(sights, QUIET), say)
-        found = Attempts(few, [], narrowed(every, sights))
+        few = beside_each(fitter, retuned, starts_of(sights, QUIET), say)
+        found = FirstFits(few, [], preselect(every, sights))
     else:
-        found = attempts(bench, retuned, sights, every, say)
+        found = first_fits(fitter, retuned, sights, every, say)
     singles, couples, near = found
     better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
-    singles = best_of_each([*singles, *halves_of(bench, better)])
+    singles = best_of_each([*singles, *singles_of(fitter, better)])
     if not settled(retuned):
         say("fitting the best to the end")
         least = min((it.loss for it in (*singles, *couples)), default=inf)
-        singles, couples = _finals(bench, singles, least), _finals(bench, couples, least)
-    return Attempts(singles, couples, near)
+        singles, couples = _finals(fitter, singles, least), _finals(fitter, couples, least)
+    return FirstFits(singles, couples, near)
 
 
 def _explained(
-    bench: Bench, retuned: Explanation, tried: Attempts, say: Teller
-) -> tuple[list[Explanation], list[Explanation], Explanation]:
+    fitter: Fitter, retuned: FittedModel, tried: FirstFits, say: Teller
+) -> tuple[list[FittedModel], list[FittedModel], FittedModel]:
     """Explanations by two effects, by more, and the one that is taken."""
     couples = tried.couples
-    taken = _taken(bench, retuned, tried.singles, couples)
+    taken = _taken(fitter, retuned, tried.singles, couples)
     if len(taken.effects) < 2:
         return couples, [], taken
-    more = further(bench, taken, couples, tried.near, say)
+    more = forward_selection(fitter, taken, couples, tried.near, say)
     if more:
         return couples, more, more[0]
     if not settled(taken):
         # beside a pair that leaves noise only they have been sought already
-        couples = best_of_each([*couples, *lookalikes(bench, taken, tried.near, say)])
-        taken = _taken(bench, retuned, tried.singles, couples)
+        couples = best_of_each([*couples, *ambiguous(fitter, taken, tried.near, say)])
+        taken = _taken(fitter, retuned, tried.singles, couples)
     return couples, [], taken
 
 
-def _finals(bench: Bench, found: Sequence[Explanation], least: float) -> list[Explanation]:
+def _finals(fitter: Fitter, found: Sequence[FittedModel], least: float) -> list[FittedModel]:
     """The same with those near the least loss fitted on: a search may have stopped short."""
     near = [it for it in found[:FINALISTS] if it.loss < NEARLY * least]
-    further = [bench.again(it, FINER, LONGER) for it in near if not settled(it)]
-    return best_of_each([*further, *found])
+    forward_selection = [fitter.again(it, FINER, LONGER) for it in near if not settled(it)]
+    return best_of_each([*forward_selection, *found])
 
 
 def _taken(
-    bench: Bench,
-    retuned: Explanation,
-    singles: Sequence[Explanation],
-    couples: Sequence[Explanation],
-) -> Explanation:
-    best = singles[0] if singles and earns(singles[0], retuned) else retuned
+    fitter: Fitter,
+    retuned: FittedModel,
+    singles: Sequence[FittedModel],
+    couples: Sequence[FittedModel],
+) -> FittedModel:
+    best = singles[0] if singles and passes_entry_test(singles[0], retuned) else retuned
     lost: float | None = None
     for couple in couples:
         halves = [one for one in singles if set(one.effects) <= set(couple.effects)]
-        if earns(couple, best) and all(earns(couple, half) for half in halves):
-            lost = carried_over(bench, best) if lost is None else lost
-            if carried_over(bench, couple) <= lost:
+        if passes_entry_test(couple, best) and all(
+            passes_entry_test(couple, half) for half in halves
+        ):
+            lost = leave_one_condition_out(fitter, best) if lost is None else lost
+            if leave_one_condition_out(fitter, couple) <= lost:
                 return couple
     return best

@@ -13,8 +13,8 @@ import numpy as np
 from servo_models.core.plant import Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.diagnosis.search.causes import Causes
-from servo_models.diagnosis.where.breakdown import Rows
+from servo_models.diagnosis.localisation.breakdown import Rows
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 from servo_models.identification.simulation import Run
 
@@ -84,7 +84,7 @@ class Samples:
     between: float
 
 
-def collect(causes: Causes) -> Samples:
+def collect(causes: Selection) -> Samples:
     """Return all samples that count in a diagnosis."""
     problem = causes.taken.problem
     plant, values = problem.model.plant, causes.taken.values

@@ -8,9 +8,9 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.detectors import Detection, detection
-from servo_models.diagnosis.fitting.explanation import Explanation
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import closed
-from servo_models.diagnosis.search.causes import Causes
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.verdict import Verdict
 
 
@@ -28,7 +28,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Claim:
+class RankedEffect:
     """An effect in the ranking.
 
     Attributes:
@@ -61,24 +61,26 @@ class Claim:
     detected: Detection | None = None
 
 
-def claims(causes: Causes, verdict: Verdict) -> tuple[Claim, ...]:
+def ranked_effects(causes: Selection, verdict: Verdict) -> tuple[RankedEffect, ...]:
     """Return every effect that was fitted, most likely first, then by the gap it leaves."""
-    found: dict[str, Claim] = {}
-    for explanation in (causes.taken, *verdict.rivals, *causes.fitted.values()):
-        for name in explanation.effects:
+    found: dict[str, RankedEffect] = {}
+    for fitted_model in (causes.taken, *verdict.rivals, *causes.fitted.values()):
+        for name in fitted_model.effects:
             if name not in found:
-                found[name] = _claim(name, explanation, causes, verdict)
+                found[name] = _claim(name, fitted_model, causes, verdict)
     place = {name: i for i, name in enumerate(verdict.chances)}
     others = len(place)
     return tuple(sorted(found.values(), key=lambda it: (place.get(it.name, others), it.gap_after)))
 
 
-def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict) -> Claim:
-    model = explanation.problem.model
-    matters = explanation is causes.taken or explanation in verdict.rivals
-    values = estimates(explanation) if matters else _sizes_alone(explanation)
-    after = explanation.evidence.rms
-    return Claim(
+def _claim(
+    name: str, fitted_model: FittedModel, causes: Selection, verdict: Verdict
+) -> RankedEffect:
+    model = fitted_model.problem.model
+    matters = fitted_model is causes.taken or fitted_model in verdict.rivals
+    values = estimates(fitted_model) if matters else _sizes_alone(fitted_model)
+    after = fitted_model.evidence.rms
+    return RankedEffect(
         name=name,
         wire=model.plant.main_wire(name),
         probability=verdict.chances.get(name, 0.0),
@@ -87,28 +89,28 @@ def _claim(name: str, explanation: Explanation, causes: Causes, verdict: Verdict
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),
         gap_after=after,
         closed=closed(causes.before.rms, after, 1.0),
-        beside=tuple(other for other in explanation.effects if other != name),
-        converged=explanation.converged,
+        beside=tuple(other for other in fitted_model.effects if other != name),
+        converged=fitted_model.converged,
         reach=causes.reach[name].shown,
-        detected=detection(explanation, name) if matters else None,
+        detected=detection(fitted_model, name) if matters else None,
     )
 
 
-def estimates(explanation: Explanation) -> tuple[Value, ...]:
+def estimates(fitted_model: FittedModel) -> tuple[Value, ...]:
     """Return every free parameter of an explanation with its standard error."""
-    if not explanation.problem.free:
+    if not fitted_model.problem.free:
         return ()
-    return _values(explanation, explanation.spread.standard_errors)
+    return _values(fitted_model, fitted_model.spread.standard_errors)
 
 
-def _sizes_alone(explanation: Explanation) -> tuple[Value, ...]:
+def _sizes_alone(fitted_model: FittedModel) -> tuple[Value, ...]:
     """The same without standard errors, for an explanation that is not believed: nobody has fitted
     it to the end, and what slopes would say there is not worth their simulations."""
-    return _values(explanation, np.full(len(explanation.problem.free), np.inf))
+    return _values(fitted_model, np.full(len(fitted_model.problem.free), np.inf))
 
 
-def _values(explanation: Explanation, errors: Array) -> tuple[Value, ...]:
-    free, values = explanation.problem.free, explanation.values.values()
+def _values(fitted_model: FittedModel, errors: Array) -> tuple[Value, ...]:
+    free, values = fitted_model.problem.free, fitted_model.values.values()
     return tuple(
         Value(one.name, one.nominal, value, error)
         for one, value, error in zip(free, values, errors.tolist())

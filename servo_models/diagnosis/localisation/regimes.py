@@ -10,8 +10,15 @@ import numpy as np
 
 from servo_models.analysis.experiment import display, in_time
 from servo_models.core.types import Array
-from servo_models.diagnosis.where.breakdown import Breakdown, Rows, Sums, grows, plain, tabulate
-from servo_models.diagnosis.where.samples import Samples
+from servo_models.diagnosis.localisation.breakdown import (
+    Breakdown,
+    Rows,
+    Sums,
+    grows,
+    plain,
+    tabulate,
+)
+from servo_models.diagnosis.localisation.samples import Samples
 
 WINDOWS = 12
 """Windows of time, over all logs."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from servo_models.diagnosis.fitting.evidence import advantage, consistency
-from servo_models.diagnosis.fitting.explanation import Explanation
-from servo_models.diagnosis.fitting.structure import sure
+from servo_models.diagnosis.fitting.crossval import advantage, consistency
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.fitting.residuals import sure
 
 LIKELY = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
@@ -16,7 +16,7 @@ WORTH, PRESSED = 0.02, 0.2
 a bound holds back: what it imitates may be another effect."""
 
 
-def earns(one: Explanation, other: Explanation, worth: float = WORTH) -> bool:
+def passes_entry_test(one: FittedModel, other: FittedModel, worth: float = WORTH) -> bool:
     """Return whether ``one`` predicts what its fit has not seen surely better than ``other``.
 
     ``worth`` is the share of the squared errors that it has to take away.
