@@ -60,7 +60,7 @@ def test_the_page_draws_what_each_detector_sees() -> None:
     codes = detection(with_codes({f"{QUANTISER}.step": STEP}, STEP), QUANTISER)
     ticks = detection(with_hold({"sample_hold.period": 2.43e-3}, 2.43e-3), "sample_hold")
     found: Any = SimpleNamespace(
-        claims=[SimpleNamespace(detected=it) for it in (codes, ticks, None)]
+        ranking=[SimpleNamespace(detected=it) for it in (codes, ticks, None)]
     )
     shown = pictures.detectors(found)
     assert [it.title for it in shown] == [

@@ -18,7 +18,7 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
-from servo_models.diagnosis.fitting import fitted_model as fitted_model
+from servo_models.diagnosis.fitting import fitted_model
 from servo_models.diagnosis.fitting.descent import descend
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear

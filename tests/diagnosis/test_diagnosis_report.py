@@ -89,9 +89,9 @@ def unsure(found: Diagnosis) -> Diagnosis:
     """As if the two best effects could not be told apart."""
     rivals = tuple(found.causes.singles[:2])
     members = tuple(name for one in rivals for name in one.effects)
-    claims = tuple(replace(one, in_set=one.name in members) for one in found.ranking)
+    ranking = tuple(replace(one, in_set=one.name in members) for one in found.ranking)
     verdict = replace(found.verdict, kind=EFFECT, members=members, rivals=rivals)
-    return replace(found, verdict=verdict, claims=claims)
+    return replace(found, verdict=verdict, ranking=ranking)
 
 
 @pytest.fixture(scope="module")
@@ -333,7 +333,7 @@ def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begi
         found,
         causes=causes,
         verdict=replace(found.verdict, kind=kind, chances={}),
-        claims=tuple(replace(one, taken=False, in_set=False) for one in found.ranking),
+        ranking=tuple(replace(one, taken=False, in_set=False) for one in found.ranking),
     )
     text = _page(other)
     Page(text).assert_stands_alone()

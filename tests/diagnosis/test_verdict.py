@@ -59,7 +59,7 @@ def test_no_effect_is_surer_than_sure(friction: Selection, parts: list[float]) -
     shares = np.array(parts) + 1e-9
     causes = Selection(one.evidence, one, [], every, [], every[0], {})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verdicts, "chances_of", lambda *_: shares / shares.sum())
+        patch.setattr(verdicts, "weights_of", lambda *_: shares / shares.sum())
         assert max(decide(causes, tolerance=0.0).chances.values()) <= 1.0
 
 
