@@ -71,13 +71,13 @@ def diagnosed(description: Path) -> Figures:
         found = diagnose(description, jobs=1)
     return {
         "verdict": found.verdict.kind,
-        "named": list(found.causes.taken.effects),
+        "named": list(found.selection.taken.effects),
         "set": list(found.verdict.members),
-        "probabilities": dict(found.verdict.chances),
+        "probabilities": dict(found.verdict.weights),
         "floors": found.floors,
         "gap": dict(found.gap.rms),
         "values": {one.name: [one.value, one.standard_error] for one in found.found},
-        "imitated": [one.name for one in found.imitated],
+        "imitated": [one.name for one in found.masked],
     }
 
 

@@ -435,7 +435,7 @@ def by_diagnose(told: Description) -> Said:
     return Said(
         {one.name: one.value for one in found.found},
         {one.name: one.standard_error for one in found.found},
-        found.causes.taken.together,
+        found.selection.taken.together,
         [with_error(scales[v.name] * v.value, scales[v.name] * v.standard_error) for v in every],
         with_priors=True,
     )

@@ -69,7 +69,7 @@ def diagnosed(case: Case) -> Told:
 
 def named(found: Diagnosis) -> tuple[str, ...]:
     """Effects that are taken, or in the set with those."""
-    return tuple(dict.fromkeys((*found.causes.taken.effects, *found.verdict.members)))
+    return tuple(dict.fromkeys((*found.selection.taken.effects, *found.verdict.members)))
 
 
 def faults(case: Case, found: Diagnosis) -> Iterator[str]:
@@ -108,10 +108,10 @@ def bars(case: Case, found: Diagnosis) -> list[str]:
     rows = [
         (
             f"{bar.output}, {bar.measure} [{bar.unit}]",
-            f"{held_out(found, found.causes.retuned, bar):.3g}",
-            f"{held_out(found, found.causes.taken, bar):.3g}",
+            f"{held_out(found, found.selection.retuned, bar):.3g}",
+            f"{held_out(found, found.selection.taken, bar):.3g}",
             f"{bar.limit:g}",
-            "met" if held_out(found, found.causes.taken, bar) <= bar.limit else "missed",
+            "met" if held_out(found, found.selection.taken, bar) <= bar.limit else "missed",
         )
         for bar in case.bars
     ]
@@ -144,7 +144,7 @@ def effects(found: Diagnosis) -> list[str]:
         )
         for one in found.ranking
     ]
-    before = f"noise floors left, of {found.causes.before.rms:.3g}"
+    before = f"noise floors left, of {found.selection.before.rms:.3g}"
     return table(("effect", "probability", before, ""), rows) if rows else []
 
 

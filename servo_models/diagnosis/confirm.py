@@ -53,7 +53,7 @@ def confirm(found: Diagnosis) -> Confirmation:
     Raises:
         UserError: an FMU that stops where the simulation goes on.
     """
-    taken, nominal = found.causes.taken, found.causes.retuned.problem
+    taken, nominal = found.selection.taken, found.selection.retuned.problem
     responses, off = [], 0.0
     with scratch() as folder:
         path = build(found.fitted, folder / "diagnosed.fmu")

@@ -90,20 +90,20 @@ def _diagnose(
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
     fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers)
-    causes = select_effects(fitter, left_out, tell, tolerance)
-    verdict = decide(causes, tolerance)
+    selection = select_effects(fitter, left_out, tell, tolerance)
+    verdict = decide(selection, tolerance)
     return Diagnosis(
         name=told.path.stem,
         model=told.model,
         logs=told.logs,
         audits=audited,
         floors=floors,
-        causes=causes,
+        selection=selection,
         verdict=verdict,
-        gap=whole_gap(causes, seed),
-        gaps=gaps(causes, floors, origins, seed),
-        ranking=ranked_effects(causes, verdict),
-        moved=estimates(causes.retuned),
+        gap=whole_gap(selection, seed),
+        gaps=gaps(selection, floors, origins, seed),
+        ranking=ranked_effects(selection, verdict),
+        moved=estimates(selection.retuned),
         tolerance=tolerance,
         seed=seed,
     )

@@ -24,7 +24,7 @@ from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.conditions import conditions
 from servo_models.report.interchange import command
 
-VERSION = 1
+VERSION = 2
 """Of the schema: it counts up when a reader of the one before would go wrong."""
 FLOORS = "noise floor"
 
@@ -45,10 +45,10 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "ruled_out": [
             {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
         ],
-        "imitated": [_imitated(diagnosis, one) for one in diagnosis.imitated],
+        "masked": [_imitated(diagnosis, one) for one in diagnosis.masked],
         "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
         "held_out": [asdict(one) for one in diagnosis.held_out],
-        "where": [asdict(breakdown) for breakdown in diagnosis.localisation],
+        "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
         "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
         "warnings": list(summary.warnings(diagnosis)),
         "seed": diagnosis.seed,
@@ -98,7 +98,7 @@ def _confirmation(diagnosis: Diagnosis, confirmation: Confirmation) -> dict[str,
         "outputs": {
             output: {
                 "unit": wires[output].unit,
-                "judged": _whole(confirmation.rows, output, FIT),
+                "fit": _whole(confirmation.rows, output, FIT),
                 "held_out": _whole(confirmation.rows, output, HELD_OUT),
             }
             for output in dict.fromkeys(row.output for row in confirmation.rows)
@@ -121,7 +121,7 @@ def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> dict[str, Any]:
         "gap_after": claim.gap_after,
         "closed": claim.closed,
         "converged": claim.converged,
-        "reach": claim.reach,
+        "detectability": claim.detectability,
         "beside": list(claim.beside),
         "detected": None if claim.detected is None else _detected(claim.detected),
     }
@@ -154,7 +154,8 @@ def _parameter(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
 
 def _value(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
     unit = diagnosis.model.plant.parameters[value.name].param.unit
-    return {**asdict(value), "unit": unit}
+    figures = asdict(value)
+    return {"name": figures.pop("name"), "prior": figures.pop("nominal"), **figures, "unit": unit}
 
 
 def _log(diagnosis: Diagnosis, audit: Audit) -> dict[str, Any]:
@@ -188,8 +189,8 @@ def _reading(diagnosis: Diagnosis, reading: Reading) -> dict[str, Any]:
 
 def _experiment(next_: Experiment) -> dict[str, Any]:
     return {
-        "one": list(next_.one),
-        "other": list(next_.other),
+        "first": list(next_.one),
+        "second": list(next_.other),
         "text": next_.text,
         "input": next_.wire.name,
         "unit": next_.wire.unit,
@@ -226,5 +227,5 @@ def parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> Pa
 
 
 def _causes(diagnosis: Diagnosis) -> str:
-    taken = diagnosis.causes.taken.effects
+    taken = diagnosis.selection.taken.effects
     return f"parameters and {summary.placed(diagnosis, taken)}" if taken else "parameters alone"

@@ -75,25 +75,27 @@ class Gap(GapSummary):
 
 
 def gaps(
-    causes: Selection, floors: dict[str, float], origins: dict[str, str], seed: int
+    selection: Selection, floors: dict[str, float], origins: dict[str, str], seed: int
 ) -> tuple[Gap, ...]:
     """Return the gap of every output that a fit may see."""
-    problem, stages = causes.retuned.problem, _stages(causes)
+    problem, stages = selection.retuned.problem, _stages(selection)
     return tuple(
-        _gap(name, rows, causes, stages, floors[name], origins[name], seed)
+        _gap(name, rows, selection, stages, floors[name], origins[name], seed)
         for name, rows in rows_of(problem).items()
         if len(rows)
     )
 
 
-def whole_gap(causes: Selection, seed: int) -> GapSummary:
+def whole_gap(selection: Selection, seed: int) -> GapSummary:
     """Return the gap of all outputs together, in noise floors."""
-    stages = _stages(causes)
-    return _reduction(np.arange(len(causes.before.unseen)), stages, 1.0, 1.0, seed)
+    stages = _stages(selection)
+    return _reduction(np.arange(len(selection.before.unseen)), stages, 1.0, 1.0, seed)
 
 
-def _stages(causes: Selection) -> dict[str, CrossValidation]:
-    return dict(zip(STAGES, (causes.before, causes.retuned.evidence, causes.taken.evidence)))
+def _stages(selection: Selection) -> dict[str, CrossValidation]:
+    return dict(
+        zip(STAGES, (selection.before, selection.retuned.evidence, selection.taken.evidence))
+    )
 
 
 def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
@@ -123,13 +125,13 @@ def not_followed(found: FittedModel, least: float = 0.0) -> tuple[str, ...]:
 def _gap(
     name: str,
     rows: NDArray[np.int64],
-    causes: Selection,
+    selection: Selection,
     stages: dict[str, CrossValidation],
     floor: float,
     origin: str,
     seed: int,
 ) -> Gap:
-    problem = causes.retuned.problem
+    problem = selection.retuned.problem
     scale = problem.sigma[name]
     logs = [log for log in problem.logs if name in log.outputs]
     measured = np.concatenate([log.outputs[name][log.fitted] for log in logs])
@@ -141,7 +143,7 @@ def _gap(
         full_scale=float(np.ptp(measured)),
         worst=_worst(problem, name, errors),
         delay=_delay(problem, name),
-        motion=_motion(causes.taken, name) if origin == RESIDUAL else 0.0,
+        motion=_motion(selection.taken, name) if origin == RESIDUAL else 0.0,
     )
 
 

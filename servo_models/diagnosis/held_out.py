@@ -34,11 +34,11 @@ class HeldOut:
     worse: bool
 
 
-def held_out_scores(causes: Selection) -> tuple[HeldOut, ...]:
+def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
     """Return what the explanation that was taken does to each log with samples held out."""
     found = []
-    pairs = zip(_squares(causes.retuned), _squares(causes.taken))
-    for log, (old, new) in zip(causes.taken.problem.logs, pairs):
+    pairs = zip(_squares(selection.retuned), _squares(selection.taken))
+    for log, (old, new) in zip(selection.taken.problem.logs, pairs):
         if len(old):
             parts = np.arange(len(old)) * BLOCKS // len(old)
             retuned, after = (float(np.sqrt(part.mean())) for part in (old, new))

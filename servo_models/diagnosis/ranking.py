@@ -41,8 +41,8 @@ class RankedEffect:
         closed: share of the reducible gap [1] that it closes, None where there is none.
         beside: the other effects of that explanation.
         converged: False where its fit did not; it is ranked all the same.
-        reach: how far it can move the outputs of these logs [noise floors], without what nominal
-            parameters imitate.
+        detectability: how far it can move the outputs of these logs [noise floors], without what
+            nominal parameters imitate.
         detected: what its own detector says, None where there is none or it can say nothing, and
             of effects that are not believed.
     """
@@ -57,41 +57,41 @@ class RankedEffect:
     closed: float | None
     beside: tuple[str, ...]
     converged: bool
-    reach: float
+    detectability: float
     detected: Detection | None = None
 
 
-def ranked_effects(causes: Selection, verdict: Verdict) -> tuple[RankedEffect, ...]:
+def ranked_effects(selection: Selection, verdict: Verdict) -> tuple[RankedEffect, ...]:
     """Return every effect that was fitted, most likely first, then by the gap it leaves."""
     found: dict[str, RankedEffect] = {}
-    for fitted_model in (causes.taken, *verdict.rivals, *causes.fitted.values()):
+    for fitted_model in (selection.taken, *verdict.rivals, *selection.fitted.values()):
         for name in fitted_model.effects:
             if name not in found:
-                found[name] = _claim(name, fitted_model, causes, verdict)
-    place = {name: i for i, name in enumerate(verdict.chances)}
+                found[name] = _claim(name, fitted_model, selection, verdict)
+    place = {name: i for i, name in enumerate(verdict.weights)}
     others = len(place)
     return tuple(sorted(found.values(), key=lambda it: (place.get(it.name, others), it.gap_after)))
 
 
 def _claim(
-    name: str, fitted_model: FittedModel, causes: Selection, verdict: Verdict
+    name: str, fitted_model: FittedModel, selection: Selection, verdict: Verdict
 ) -> RankedEffect:
     model = fitted_model.problem.model
-    matters = fitted_model is causes.taken or fitted_model in verdict.rivals
+    matters = fitted_model is selection.taken or fitted_model in verdict.rivals
     values = estimates(fitted_model) if matters else _sizes_alone(fitted_model)
     after = fitted_model.evidence.rms
     return RankedEffect(
         name=name,
         wire=model.plant.main_wire(name),
-        probability=verdict.chances.get(name, 0.0),
+        probability=verdict.weights.get(name, 0.0),
         in_set=name in verdict.members,
-        taken=name in causes.taken.effects,
+        taken=name in selection.taken.effects,
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),
         gap_after=after,
-        closed=closed(causes.before.rms, after, 1.0),
+        closed=closed(selection.before.rms, after, 1.0),
         beside=tuple(other for other in fitted_model.effects if other != name),
         converged=fitted_model.converged,
-        reach=causes.reach[name].shown,
+        detectability=selection.detectability[name].shown,
         detected=detection(fitted_model, name) if matters else None,
     )
 

@@ -50,7 +50,7 @@ class Diagnosis(Result):
         logs: as they were measured.
         audits: one a log.
         floors: noise floor [SI] by output.
-        causes: everything that was tried.
+        selection: everything that was tried.
         verdict: what is said.
         gap: before, re-tuned and after, in noise floors.
         gaps: the same by output, in SI.
@@ -69,7 +69,7 @@ class Diagnosis(Result):
     logs: tuple[Log, ...]
     audits: tuple[Audit, ...]
     floors: dict[str, float]
-    causes: Selection
+    selection: Selection
     verdict: Verdict
     gap: GapSummary
     gaps: tuple[Gap, ...]
@@ -84,7 +84,7 @@ class Diagnosis(Result):
 
     def __repr__(self) -> str:
         gap = f"{self.gap.rms['before']:.3g} to {self.gap.rms['after']:.3g} noise floors"
-        effects = ", ".join(self.causes.taken.effects) or "no effect"
+        effects = ", ".join(self.selection.taken.effects) or "no effect"
         return f"<Diagnosis of {self.name}: {self.verdict.kind}, {effects}, {gap}>"
 
     @property
@@ -94,12 +94,12 @@ class Diagnosis(Result):
     @cached_property
     def fitted(self) -> Model:
         """The model with nominal parameters re-tuned and the diagnosed effects switched on."""
-        return replace(self.model, values={**self.model.values, **self.causes.taken.values})
+        return replace(self.model, values={**self.model.values, **self.selection.taken.values})
 
     @cached_property
     def found(self) -> tuple[Value, ...]:
         """Every parameter that is other in ``fitted``, nominal ones first."""
-        return estimates(self.causes.taken)
+        return estimates(self.selection.taken)
 
     @property
     def explained(self) -> bool:
@@ -109,29 +109,29 @@ class Diagnosis(Result):
         return alone and share is not None and share[0] >= EXPLAINED
 
     @property
-    def imitated(self) -> tuple[MaskedEffect, ...]:
+    def masked(self) -> tuple[MaskedEffect, ...]:
         """Effects that may be there beside re-tuned parameters that explain the gap, and would not
         show, the largest first."""
-        return tuple(self.causes.imitated) if self.explained else ()
+        return tuple(self.selection.masked) if self.explained else ()
 
     @property
     def undecided(self) -> tuple[FittedModel, ...]:
         """Explanations that these logs cannot tell apart, and another experiment may."""
         least = MUCH * self.gap.rms["before"]
-        large = [it.fitted_model for it in self.imitated if it.moved >= least]
-        return (self.causes.retuned, *large) if large else self.verdict.rivals
+        large = [it.fitted_model for it in self.masked if it.moved >= least]
+        return (self.selection.retuned, *large) if large else self.verdict.rivals
 
     @cached_property
     def held_out(self) -> tuple[HeldOut, ...]:
         """What the model leaves of samples that the description holds out, by log."""
-        return held_out_scores(self.causes)
+        return held_out_scores(self.selection)
 
     @property
     def stages(self) -> dict[str, str]:
         """The stages of ``Gap.rms`` that differ, each with its name for people."""
-        effects = self.causes.taken.effects
+        effects = self.selection.taken.effects
         named = {"before": "before"}
-        if self.causes.retuned.problem.free and not self.within_tolerance:
+        if self.selection.retuned.problem.free and not self.within_tolerance:
             named["retuned"] = "re-tuned"
         if effects:
             named["after"] = "with effects" if len(effects) > 1 else "with effect"
@@ -143,11 +143,11 @@ class Diagnosis(Result):
 
         A model that cannot be simulated on a log that no fit has seen makes nothing of it.
         """
-        nominal, readings = self.causes.retuned.problem, []
+        nominal, readings = self.selection.retuned.problem, []
         values = {
-            "before": nominal.values(self.causes.before.vector),
-            "retuned": self.causes.retuned.values,
-            "after": self.causes.taken.values,
+            "before": nominal.values(self.selection.before.vector),
+            "retuned": self.selection.retuned.values,
+            "after": self.selection.taken.values,
         }
         for log, run in zip(self.logs, nominal.runs):
             every = {name: run.outputs_or_nan(values[stage]) for stage, name in self.stages.items()}
@@ -163,7 +163,7 @@ class Diagnosis(Result):
         """Where the gap lies: by output, block, time, frequency, amplitude, speed, position."""
         from servo_models.diagnosis.localisation import localise
 
-        return localise(self.causes)
+        return localise(self.selection)
 
     @cached_property
     def next_experiments(self) -> tuple[Experiment, ...]:

@@ -100,7 +100,7 @@ def missed(diagnosis: Diagnosis) -> list[HeldOut]:
 
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in a clause, without figures and rivals."""
-    taken, kind = diagnosis.causes.taken.effects, diagnosis.verdict.kind
+    taken, kind = diagnosis.selection.taken.effects, diagnosis.verdict.kind
     whole = "most of the gap" if diagnosis.verdict.rest else "the gap"
     if kind == NO_GAP:
         return "No gap"
@@ -135,7 +135,7 @@ def rivals(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
         return ""
     others = [
-        name for name in diagnosis.verdict.members if name not in diagnosis.causes.taken.effects
+        name for name in diagnosis.verdict.members if name not in diagnosis.selection.taken.effects
     ]
     return f"; cannot be told apart from {', '.join(others)}" if others else ""
 
@@ -182,10 +182,10 @@ def ruled_out(diagnosis: Diagnosis) -> dict[str, str]:
 
     What parameters imitate is not ruled out.
     """
-    reach = diagnosis.causes.reach
-    named = {*diagnosis.verdict.members, *diagnosis.causes.taken.effects}
-    named |= {one.name for one in diagnosis.imitated}
-    fitted = diagnosis.causes.fitted
+    reach = diagnosis.selection.detectability
+    named = {*diagnosis.verdict.members, *diagnosis.selection.taken.effects}
+    named |= {one.name for one in diagnosis.masked}
+    fitted = diagnosis.selection.fitted
     rest = [name for name in reach if name not in named and name not in fitted]
     said = {name: _loses(diagnosis, name, one) for name, one in fitted.items() if name not in named}
     for name in sorted(rest, key=lambda name: -reach[name].shown):
@@ -226,7 +226,7 @@ def marks(diagnosis: Diagnosis, fitted: FittedModel) -> list[str]:
 
 def moves(diagnosis: Diagnosis) -> dict[str, float]:
     """Return how far nominal parameters moved, in prior standard deviations, by name."""
-    free = {one.name: one for one in diagnosis.causes.taken.problem.free}
+    free = {one.name: one for one in diagnosis.selection.taken.problem.free}
     return {
         value.name: (value.value - value.nominal) / prior
         for value in diagnosis.found
@@ -236,7 +236,7 @@ def moves(diagnosis: Diagnosis) -> dict[str, float]:
 
 def doubts(diagnosis: Diagnosis) -> dict[str, str]:
     """Return in a few words why a parameter's value is doubtful, by name, if it is."""
-    free = {one.name: one for one in diagnosis.causes.taken.problem.free}
+    free = {one.name: one for one in diagnosis.selection.taken.problem.free}
     said = {
         value.name: doubt(free[value.name], value.value, value.standard_error)
         for value in diagnosis.found
@@ -259,7 +259,7 @@ def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
 def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
     for one in diagnosis.audits:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
-    taken = diagnosis.causes.taken
+    taken = diagnosis.selection.taken
     yield from false_starts(taken.problem.runs, taken.values)
     yield from (
         f"'{name}' is a flag, 0 or 1, and is left out of errors" for name in diagnosis.flags
@@ -305,7 +305,7 @@ def _sought(diagnosis: Diagnosis) -> str:
 
 
 def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
-    taken = diagnosis.causes.taken
+    taken = diagnosis.selection.taken
     for name in not_followed(taken):
         yield (
             f"the model explains hardly anything of '{name}': check scale and sign of its"
@@ -315,16 +315,16 @@ def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"the FMU of the diagnosed model {diagnosis.unconfirmed}"
     if taken.effects and not taken.converged:
         yield f"the fit with {listed(taken.effects)} did not converge"
-    if diagnosis.verdict.hunting:
+    if diagnosis.verdict.limit_cycle:
         yield (
             "the simulated response has a limit cycle that does not repeat: parameters changed"
-            f" within their standard errors move it by {diagnosis.verdict.hunting:.3g} noise"
+            f" within their standard errors move it by {diagnosis.verdict.limit_cycle:.3g} noise"
             " floors, so a remaining error of that size does not count as a missing effect"
         )
 
 
 def _about_held_out(diagnosis: Diagnosis) -> Iterator[str]:
-    effects = diagnosis.causes.taken.effects
+    effects = diagnosis.selection.taken.effects
     for one in diagnosis.held_out:
         if np.isnan(one.retuned):
             helped = ", so it is not known there whether the effects help" if effects else ""
@@ -364,9 +364,9 @@ def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
             f"moved further than their uncertainties allow, in prior deviations: {each}; either"
             " these were too small, or the parameters stand in for an effect that is missing"
         )
-    taken = diagnosis.causes.taken
+    taken = diagnosis.selection.taken
     own = [free.name for free in taken.problem.free if free.prior is None]
     yield from (together(group, own) for group in taken.together)
     for name, doubtful in doubts(diagnosis).items():
-        if name.rpartition(".")[0] in diagnosis.causes.taken.effects:
+        if name.rpartition(".")[0] in diagnosis.selection.taken.effects:
             yield f"'{name}' is {doubtful}"

@@ -31,20 +31,20 @@ class Verdict:
 
     Attributes:
         kind: one of the six.
-        chances: probability of each effect, most likely first, by name.
+        weights: probability of each effect, most likely first, by name.
         members: effects of the set that holds the cause with ``belief.COVERED``.
         rivals: explanations of that set, most likely first.
         rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
-        hunting: by how much the explanation differs from itself [RMS, noise floors], which says
+        limit_cycle: by how much the explanation differs from itself [RMS, noise floors], which says
             nothing against it and is in no ``rest``.
     """
 
     kind: str
-    chances: dict[str, float]
+    weights: dict[str, float]
     members: tuple[str, ...]
     rivals: tuple[FittedModel, ...]
     rest: float = 0.0
-    hunting: float = 0.0
+    limit_cycle: float = 0.0
 
 
 def _rank(chance: float, alone: float | None) -> tuple[float, float]:
@@ -53,31 +53,31 @@ def _rank(chance: float, alone: float | None) -> tuple[float, float]:
     return -round(chance, 2), np.inf if alone is None else alone
 
 
-def weights_of(causes: Selection, rest: float) -> Array:
+def weights_of(selection: Selection, rest: float) -> Array:
     """Return the probability of each of the explanations ``alike``, shape (n,).
 
     ``rest`` is the RMS [noise floors] of what is surely missing.
     """
-    return probabilities(causes.alike, causes.taken.problem.samples * rest**2)
+    return probabilities(selection.alike, selection.taken.problem.samples * rest**2)
 
 
-def decide(causes: Selection, tolerance: float = TOLERANCE) -> Verdict:
+def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     """Return the verdict on what was tried.
 
     ``tolerance`` is the gap [noise floors] that counts as none.
     """
-    taken = causes.taken
-    if causes.before.rms <= tolerance:
+    taken = selection.taken
+    if selection.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
-    gap = float(np.sqrt(np.mean(causes.retuned.evidence.errors**2)))
-    hunting = unrepeatable(taken)
-    left = taken.left.without(hunting)
+    gap = float(np.sqrt(np.mean(selection.retuned.evidence.errors**2)))
+    limit_cycle = unrepeatable(taken)
+    left = taken.left.without(limit_cycle)
     lacking = unmodelled(left, gap, len(taken.effects)) or bool(not_followed(taken, tolerance))
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
-        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, hunting)
-    rivals = causes.alike
-    chances = weights_of(causes, rest)
+        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, limit_cycle)
+    rivals = selection.alike
+    chances = weights_of(selection, rest)
     held = covering(chances)
     own = next(i for i, it in enumerate(rivals) if it.effects == taken.effects)
     if own not in held:
@@ -88,7 +88,7 @@ def decide(causes: Selection, tolerance: float = TOLERANCE) -> Verdict:
         for name in fitted_model.effects:
             # shares of 1 may add up to more by a rounding
             by_effect[name] = min(1.0, by_effect.get(name, 0.0) + float(chance))
-    alone = {one.effects: one.loss for one in causes.singles}
+    alone = {one.effects: one.loss for one in selection.singles}
     ranked = dict(sorted(by_effect.items(), key=lambda it: _rank(it[1], alone.get((it[0],)))))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS
@@ -96,4 +96,4 @@ def decide(causes: Selection, tolerance: float = TOLERANCE) -> Verdict:
         kind = OUTSIDE
     elif len(held) > FEW:
         kind = NOT_IDENTIFIABLE
-    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held), rest, hunting)
+    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held), rest, limit_cycle)

@@ -146,22 +146,24 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
 
 
 def _said(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
-    causes, verdict = found.causes, found.verdict
-    tried = sorted([*causes.singles, *causes.pairs, *causes.more], key=lambda one: one.evidence.rms)
+    selection, verdict = found.selection, found.verdict
+    tried = sorted(
+        [*selection.singles, *selection.pairs, *selection.more], key=lambda one: one.evidence.rms
+    )
     return Diagnosed(
         case=case,
         verdict=verdict.kind,
         seconds=seconds,
-        named=[] if verdict.kind == NO_GAP else list(causes.taken.effects),
+        named=[] if verdict.kind == NO_GAP else list(selection.taken.effects),
         members=list(verdict.members),
-        chances=verdict.chances,
+        chances=verdict.weights,
         tried=[list(one.effects) for one in tried],
         left=[one.evidence.rms for one in tried],
         values=[one.values for one in tried],
         floors=found.floors,
-        before=causes.before.rms,
-        after=causes.taken.evidence.rms,
-        imitated=[one.name for one in found.imitated],
+        before=selection.before.rms,
+        after=selection.taken.evidence.rms,
+        imitated=[one.name for one in found.masked],
     )
 
 

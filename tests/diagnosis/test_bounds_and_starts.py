@@ -112,7 +112,7 @@ def test_an_uncertain_effect_is_no_candidate() -> None:
         it for it in every["coulomb_friction"].free if it.name in every["coulomb_friction"].switches
     )
     fitter = replace(fitter, nominal=(*fitter.nominal, replace(size, prior=1e-4)))
-    assert "coulomb_friction" not in select_effects(fitter).reach
+    assert "coulomb_friction" not in select_effects(fitter).detectability
 
 
 def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

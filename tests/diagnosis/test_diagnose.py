@@ -69,14 +69,14 @@ def test_a_confirmation_does_not_hang_on_the_effects_alone(case: tuple[Diagnosis
     found, _ = case
     (log,) = found.logs
     held = replace(log, constants={"load_torque": 0.01})
-    problem = Problem(found.model, [held], found.causes.taken.problem.free, dict(found.floors))
+    problem = Problem(found.model, [held], found.selection.taken.problem.free, dict(found.floors))
     plain = Problem(found.model, [log], [], dict(found.floors))
-    causes = replace(
-        found.causes,
-        taken=replace(found.causes.taken, problem=problem),
-        retuned=replace(found.causes.retuned, problem=plain),
+    selection = replace(
+        found.selection,
+        taken=replace(found.selection.taken, problem=problem),
+        retuned=replace(found.selection.retuned, problem=plain),
     )
-    loaded = confirm(replace(found, causes=causes, logs=(held,)))
+    loaded = confirm(replace(found, selection=selection, logs=(held,)))
     assert loaded.difference == 0.0
     assert loaded.rows[0].after > 10.0 * confirm(found).rows[0].after
 
@@ -111,12 +111,14 @@ def test_a_held_out_log_that_is_missed_is_part_of_the_verdict(
     angle = simulate(rubbing, log.times, log.inputs)["angle"]
     everything = np.ones(len(log.times), dtype=bool)
     other = replace(log, name="rubbing", outputs={"angle": angle}, held_out=everything)
-    causes = found.causes
+    selection = found.selection
     both, alone = (
         replace(one, problem=Problem(found.model, [log, other], one.problem.free, found.floors))
-        for one in (causes.taken, causes.retuned)
+        for one in (selection.taken, selection.retuned)
     )
-    told = replace(found, causes=replace(causes, taken=both, retuned=alone), logs=(log, other))
+    told = replace(
+        found, selection=replace(selection, taken=both, retuned=alone), logs=(log, other)
+    )
     (missed,) = told.held_out
     assert missed.after > 3.0 * told.gap.rms["after"]
     assert (
@@ -147,15 +149,15 @@ def test_parameters_that_close_little_are_not_said_to_explain_a_gap(
     assert summary.headline(replace(found, gap=little)) == text
     assert summary.headline(replace(found, moved=())) == text
     outside = replace(found, verdict=Verdict("outside-catalogue", {}, (), ()), moved=())
-    bare = replace(found.causes, taken=found.causes.retuned)
-    assert "with the nominal model" in summary.headline(replace(outside, causes=bare))
+    bare = replace(found.selection, taken=found.selection.retuned)
+    assert "with the nominal model" in summary.headline(replace(outside, selection=bare))
 
 
 def test_an_effect_that_every_explanation_names_is_told_as_sure(
     case: tuple[Diagnosis, Told],
 ) -> None:
     found, _ = case
-    taken = found.causes.taken
+    taken = found.selection.taken
     pair = [replace(taken, effects=("transport_delay", it)) for it in ("backlash", "sensor_lag")]
     members = ("transport_delay", "backlash", "sensor_lag")
     text = summary.headline(
@@ -171,7 +173,7 @@ def test_what_moved_beyond_its_prior_is_warned_of(case: tuple[Diagnosis, Told]) 
     found, _ = case
     assert not any("prior deviations" in text for text in summary.warnings(found))
     value = found.found[0]
-    spread = {one.name: one.prior for one in found.causes.taken.problem.free}[value.name]
+    spread = {one.name: one.prior for one in found.selection.taken.problem.free}[value.name]
     assert spread
     found.__dict__["found"] = (replace(value, value=value.nominal + 5.0 * spread),)
     try:
@@ -209,7 +211,7 @@ def test_repeats_that_differ_by_more_than_noise_are_warned_of(
         found,
         audits=(replace(audit, readings=(seen,)),),
         gaps=(replace(gap, floor=spread, origin=seen.floor.origin),),
-        verdict=decide(found.causes, tolerance),
+        verdict=decide(found.selection, tolerance),
     )
     about = [text for text in summary.warnings(told) if "between repeats" in text]
     assert bool(about) == bool(said)
@@ -309,14 +311,14 @@ def test_gaps_of_outputs_make_up_the_gap_of_all(seed: int, size: float) -> None:
         return CrossValidation(np.empty(0), errors, errors, parts)
 
     before, retuned, after = stage(5.0 * size), stage(2.0 * size), stage(size)
-    causes: Any = SimpleNamespace(
+    selection: Any = SimpleNamespace(
         before=before,
         retuned=SimpleNamespace(problem=problem, evidence=retuned),
         taken=SimpleNamespace(evidence=after),
     )
     floors = dict(problem.sigma)
-    whole = whole_gap(causes, 0)
-    single = gaps(causes, floors, dict.fromkeys(floors, ""), 0)
+    whole = whole_gap(selection, 0)
+    single = gaps(selection, floors, dict.fromkeys(floors, ""), 0)
     for name, evidence in (("before", before), ("retuned", retuned), ("after", after)):
         squares = [(gap.rms[name] / gap.floor) ** 2 for gap in single]
         assert whole.rms[name] ** 2 == pytest.approx(np.mean(squares))

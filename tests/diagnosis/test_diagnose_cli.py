@@ -123,7 +123,7 @@ def test_an_fmu_of_the_parameter_file_leaves_what_the_json_says(
     with Host(Path(folder)) as host:
         error = host.simulate(times, inputs)[-len(log.times) :, 0] - log.outputs["angle"]
     told = session.document["confirmation"]["outputs"]["angle"]
-    for part, mask in (("judged", log.fitted), ("held_out", log.held_out)):
+    for part, mask in (("fit", log.fitted), ("held_out", log.held_out)):
         assert told[part]["after"] == pytest.approx(np.sqrt(np.mean(error[mask] ** 2)), rel=1e-12)
     assert session.document["confirmation"]["difference"] == 0.0
 
@@ -216,7 +216,7 @@ def test_an_effect_that_the_log_cannot_show_is_said_to_be_so(session: Session) -
 
 
 def test_what_closes_of_the_only_signal_is_what_closes_of_the_gap(session: Session) -> None:
-    by = {one["dimension"]: one["bins"] for one in session.document["where"]}
+    by = {one["dimension"]: one["bins"] for one in session.document["localisation"]}
     (signal,) = by["signal"]
     assert signal["closed"] == pytest.approx(session.document["gap"]["closed"], rel=1e-9)
     assert all(one["closed"] is None for one in by.pop("frequency"))
@@ -272,7 +272,7 @@ def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
     told = json.loads(file.read_text())
     check_schema(told)
     assert code == 1
-    assert "command amplitude" not in [one["dimension"] for one in told["where"]]
+    assert "command amplitude" not in [one["dimension"] for one in told["localisation"]]
 
 
 def frozen(folder: Path) -> Path:

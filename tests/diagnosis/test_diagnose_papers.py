@@ -52,7 +52,7 @@ def torque_motor(folder: Path) -> Diagnosis:
 @pytest.mark.thorough
 def test_table_1_lacks_the_delay_of_eq_12_and_nothing_else(torque_motor: Diagnosis) -> None:
     assert torque_motor.verdict.kind == "effect"
-    assert torque_motor.causes.taken.effects == ("transport_delay",)
+    assert torque_motor.selection.taken.effects == ("transport_delay",)
     assert torque_motor.verdict.members == ("transport_delay",)
 
 
@@ -89,7 +89,7 @@ def test_eq_7_lacks_a_dead_zone_before_all(folder: Path) -> None:
     known = [one.name for one in candidates(model("sg90", "linear"), ())]
     assert set(ALIKE) < set(known)
     found = diagnose(folder / "sg90.toml", left_out=set(known) - set(ALIKE))
-    assert found.causes.taken.effects[0] == "drive_dead_zone"
+    assert found.selection.taken.effects[0] == "drive_dead_zone"
     values = {one.name: one.value for one in found.found}
     # the gain in front of the zone is free as well: the error at which the servo moves counts
     reach = values["drive_dead_zone.half_width"] / values["amplifier_gain"]

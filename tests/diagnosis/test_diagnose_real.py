@@ -43,12 +43,12 @@ def diagnosed(logs_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Di
 
 def named(found: Diagnosis) -> set[str]:
     """Effects that are taken, or in the set with those."""
-    return {*found.causes.taken.effects, *found.verdict.members}
+    return {*found.selection.taken.effects, *found.verdict.members}
 
 
 def held_out(found: Diagnosis, output: str) -> float:
     """RMS error [SI] of the diagnosed model where no part of the diagnosis has looked."""
-    taken = found.causes.taken
+    taken = found.selection.taken
     responses = taken.problem.responses(taken.evidence.vector)
     errors = [
         (response[output] - log.outputs[output])[log.checked]
@@ -93,7 +93,7 @@ def test_what_differs_between_repeats_of_the_film_is_a_frame_that_drifts(
     assert found.within_tolerance
     assert any("between repeats" in text for text in summary.warnings(found))
     looked = diagnosed("sg90_video.toml", 1.0)
-    assert looked.causes.taken.effects == ("sample_hold",)
+    assert looked.selection.taken.effects == ("sample_hold",)
     (period,) = [one.value for one in looked.found if one.name == "sample_hold.period"]
     assert period == pytest.approx(0.02, rel=0.05)
 
@@ -119,5 +119,5 @@ def test_xl330_has_friction_that_grows_with_its_load_and_is_not_closed(
     """Its pendulum loads the gears: a level of friction that stays the same is not enough."""
     found = diagnosed("xl330.toml")
     assert "load_friction" in named(found)
-    assert found.causes.taken.effects != ("coulomb_friction",)
+    assert found.selection.taken.effects != ("coulomb_friction",)
     assert found.verdict.kind == OUTSIDE

@@ -128,7 +128,7 @@ def test_a_log_on_which_the_diagnosed_model_runs_away_stops_nothing(
     assert soft_["retuned"] > 0.0
     confirmed = told["confirmation"]["outputs"]["angle"]
     assert confirmed["held_out"]["after"] is None
-    assert confirmed["judged"]["after"] > 0.0
+    assert confirmed["fit"]["after"] > 0.0
     assert any("'soft'" in text and "cannot be simulated" in text for text in told["warnings"])
     assert page.exists()
 

@@ -87,7 +87,7 @@ def _voltage() -> Array:
 @pytest.fixture(scope="module")
 def unsure(found: Diagnosis) -> Diagnosis:
     """As if the two best effects could not be told apart."""
-    rivals = tuple(found.causes.singles[:2])
+    rivals = tuple(found.selection.singles[:2])
     members = tuple(name for one in rivals for name in one.effects)
     ranking = tuple(replace(one, in_set=one.name in members) for one in found.ranking)
     verdict = replace(found.verdict, kind=EFFECT, members=members, rivals=rivals)
@@ -196,7 +196,7 @@ def test_gap_is_that_of_the_arrays(found: Diagnosis, text: str) -> None:
         np.degrees(np.sqrt(np.mean((nominal - log.outputs["angle"]) ** 2))),
         *(
             np.degrees(found.floors["angle"]) * np.sqrt(np.mean(one.evidence.unseen**2))
-            for one in (found.causes.retuned, found.causes.taken)
+            for one in (found.selection.retuned, found.selection.taken)
         ),
     ]
     page = Page(text)
@@ -240,15 +240,15 @@ def test_what_is_left_and_no_noise_is_told(found: Diagnosis) -> None:
 
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
     page = Page(text)
-    wire = {name: found.model.plant.main_wire(name) for name in found.causes.reach}
+    wire = {name: found.model.plant.main_wire(name) for name in found.selection.detectability}
     reasons = summary.ruled_out(found)
-    for name in found.causes.reach:
+    for name in found.selection.detectability:
         rows = [
             row for row in _cells(page, name) if len(row) == len(COLUMNS) and row[1] == wire[name]
         ]
         assert [row[2] for row in rows] == ([reasons[name]] if name in reasons else [])
-    named = {*found.verdict.members, *found.causes.taken.effects}
-    assert named | set(reasons) == set(found.causes.reach)
+    named = {*found.verdict.members, *found.selection.taken.effects}
+    assert named | set(reasons) == set(found.selection.detectability)
 
 
 def test_the_set_is_marked_in_the_evidence(unsure: Diagnosis) -> None:
@@ -264,14 +264,14 @@ def test_probabilities_are_shown_for_the_kind_of_explanation_that_was_taken(
 ) -> None:
     """Among pairs of which none was taken they would mean nothing."""
     rows = {row[0]: row[2] for row in Page(text).rows if row[-1] == "converged"}
-    alone = [one.effects[0] for one in found.causes.singles if one.converged]
+    alone = [one.effects[0] for one in found.selection.singles if one.converged]
     assert all("%" in rows[name] for name in alone)
     assert all("%" not in chance for name, chance in rows.items() if " and " in name)
 
 
 def test_intervals_compare_with_the_best(found: Diagnosis) -> None:
     """One that is worse by the same factor in every block is so in every draw."""
-    best = found.causes.singles[0]
+    best = found.selection.singles[0]
     twice = replace(best, evidence=replace(best.evidence, unseen=2.0 * best.evidence.unseen))
     same, worse = intervals([best, twice])
     assert same == pytest.approx((best.evidence.rms, best.evidence.rms))
@@ -326,13 +326,13 @@ def test_what_the_fmu_leaves_is_told(found: Diagnosis) -> None:
     ],
 )
 def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begins: str) -> None:
-    causes = found.causes
+    selection = found.selection
     if kind in (NO_GAP, PARAMETERS):
-        causes = replace(causes, taken=causes.retuned, singles=[], pairs=[])
+        selection = replace(selection, taken=selection.retuned, singles=[], pairs=[])
     other = replace(
         found,
-        causes=causes,
-        verdict=replace(found.verdict, kind=kind, chances={}),
+        selection=selection,
+        verdict=replace(found.verdict, kind=kind, weights={}),
         ranking=tuple(replace(one, taken=False, in_set=False) for one in found.ranking),
     )
     text = _page(other)
@@ -342,12 +342,12 @@ def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begi
 
 
 def test_a_model_without_uncertainties_is_not_called_retuned(found: Diagnosis) -> None:
-    bare = replace(found.causes.retuned.problem, free=())
-    alone = replace(found.causes.retuned, problem=bare)
+    bare = replace(found.selection.retuned.problem, free=())
+    alone = replace(found.selection.retuned, problem=bare)
     alone = replace(alone, evidence=replace(alone.evidence, vector=np.empty(0)))
-    before = replace(found.causes.before, vector=np.empty(0))
-    causes = replace(found.causes, before=before, retuned=alone)
-    text = _page(replace(found, causes=causes, moved=()))
+    before = replace(found.selection.before, vector=np.empty(0))
+    selection = replace(found.selection, before=before, retuned=alone)
+    text = _page(replace(found, selection=selection, moved=()))
     page = Page(text)
     page.assert_stands_alone()
     assert "re-tuned" not in page.text
@@ -376,14 +376,14 @@ def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> 
     checked = replace(log, name="later", held_out=np.ones(len(log.times), dtype=bool))
     problems = [
         replace(one.problem, logs=(log, checked))
-        for one in (found.causes.retuned, found.causes.taken)
+        for one in (found.selection.retuned, found.selection.taken)
     ]
-    causes = replace(
-        found.causes,
-        retuned=replace(found.causes.retuned, problem=problems[0]),
-        taken=replace(found.causes.taken, problem=problems[1]),
+    selection = replace(
+        found.selection,
+        retuned=replace(found.selection.retuned, problem=problems[0]),
+        taken=replace(found.selection.taken, problem=problems[1]),
     )
-    text = _page(replace(found, logs=(log, checked), causes=causes))
+    text = _page(replace(found, logs=(log, checked), selection=selection))
     nominal = simulate(found.model, log.times, log.inputs)["angle"]
     worst = log.times[np.argmax(np.abs(nominal - log.outputs["angle"]))]
     assert len(re.findall(rf"is worst before: \S+ deg at {worst:.5g} s", text)) == 2

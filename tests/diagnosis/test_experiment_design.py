@@ -242,14 +242,14 @@ def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(fi
     command = Command("triangle", 0.0, 10.0, 0.05, 0)
     assert stage.difference(command, 0, 1) > 50.0
     assert stage.separation(command, 0, 1) > 0.3  # slopes are those of another spring
-    assert stage.imitated(command, 0, 1) < 0.1
+    assert stage.masked(command, 0, 1) < 0.1
 
 
 def test_a_refit_leaves_no_more_than_there_was(verdict: Verdict) -> None:
     stage = Stage(verdict.rivals[:2], 0)
     for family in ("triangle", "chirp"):
         command = Command(family, 0.0, 10.0, 0.05, 0)
-        assert 0.0 <= stage.imitated(command, 0, 1) <= stage.difference(command, 0, 1)
+        assert 0.0 <= stage.masked(command, 0, 1) <= stage.difference(command, 0, 1)
 
 
 def test_what_is_played_does_not_hold_meanwhile(verdict: Verdict, first: Log) -> None:

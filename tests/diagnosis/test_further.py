@@ -32,20 +32,20 @@ THREE = {
 @pytest.mark.thorough
 def test_three_causes_are_named_and_no_fourth() -> None:
     fitter, _ = made(THREE)
-    causes = select_effects(fitter)
-    assert set(causes.taken.effects) == {name.partition(".")[0] for name in THREE}
-    assert set(causes.alike[0].effects) == set(causes.taken.effects)
-    assert all(len(one.effects) == 3 for one in causes.alike)
-    assert decide(causes).kind == EFFECTS
+    selection = select_effects(fitter)
+    assert set(selection.taken.effects) == {name.partition(".")[0] for name in THREE}
+    assert set(selection.alike[0].effects) == set(selection.taken.effects)
+    assert all(len(one.effects) == 3 for one in selection.alike)
+    assert decide(selection).kind == EFFECTS
     for name, value in THREE.items():
-        assert causes.taken.values[name] == pytest.approx(value, rel=0.05)
+        assert selection.taken.values[name] == pytest.approx(value, rel=0.05)
 
 
 def test_two_causes_are_not_joined_by_a_third() -> None:
     fitter, _ = made(dict(list(THREE.items())[:2]))
-    causes = select_effects(fitter)
-    assert set(causes.taken.effects) == {"coulomb_friction", "drive_saturation"}
-    assert not causes.more
+    selection = select_effects(fitter)
+    assert set(selection.taken.effects) == {"coulomb_friction", "drive_saturation"}
+    assert not selection.more
 
 
 @pytest.mark.parametrize("name", ["drive_saturation", "coulomb_friction", "gear_compliance"])
@@ -73,9 +73,9 @@ def test_a_motion_that_the_effects_make_worse_is_named() -> None:
     angle = simulate(plain, log.times, log.inputs)["angle"] + noise
     held = replace(log, name="as fitted", held_out=np.ones(len(log.times), dtype=bool))
     other = replace(held, name="without friction", outputs={"angle": angle})
-    causes = select_effects(replace(fitter, logs=[log, held, other]))
-    assert causes.taken.effects == ("coulomb_friction",)
-    same, plain_one = held_out_scores(causes)
+    selection = select_effects(replace(fitter, logs=[log, held, other]))
+    assert selection.taken.effects == ("coulomb_friction",)
+    same, plain_one = held_out_scores(selection)
     assert (same.log, plain_one.log) == ("as fitted", "without friction")
     assert not same.worse
     assert same.after == pytest.approx(1.0, abs=0.1)
@@ -85,7 +85,7 @@ def test_a_motion_that_the_effects_make_worse_is_named() -> None:
     assert plain_one.after > 10.0
 
 
-def hunting(effect: str, step: float) -> FittedModel:
+def limit_cycle(effect: str, step: float) -> FittedModel:
     """The servo with a quantiser, its gain half a per cent off as after a fit."""
     nominal = model("sg90", "measured")
     rig = changed(nominal, {f"{effect}.step": step})
@@ -105,12 +105,12 @@ def hunting(effect: str, step: float) -> FittedModel:
 
 def test_a_quantiser_in_the_loop_makes_it_hunt() -> None:
     """The effect's equation in a loop of such a gain has no equilibrium between two codes."""
-    assert unrepeatable(hunting("sensor_quantisation", 0.35)) > 1.0
+    assert unrepeatable(limit_cycle("sensor_quantisation", 0.35)) > 1.0
 
 
 @pytest.mark.parametrize("effect", ["command_quantisation", "reading_quantisation"])
 def test_a_quantiser_outside_the_loop_repeats_itself(effect: str) -> None:
-    assert unrepeatable(hunting(effect, 0.02)) == 0.0
+    assert unrepeatable(limit_cycle(effect, 0.02)) == 0.0
 
 
 def test_a_smooth_response_repeats_itself() -> None:

@@ -46,8 +46,8 @@ def found(*logs: Log) -> dict[str, Gap]:
     """Gaps of the nominal model, by output."""
     floors = {name: 1e-5 for log in logs for name in log.outputs}
     nominal = Fitter(MODEL, logs, (), floors).unfitted()
-    causes = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
-    return {gap.output: gap for gap in gaps(causes, floors, dict.fromkeys(floors, ""), 0)}
+    selection = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
+    return {gap.output: gap for gap in gaps(selection, floors, dict.fromkeys(floors, ""), 0)}
 
 
 @pytest.mark.parametrize("late", [5, 1, -1, -5])
@@ -76,10 +76,10 @@ def test_a_log_without_noise_has_a_floor_of_motion_alone() -> None:
     moved = replace(log(angle), inputs={"voltage": jumps})
     floors = noise_floors([audit(moved, MODEL.plant)])
     nominal = Fitter(MODEL, (moved,), (), floors).unfitted()
-    causes = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
-    (gap,) = gaps(causes, floors, {"current": RESIDUAL}, 0)
+    selection = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
+    (gap,) = gaps(selection, floors, {"current": RESIDUAL}, 0)
     assert gap.motion == pytest.approx(floors["current"], rel=1e-6)
-    (gap,) = gaps(causes, floors, {"current": REPEATS}, 0)
+    (gap,) = gaps(selection, floors, {"current": REPEATS}, 0)
     assert gap.motion == 0.0
 
 
@@ -183,10 +183,10 @@ def reduced(before: float, after: float, seed: int) -> GapSummary:
         return CrossValidation(np.empty(0), errors, errors, parts)
 
     fitted = SimpleNamespace(evidence=stage(before))
-    causes: Any = SimpleNamespace(
+    selection: Any = SimpleNamespace(
         before=stage(before), retuned=fitted, taken=SimpleNamespace(evidence=stage(after))
     )
-    return whole_gap(causes, seed)
+    return whole_gap(selection, seed)
 
 
 @pytest.mark.parametrize(
@@ -211,10 +211,10 @@ def test_a_gap_in_one_block_has_an_interval_that_says_something() -> None:
     after = random.standard_normal(len(parts))
     before = after + np.where(parts == 7, 15.0, 0.0)
     first, last = (CrossValidation(np.empty(0), it, it, parts) for it in (before, after))
-    causes: Any = SimpleNamespace(
+    selection: Any = SimpleNamespace(
         before=first, retuned=SimpleNamespace(evidence=first), taken=SimpleNamespace(evidence=last)
     )
-    found = whole_gap(causes, 0).closed
+    found = whole_gap(selection, 0).closed
     assert found is not None
     share, low, high = found
     assert 0.9 < share <= high == 1.0

@@ -58,7 +58,7 @@ def described(folder: Path, effects: dict[str, float], volts: Array) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("imitated")
+    return tmp_path_factory.mktemp("masked")
 
 
 @pytest.fixture(scope="module")
@@ -67,29 +67,29 @@ def found(folder: Path) -> Diagnosis:
     return diagnose(described(folder, DEAD_ZONE, TWO_LEVELS), jobs=1)
 
 
-def imitated(found: Diagnosis) -> dict[str, float]:
-    return {one.name: one.moved for one in found.imitated}
+def masked(found: Diagnosis) -> dict[str, float]:
+    return {one.name: one.moved for one in found.masked}
 
 
 def test_the_cause_is_among_what_parameters_imitate(found: Diagnosis) -> None:
     assert found.verdict.kind == "parameters"
-    assert {"drive_dead_zone", "drive_saturation", "direction_asymmetry"} <= imitated(found).keys()
+    assert {"drive_dead_zone", "drive_saturation", "direction_asymmetry"} <= masked(found).keys()
     assert {"drive_dead_zone"} <= {name for it in found.undecided for name in it.effects}
 
 
 def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
     """By plain simulations: parameters as they were, and as they were re-tuned beside it."""
     (log,) = found.logs
-    noise = 3.0 * np.sqrt(found.causes.retuned.evidence.dispersion)
+    noise = 3.0 * np.sqrt(found.selection.retuned.evidence.dispersion)
 
     def response(values: dict[str, float]) -> Array:
         whole = changed(found.model, values)
         return simulate(whole, log.times, log.inputs)["angle"] / found.floors["angle"]
 
-    parameters = found.causes.retuned.values
+    parameters = found.selection.retuned.values
     without = response(parameters)
     measured = log.outputs["angle"] / found.floors["angle"]
-    for one in found.imitated:
+    for one in found.masked:
         own = one.fitted_model.problem.model.values
         effect = {k: v for k, v in own.items() if k.startswith(f"{one.name}.")}
         moved = response({**parameters, **effect}) - without
@@ -104,7 +104,7 @@ def most_by_scipy(found: Diagnosis, name: str, sizes: Array) -> float:
     """How far the largest of some sizes moves the outputs beside which parameters, fitted by a
     library, leave no more than noise does and go no further than their priors allow."""
     (log,) = found.logs
-    retuned = found.causes.retuned
+    retuned = found.selection.retuned
     free = [one for one in retuned.problem.free if one.prior is not None]
     floor, measured = found.floors["angle"], log.outputs["angle"]
 
@@ -147,7 +147,7 @@ def most_by_scipy(found: Diagnosis, name: str, sizes: Array) -> float:
 )
 def test_no_much_larger_size_is_imitated(name: str, sizes: Array, found: Diagnosis) -> None:
     """By a library, over a grid up to the largest size that is looked at."""
-    told = imitated(found)[name.partition(".")[0]]
+    told = masked(found)[name.partition(".")[0]]
     most = most_by_scipy(found, name, sizes)
     assert 0.7 * most < told < 1.1 * most
 
@@ -157,8 +157,8 @@ def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path
     """But for what is another parameter by another name."""
     rich = diagnose(described(tmp_path, {}, MANY), jobs=1)
     assert rich.verdict.kind == "parameters"
-    assert "drive_dead_zone" not in imitated(rich)
-    assert imitated(rich)["gain_error"] > 0.5 * imitated(found)["gain_error"]
+    assert "drive_dead_zone" not in masked(rich)
+    assert masked(rich)["gain_error"] > 0.5 * masked(found)["gain_error"]
 
 
 @pytest.mark.thorough
@@ -171,7 +171,7 @@ def test_the_next_experiment_shows_what_was_imitated(
     assert "would not show in these logs, and do in the next experiments." in " ".join(out.split())
     told = json.loads((folder / "rig.json").read_text())
     check_schema(told)
-    assert {it["name"]: it["up_to"] for it in told["imitated"]} == imitated(found)
+    assert {it["name"]: it["up_to"] for it in told["masked"]} == masked(found)
     planned = next_experiments(found.undecided)
     assert all(one.one == () and one.telling for one in planned)
     assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
@@ -181,7 +181,7 @@ def test_the_next_experiment_shows_what_was_imitated(
     (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
     both = diagnose(folder / "both.toml", jobs=1)
     assert both.verdict.members == ("drive_dead_zone",)
-    assert both.imitated == ()
+    assert both.masked == ()
 
 
 def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
@@ -197,13 +197,13 @@ def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     assert summary.sentence(told).endswith(
         "; drive_dead_zone would not show in these logs, and does in the next experiment."
     )
-    rows = tables.imitated(told).rows
-    assert {row[0] for row in rows} == imitated(found).keys()
+    rows = tables.masked(told).rows
+    assert {row[0] for row in rows} == masked(found).keys()
     assert {name for name, _, _, by in rows if by} == {"drive_dead_zone"}
 
 
 def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
-    assert not summary.ruled_out(found).keys() & imitated(found).keys()
+    assert not summary.ruled_out(found).keys() & masked(found).keys()
 
 
 def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
@@ -218,7 +218,7 @@ def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
 def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) -> None:
     """Of a ripple as well, though looks share it out over two phases."""
     (log,) = found.logs
-    parameters = {**found.model.values, **found.causes.retuned.values}
+    parameters = {**found.model.values, **found.selection.retuned.values}
 
     def response(effect: Mapping[str, float]) -> Array:
         own = replace(found.model, values={**parameters, **effect})
@@ -228,22 +228,22 @@ def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) ->
     every = {one.name: one for one in candidates(found.model, found.logs)}
     load = [response(size) - plain for size in every["constant_load"].trial_values]
     most = max(float(np.sqrt(np.mean(it**2))) for it in load)
-    assert found.causes.reach["constant_load"].moved == pytest.approx(most, rel=1e-6)
+    assert found.selection.detectability["constant_load"].moved == pytest.approx(most, rel=1e-6)
     ripples = [
         response({**size, "cogging.phase": phase}) - plain
         for size in every["cogging"].trial_values
         for phase in (0.0, 0.5 * np.pi)
     ]
     most = 10.0 * max(float(np.sqrt(np.mean(it**2))) for it in ripples)
-    assert found.causes.reach["cogging"].moved == pytest.approx(most, rel=1e-6)
-    for reach in found.causes.reach.values():
+    assert found.selection.detectability["cogging"].moved == pytest.approx(most, rel=1e-6)
+    for reach in found.selection.detectability.values():
         assert reach.shown <= reach.moved * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("kind", ["effect", "no-gap", "outside-catalogue"])
 def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
     other = replace(found, verdict=Verdict(kind, {}, (), ()))
-    assert other.imitated == ()
+    assert other.masked == ()
     assert other.undecided == ()
 
 
@@ -251,7 +251,7 @@ def test_parameters_that_explain_little_imitate_nothing(found: Diagnosis) -> Non
     """The gap cannot be told from noise then, and whatever they do is no reason to doubt that."""
     little = replace(found, gap=replace(found.gap, closed=(0.2, 0.1, 0.3)))
     assert "cannot be told from noise" in summary.headline(little)
-    assert little.imitated == ()
+    assert little.masked == ()
     assert little.undecided == ()
 
 
@@ -259,5 +259,7 @@ def test_parameters_that_cannot_move_imitate_nothing(folder: Path) -> None:
     """Frozen ones imitate nothing, so every effect that moves the outputs shows."""
     told = read_description(folder / "rig.toml")
     frozen = diagnose(replace(told, uncertainty={}), jobs=1)
-    assert frozen.imitated == ()
-    assert all(it.shown == pytest.approx(it.moved) for it in frozen.causes.reach.values())
+    assert frozen.masked == ()
+    assert all(
+        it.shown == pytest.approx(it.moved) for it in frozen.selection.detectability.values()
+    )

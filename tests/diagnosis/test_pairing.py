@@ -217,22 +217,22 @@ def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
 def test_smooth_pairs_spare_the_search_for_staircases() -> None:
     """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
     heard: list[str] = []
-    causes = select_effects(made(PAIR)[0], tell=heard.append)
-    assert set(causes.taken.effects) == {name.partition(".")[0] for name in PAIR}
+    selection = select_effects(made(PAIR)[0], tell=heard.append)
+    assert set(selection.taken.effects) == {name.partition(".")[0] for name in PAIR}
     assert not any("staircases" in it for it in heard)
     heard.clear()
     hold = {"coulomb_friction.level": 2e-3, "sample_hold.period": 2.43e-3}
-    causes = select_effects(made(hold, 2e-4, sweep=50.0)[0], tell=heard.append)
-    assert set(causes.taken.effects) == {"coulomb_friction", "sample_hold"}
+    selection = select_effects(made(hold, 2e-4, sweep=50.0)[0], tell=heard.append)
+    assert set(selection.taken.effects) == {"coulomb_friction", "sample_hold"}
     assert any("staircases" in it for it in heard)
 
 
 @pytest.mark.parametrize("kept", [(), ("dead_band",), ("cogging",)])
 def test_where_hardly_any_effect_is_left_the_gap_is_outside(kept: tuple[str, ...]) -> None:
     fitter, every = made(PAIR)
-    causes = select_effects(fitter, left_out=[name for name in every if name not in kept])
-    assert set(causes.taken.effects) <= set(kept)
-    assert decide(causes).kind == OUTSIDE
+    selection = select_effects(fitter, left_out=[name for name in every if name not in kept])
+    assert set(selection.taken.effects) <= set(kept)
+    assert decide(selection).kind == OUTSIDE
 
 
 @given(st.lists(st.tuples(st.sampled_from(["ab", "ac", "cd", "ce", "de"]), st.floats(0.5, 2.0))))

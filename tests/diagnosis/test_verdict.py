@@ -18,13 +18,13 @@ from tests.support.diagnoses import made
 
 def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None:
     fitter, _ = made({"transport_delay.time": 1.1e-3, "drive_saturation.limit": 15.0})
-    causes = select_effects(fitter)
-    verdict = decide(causes)
+    selection = select_effects(fitter)
+    verdict = decide(selection)
     assert verdict.kind == EFFECTS
-    assert set(causes.taken.effects) == {"transport_delay", "drive_saturation"}
-    assert verdict.chances["transport_delay"] > 0.995
-    assert causes.singles[0].effects == ("drive_saturation",)
-    assert list(verdict.chances)[:2] == ["drive_saturation", "transport_delay"]
+    assert set(selection.taken.effects) == {"transport_delay", "drive_saturation"}
+    assert verdict.weights["transport_delay"] > 0.995
+    assert selection.singles[0].effects == ("drive_saturation",)
+    assert list(verdict.weights)[:2] == ["drive_saturation", "transport_delay"]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Selection) -
     """A likelier one may not have earned its place: both are told then."""
     last = friction.singles[-1]
     verdict = decide(replace(friction, taken=last))
-    assert verdict.chances[last.effects[0]] < 0.01
+    assert verdict.weights[last.effects[0]] < 0.01
     assert set(verdict.members) == {*decide(friction).members, *last.effects}
     assert last in verdict.rivals
 
@@ -57,10 +57,10 @@ def test_no_effect_is_surer_than_sure(friction: Selection, parts: list[float]) -
     one = friction.retuned
     every = [replace(one, effects=("backlash", f"other {k}")) for k in range(len(parts))]
     shares = np.array(parts) + 1e-9
-    causes = Selection(one.evidence, one, [], every, [], every[0], {})
+    selection = Selection(one.evidence, one, [], every, [], every[0], {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verdicts, "weights_of", lambda *_: shares / shares.sum())
-        assert max(decide(causes, tolerance=0.0).chances.values()) <= 1.0
+        assert max(decide(selection, tolerance=0.0).weights.values()) <= 1.0
 
 
 @pytest.mark.parametrize(("tolerance", "kind"), [(1.0, OUTSIDE), (2.0, PARAMETERS)])
@@ -83,6 +83,6 @@ def test_unless_asked_the_search_and_the_verdict_allow_the_same_gap() -> None:
     motion = float(np.std(made({})[0].logs[0].outputs["angle"]))
     fitter, _ = made({}, noise=motion)
     assert 0.0 < fitter.unfitted().evidence.rms < 2.0
-    causes = select_effects(fitter)
-    assert decide(causes).kind == NO_GAP
-    assert not causes.fitted
+    selection = select_effects(fitter)
+    assert decide(selection).kind == NO_GAP
+    assert not selection.fitted

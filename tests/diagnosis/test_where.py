@@ -56,8 +56,10 @@ def found(
     parts = blocks(fitted.problem)
     empty = np.empty(0)
     taken = replace(fitted, evidence=CrossValidation(empty, after, after, parts))
-    causes = Selection(CrossValidation(empty, before, before, parts), fitted, [], [], [], taken, {})
-    return {one.dimension: one for one in localise(causes)}
+    selection = Selection(
+        CrossValidation(empty, before, before, parts), fitted, [], [], [], taken, {}
+    )
+    return {one.dimension: one for one in localise(selection)}
 
 
 def noise(seed: int) -> Array:

@@ -100,7 +100,7 @@ def test_identify_gives_a_product_no_standard_error(issued: Description) -> None
 
 def test_diagnose_says_that_a_product_is_known_together_only(issued: Description) -> None:
     found = diagnose(issued)
-    assert [set(group) for group in found.causes.taken.together] == [PAIR]
+    assert [set(group) for group in found.selection.taken.together] == [PAIR]
     sheet = str(found)
     assert "only together" in sheet
     for value, error in re.findall(r"([-\d.e+]+) \+- ([\d.e-]+)", sheet):

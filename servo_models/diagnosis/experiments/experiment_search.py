@@ -91,7 +91,7 @@ class Stage:
             most = max(found, key=lambda command: found[command])
             found |= self._all(self.separation, self._allowed(most.nearby(ratio)), one, other)
         likely = sorted(found, key=lambda command: -found[command])[:EARNEST]
-        tried = self._all(self.imitated, likely, one, other)
+        tried = self._all(self.masked, likely, one, other)
         most = max(tried, key=lambda command: min(tried[command], found[command]))
         return min(tried[most], found[most]), most
 
@@ -117,7 +117,7 @@ class Stage:
         )
         return float(np.sqrt(left / len(change)))
 
-    def imitated(self, command: Command, one: int, other: int) -> float:
+    def masked(self, command: Command, one: int, other: int) -> float:
         """RMS difference [noise floors] of two rivals that is left when either is re-fitted to the
         other, whichever imitates better."""
         if self.difference(command, one, other) == 0.0:

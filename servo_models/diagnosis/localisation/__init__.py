@@ -19,7 +19,7 @@ from servo_models.diagnosis.search.selection import Selection
 __all__ = ["Bin", "Breakdown", "where"]
 
 
-def localise(causes: Selection) -> tuple[Breakdown, ...]:
+def localise(selection: Selection) -> tuple[Breakdown, ...]:
     """Break a gap down by signal, block, time, frequency, command amplitude, speed, reversals,
     position.
 
@@ -27,10 +27,10 @@ def localise(causes: Selection) -> tuple[Breakdown, ...]:
     fit has seen, but for blocks of the actuator, which run with what all samples say.  All
     outputs count together, in noise floors.
     """
-    samples = collect(causes)
+    samples = collect(selection)
     found = (
         by_signal(samples),
-        by_block(causes),
+        by_block(selection),
         by_time(samples),
         by_frequency(samples),
         by_amplitude(samples),

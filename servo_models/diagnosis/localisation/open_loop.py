@@ -83,9 +83,9 @@ def led_on(plant: Plant, names: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def by_block(causes: Selection) -> Breakdown | None:
+def by_block(selection: Selection) -> Breakdown | None:
     """Shares of outputs that are simulated from the others as measured, None without any."""
-    problem = causes.taken.problem
+    problem = selection.taken.problem
     names = tuple(problem.sigma)
     led = led_on(problem.model.plant, names)
     sums = np.zeros((4, len(names)))
@@ -97,7 +97,7 @@ def by_block(causes: Selection) -> Breakdown | None:
             if others and {name, *others} <= run.log.outputs.keys():
                 fitter = _Bench(run, led, others, name, problem.sigma[name])
                 with suppress(UserError):  # a block that runs away with what was measured
-                    sums[:, k] += fitter.sums(causes.taken.values)
+                    sums[:, k] += fitter.sums(selection.taken.values)
     before, after, amplitude, weight = sums
     if not weight.any():
         return None

@@ -84,10 +84,10 @@ class Samples:
     between: float
 
 
-def collect(causes: Selection) -> Samples:
+def collect(selection: Selection) -> Samples:
     """Return all samples that count in a diagnosis."""
-    problem = causes.taken.problem
-    plant, values = problem.model.plant, causes.taken.values
+    problem = selection.taken.problem
+    plant, values = problem.model.plant, selection.taken.values
     names = tuple(problem.sigma)
     column, low, high = moving_input(problem)
     stretches: list[Stretch] = []
@@ -117,9 +117,9 @@ def collect(causes: Selection) -> Samples:
         main=plant.wire[plant.outputs[0]],
         command=plant.inputs[column],
         stretches=tuple(stretches),
-        before=causes.before.errors,
-        after=causes.taken.evidence.unseen,
-        parts=causes.taken.evidence.parts,
+        before=selection.before.errors,
+        after=selection.taken.evidence.unseen,
+        parts=selection.taken.evidence.parts,
         times=clock,
         output=np.repeat([one.output for one in stretches], lengths),
         log=np.repeat([one.log for one in stretches], lengths),

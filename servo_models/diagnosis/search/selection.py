@@ -55,8 +55,8 @@ class Selection:
         singles, pairs: explanations by one and by two effects, best first.
         more: by as many as were taken, where further ones were added to a pair.
         taken: the explanation that earns its place.
-        reach: how far each effect can move the outputs, by its name.
-        imitated: effects that may be there beside nominal parameters alone, if these were taken.
+        detectability: how far each effect can move the outputs, by its name.
+        masked: effects that may be there beside nominal parameters alone, if these were taken.
     """
 
     before: CrossValidation
@@ -65,8 +65,8 @@ class Selection:
     pairs: list[FittedModel]
     more: list[FittedModel]
     taken: FittedModel
-    reach: dict[str, Detectability]
-    imitated: Sequence[MaskedEffect] = ()
+    detectability: dict[str, Detectability]
+    masked: Sequence[MaskedEffect] = ()
 
     @property
     def alike(self) -> list[FittedModel]:
@@ -118,14 +118,14 @@ def select_effects(
     reach = reaches(sights, every)
     tried = _tried(fitter, retuned, promising(sights), every, say)
     couples, more, taken = _explained(fitter, retuned, tried, say)
-    imitated: Sequence[MaskedEffect] = ()
+    masked: Sequence[MaskedEffect] = ()
     if taken is retuned:
         say("looking for what re-tuned parameters imitate")
-        imitated = masked_effects(fitter, retuned, sights, max(tolerance, LEAST))
+        masked = masked_effects(fitter, retuned, sights, max(tolerance, LEAST))
     else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = fitter.finish(taken)
-    return Selection(before, retuned, tried.singles, couples, more, taken, reach, imitated)
+    return Selection(before, retuned, tried.singles, couples, more, taken, reach, masked)
 
 
 def _tried(

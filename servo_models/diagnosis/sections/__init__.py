@@ -89,7 +89,7 @@ def _cause(diagnosis: Diagnosis, claim: RankedEffect) -> str:
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
         for value in claim.parameters
     )
-    told = diagnosis.verdict.chances and diagnosis.verdict.kind != OUTSIDE
+    told = diagnosis.verdict.weights and diagnosis.verdict.kind != OUTSIDE
     chance = f", {tables.probability(claim)}" if told else ""
     return f"{'or ' * rival}{claim.name} on '{claim.wire}'{chance}: {sizes}"
 
@@ -114,7 +114,7 @@ def _left(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.gap.closed and not diagnosis.within_tolerance:
         left += f"; {percent(diagnosis.gap.closed[0])} of the gap is closed"
     yield left
-    if diagnosis.moved and diagnosis.causes.taken.effects:
+    if diagnosis.moved and diagnosis.selection.taken.effects:
         yield f"{number(diagnosis.gap.rms['retuned'], 3)} noise floors with parameters alone"
     for clause in (summary.rest(diagnosis), summary.elsewhere(diagnosis)):
         if clause:
@@ -151,7 +151,7 @@ def _errors(diagnosis: Diagnosis) -> Section:
         ERRORS,
         "RMS errors. Those of the gap are of stretches of time that the fit has not seen, with"
         " 95 % intervals over the stretches.",
-        tables=(tables.nominal(diagnosis), tables.fmu(diagnosis), tables.held_out(diagnosis)),
+        tables=(tables.unmodelled(diagnosis), tables.fmu(diagnosis), tables.held_out(diagnosis)),
         pictures=pictures.responses(diagnosis)[2:],
         folded=True,
     )
@@ -170,11 +170,11 @@ def _where(diagnosis: Diagnosis) -> Section:
 
 
 def _effects(diagnosis: Diagnosis) -> Section:
-    causes = diagnosis.causes
+    selection = diagnosis.selection
     groups = {
-        "Effects, fitted one at a time": causes.singles,
-        "Pairs of effects": causes.pairs,
-        "More effects together": causes.more,
+        "Effects, fitted one at a time": selection.singles,
+        "Pairs of effects": selection.pairs,
+        "More effects together": selection.more,
     }
     return Section(
         EFFECTS,
@@ -196,8 +196,8 @@ def _effects(diagnosis: Diagnosis) -> Section:
 
 def _refined(diagnosis: Diagnosis) -> str:
     """What fitting to the end made of the explanation that is told everywhere else."""
-    taken = diagnosis.causes.taken
-    left = {one.effects: number(one.evidence.rms, 3) for one in diagnosis.causes.alike}
+    taken = diagnosis.selection.taken
+    left = {one.effects: number(one.evidence.rms, 3) for one in diagnosis.selection.alike}
     now = number(taken.evidence.rms, 3)
     then = left.get(taken.effects, now)
     if now == then:
@@ -237,7 +237,7 @@ def _imitated(diagnosis: Diagnosis) -> Section:
         " beside it leave no more than without. How far it moves the outputs is told at the largest"
         " size found, with the experiment that would show it. One without an experiment is small,"
         " or like another parameter under every command tried.",
-        tables=(tables.imitated(diagnosis),),
+        tables=(tables.masked(diagnosis),),
         folded=True,
     )
 

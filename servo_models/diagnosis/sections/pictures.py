@@ -127,7 +127,7 @@ def _draw_fits(
 ) -> None:
     (panel,) = axes
     count, best = len(fitted_models), fitted_models[0].evidence.rms
-    edge = BEYOND * diagnosis.causes.before.rms
+    edge = BEYOND * diagnosis.selection.before.rms
     chances = tables.probabilities(diagnosis, fitted_models)
     limits = tables.intervals(fitted_models)
     for row, (one, interval, chance) in enumerate(zip(fitted_models, limits, chances)):
@@ -142,7 +142,7 @@ def _draw_fits(
             panel, row - 0.2, tables.together(one.effects), tint="ink" if member else "muted"
         )
         curves.draw_label(panel, row - 0.2, chance, right=True)
-    alone = diagnosis.causes.retuned.evidence.rms
+    alone = diagnosis.selection.retuned.evidence.rms
     panel.plot(min(alone, edge), count, "D", color=colour("green"), ms=4.5)
     curves.draw_label(panel, count - 0.2, "nominal parameters alone", tint="muted")
     for row in range(count + 1):
@@ -203,7 +203,7 @@ def _said(seen: Detection) -> str:
 
 def moved(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     """Return how far each parameter moved, in standard deviations of what was known before."""
-    priors = {one.name: one.prior for one in diagnosis.causes.retuned.problem.free if one.prior}
+    priors = {one.name: one.prior for one in diagnosis.selection.retuned.problem.free if one.prior}
     if diagnosis.within_tolerance or not priors:
         return ()
     picture = Picture(
@@ -221,7 +221,9 @@ def _draw_moved(diagnosis: Diagnosis, priors: Mapping[str, float], axes: Sequenc
     (panel,) = axes
     names = diagnosis.stages
     final = (
-        {value.name: value for value in diagnosis.found} if diagnosis.causes.taken.effects else {}
+        {value.name: value for value in diagnosis.found}
+        if diagnosis.selection.taken.effects
+        else {}
     )
     for width, opacity in ((2.0, 0.35), (1.0, 0.55)):
         panel.axvspan(-width, width, color=colour("grid"), alpha=opacity, lw=0, zorder=0)

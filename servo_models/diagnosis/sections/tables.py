@@ -81,7 +81,7 @@ def _gap(diagnosis: Diagnosis, gap: Gap) -> tuple[Cell, ...]:
     return gap.output, *figures, Quantity(scale * gap.floor, unit, digits=2), summary.closed(gap)
 
 
-def nominal(diagnosis: Diagnosis) -> Table:
+def unmodelled(diagnosis: Diagnosis) -> Table:
     """What the nominal model lacks."""
     rows = tuple(
         (
@@ -117,7 +117,7 @@ def held_out(diagnosis: Diagnosis) -> Table:
         )
         for one in diagnosis.held_out
     )
-    name = "with effects" if diagnosis.causes.taken.effects else "diagnosed model"
+    name = "with effects" if diagnosis.selection.taken.effects else "diagnosed model"
     return Table(
         f"Held out by the description, RMS of all outputs in {FLOORS}",
         ("log", *alone, name, ""),
@@ -179,7 +179,7 @@ def effects(diagnosis: Diagnosis) -> Table:
 
 
 def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> tuple[Cell, ...]:
-    fitted = diagnosis.causes.fitted
+    fitted = diagnosis.selection.fitted
     marks = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
     if claim.name in fitted and not claim.taken:
         marks += [f"beside {summary.listed(claim.beside)}"] if claim.beside else []
@@ -187,7 +187,7 @@ def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> tuple[Cell, ...]:
     return (
         claim.name,
         claim.wire,
-        probability(claim) if diagnosis.verdict.chances else "",
+        probability(claim) if diagnosis.verdict.weights else "",
         ", ".join(f"{v.name.rpartition('.')[2]} {size(diagnosis, v)}" for v in claim.parameters),
         Quantity(claim.gap_after, digits=3),
         percent(claim.closed),
@@ -214,9 +214,9 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
 
 def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
     """Return them among explanations of as many effects as were taken, "" for others."""
-    if fitted_models is not diagnosis.causes.alike or not diagnosis.causes.taken.effects:
+    if fitted_models is not diagnosis.selection.alike or not diagnosis.selection.taken.effects:
         return [""] * len(fitted_models)
-    chances = weights_of(diagnosis.causes, diagnosis.verdict.rest)
+    chances = weights_of(diagnosis.selection, diagnosis.verdict.rest)
     return [_chance(float(chance)) for chance in chances]
 
 
@@ -269,7 +269,7 @@ def ruled_out(diagnosis: Diagnosis) -> Table:
             name,
             plant.main_wire(name),
             reason,
-            Quantity(diagnosis.causes.reach[name].shown, digits=2),
+            Quantity(diagnosis.selection.detectability[name].shown, digits=2),
             _about(diagnosis, name),
         )
         for name, reason in summary.ruled_out(diagnosis).items()
@@ -283,7 +283,7 @@ def _about(diagnosis: Diagnosis, name: str) -> str:
     return (inspect.getdoc(module) or "").partition("\n")[0]
 
 
-def imitated(diagnosis: Diagnosis) -> Table:
+def masked(diagnosis: Diagnosis) -> Table:
     """What parameters that explain the gap may hide."""
     plant = diagnosis.model.plant
     rows = tuple(
@@ -293,7 +293,7 @@ def imitated(diagnosis: Diagnosis) -> Table:
             Quantity(one.moved, digits=3),
             summary.shown_by(one, diagnosis),
         )
-        for one in diagnosis.imitated
+        for one in diagnosis.masked
     )
     columns = ("effect", "on", f"up to [{FLOORS}]", "experiment")
     return Table("Not ruled out: re-tuned parameters imitate them", columns, rows)
@@ -301,7 +301,7 @@ def imitated(diagnosis: Diagnosis) -> Table:
 
 def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
     """Nominal parameters before, alone and beside the effects, and the effects' own."""
-    priors = {one.name: one.prior for one in diagnosis.causes.retuned.problem.free}
+    priors = {one.name: one.prior for one in diagnosis.selection.retuned.problem.free}
     moved = {} if diagnosis.within_tolerance else {one.name: one for one in diagnosis.moved}
     moves, doubts = summary.moves(diagnosis), summary.doubts(diagnosis)
     known = diagnosis.model.plant.parameters
