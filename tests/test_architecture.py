@@ -29,6 +29,7 @@ FLOORS = (
 )
 """From the data to the person: an import goes to a floor further up this list."""
 MOST_ROOT_MODULES, MOST_FOLDERS, MOST_MODULES = 6, 12, 18
+LONGEST_CHAIN = 10
 CROWDED = {"effects"}
 """Folders of as many modules as there are things of their kind."""
 
@@ -70,6 +71,29 @@ def test_the_plan_has_few_rooms() -> None:
     for folder in folders:
         modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
         assert len(modules) <= MOST_MODULES or folder.name in CROWDED, folder.name
+
+
+def test_the_chain_of_folders_is_short() -> None:
+    """From the one that imports no other to the one that nobody imports."""
+    folders = {path.parent.name for path in ROOT.glob("servo_models/*/__init__.py")} | {"fmu_src"}
+    length: dict[str, int] = {}
+    for folder in sorted(folders, key=FLOOR.__getitem__):
+        known = set().union(*(own_parts(path) for path in SOURCES if part(path) == folder))
+        length[folder] = 1 + max((length[other] for other in known & length.keys()), default=0)
+    assert max(length.values()) <= LONGEST_CHAIN, length
+
+
+LEAST_LINES = 25
+THIN = {"effects", "cli"}
+"""Folders of an effect or a sub-command a file, which may be as short as that is."""
+THIN_FILES = {"__init__.py", "__main__.py", "errors.py", "types.py"}
+
+
+def test_no_module_is_shallow() -> None:
+    for path in SOURCES:
+        if path.parent.name not in THIN and path.name not in THIN_FILES:
+            lines = path.read_text(encoding="utf-8").count("\n")
+            assert lines >= LEAST_LINES, f"{path}: {lines} lines; merge it into its neighbour"
 
 
 def test_private_names_stay_in_their_folder() -> None:

@@ -21,8 +21,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
-from servo_models.report.conditions import conditions
-from servo_models.report.interchange import command
+from servo_models.report.interchange import command, conditions
 
 VERSION = 2
 """Of the schema: it counts up when a reader of the one before would go wrong."""

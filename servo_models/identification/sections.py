@@ -41,8 +41,8 @@ from servo_models.identification.readings import (
 )
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.identification.uncertainty import doubt
-from servo_models.report.conditions import conditions
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
+from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
 from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
 from servo_models.report.style import colour

@@ -1,8 +1,12 @@
-"""Results for other programs: JSON, and GitHub's workflow commands."""
+"""Results for other programs: JSON, GitHub's workflow commands, and what figures depend on."""
 
 from __future__ import annotations
 
 import json
+import platform
+from importlib.metadata import version
+
+PACKAGES = ("servo-models", "pythonfmu", "fmpy", "numba", "numpy", "scipy", "control")
 
 
 def finite_json(document: object) -> str:
@@ -32,3 +36,13 @@ def _finite(value: object) -> object:
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value
+
+
+def conditions() -> dict[str, str]:
+    """Return the versions and the machine that figures depend on beside their inputs, by name."""
+    machine = {
+        "Python": platform.python_version(),
+        "system": platform.system(),
+        "machine": platform.machine(),
+    }
+    return machine | {name: version(name) for name in PACKAGES}

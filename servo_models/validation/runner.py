@@ -20,7 +20,7 @@ from servo_models.core.plant import Actuator
 from servo_models.core.simulate import Model, model
 from servo_models.errors import UserError
 from servo_models.files import scratch
-from servo_models.report.conditions import conditions
+from servo_models.report.interchange import conditions
 from servo_models.validation.cases import Case, all_cases, offered
 from servo_models.validation.fmu_subject import LIMITS, Limits, Subject
 from servo_models.validation.implementation import implementation_rows

@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import write_whole
-from servo_models.report.conditions import conditions
+from servo_models.report.interchange import conditions
 from servo_models.report.result import Result
 from servo_models.withheld.generator.cases import TIERS
 from servo_models.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case

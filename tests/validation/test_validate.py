@@ -19,7 +19,7 @@ from servo_models.core.flat import Chunk
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.report.conditions import conditions
+from servo_models.report.interchange import conditions
 from servo_models.validation.cases import Case, all_cases, grid, schedule
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.implementation import (

@@ -13,7 +13,7 @@ from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.diagnosis.weights import COVERED
 from servo_models.identification.readings import log_facts
-from servo_models.report.conditions import conditions
+from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, number, percent
 from servo_models.report.sections import Card, Report, Section
 
