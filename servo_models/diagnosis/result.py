@@ -170,7 +170,10 @@ class Diagnosis(Result):
         """Commands that would tell apart what these logs cannot."""
         from servo_models.diagnosis.experiments.experiment import next_experiments
 
-        return next_experiments(self.undecided, self.seed) if self.written is None else self.written
+        if self.written is not None:
+            return self.written
+        with self.selection.retuned.problem.workers:
+            return next_experiments(self.undecided, self.seed)
 
     def with_commands(self, *folders: Path) -> Diagnosis:
         """Write the command of each next experiment as a table, ready to play.

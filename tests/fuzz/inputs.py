@@ -266,7 +266,7 @@ def bases() -> list[Base]:
     found.append(Base("description", dict(found[0].files), "rig.toml", DESCRIBED))
     for example in ("servo_bench", "torque_motor", "two_csv_files"):
         folder = EXAMPLES / example
-        files = {f.name: f.read_bytes() for f in sorted(folder.iterdir()) if f.suffix != ".py"}
+        files = {f.name: f.read_bytes() for f in sorted(folder.glob("*.*")) if f.suffix != ".py"}
         files.pop("README.md")
         ways = (READ, ELEMENTS, ELEMENTS) if example == "servo_bench" else DESCRIBED
         found.append(Base(example, files, "description.toml", ways))
