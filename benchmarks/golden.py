@@ -230,10 +230,11 @@ if __name__ == "__main__":
 
 # golden.jsonl holds 300 withheld cases, the papers' gap, the examples of identification and the
 # validation as they were at a0803f2, before the house moved (2026-11-24).  The withheld cases were
-# found twice before, without and with the defects of the diagnosis mended: equal.  Real logs are not
-# in it yet: at that commit, SERVO_MODELS_DATA=FOLDER python benchmarks/golden.py --only real_logs
-# --write adds them.
+# found twice before, without and with the defects of the diagnosis mended: equal.  Real logs are
+# not in it yet: at that commit,
+#     SERVO_MODELS_DATA=FOLDER python benchmarks/golden.py --only real_logs --write
+# adds them.
 #
-# After the move (schemas, effects' hints, one section model, elements and transfer functions on
-# libraries, one pool of threads, the words of the field), --quick: 17 results, 0 differences at 1e-9,
-# 38 s on two processors.
+# After the move (schemas, hints of effects, one section model, elements and transfer functions on
+# libraries, one pool of threads, the words of the field), --quick: 17 results, 0 differences at
+# 1e-9, 38 s on two processors.
