@@ -10,6 +10,7 @@ import hashlib
 import math
 import re
 import sys
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from servo_models.errors import UserError
@@ -109,7 +110,9 @@ def parse(text: str | float, unit: str) -> float:
     Raises:
         UserError: no number, not finite, or a unit that does not convert.
     """
-    if isinstance(text, (int, float)):
+    if isinstance(text, bool) or not isinstance(text, str | Real):
+        raise UserError(f'{text!r:.60} is no quantity: give a number or a text such as "3 deg"')
+    if isinstance(text, Real):  # a number of numpy is one too
         try:
             value, given = float(text), ""
         except OverflowError:  # an integer of hundreds of digits

@@ -9,7 +9,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pint
 import pytest
 
@@ -127,3 +129,14 @@ def test_units_outlive_the_installation_that_has_filled_the_cache(tmp_path: Path
 )
 def test_times_are_told_without_powers_of_ten(seconds: float, text: str) -> None:
     assert in_time(seconds) == text
+
+
+@pytest.mark.parametrize("value", [None, True, np.zeros(2), {}])
+def test_what_is_no_quantity_is_refused(value: Any) -> None:
+    with pytest.raises(UserError, match="is no quantity"):
+        parse(value, "V")
+
+
+def test_a_number_of_numpy_is_a_number() -> None:
+    assert parse(np.int64(3), "V") == 3.0  # type: ignore[arg-type]
+    assert parse(np.float32(0.5), "V") == 0.5

@@ -82,7 +82,7 @@ def _starter(plant: Plant, name: str) -> Callable[..., Any]:
     return plain_make(start_text(flat_of(plant, name)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """An actuator with all parameters chosen: what a simulation and an FMU are made of.
 
@@ -97,6 +97,11 @@ class Model:
     values: dict[str, float]
     flat: Flat = field(repr=False)
     provenance: str = ""
+
+    def __repr__(self) -> str:
+        own = self.actuator.values(self.variant)
+        changed = sum(value != own[name] for name, value in self.values.items())
+        return f"<Model of {self.actuator.name}, variant {self.variant}: {changed} values changed>"
 
     @cached_property
     def plant(self) -> Plant:
@@ -258,6 +263,8 @@ def simulate(
             raise UserError(unknown("input", name, known, f"actuator '{chosen.actuator.name}'"))
     columns: dict[str, Array] = {}
     for name, wire in known.items():
+        if np.ma.is_masked(given.get(name)):
+            raise UserError(f"input '{name}' is masked in places: fill the gaps")
         values = np.asarray(given.get(name, wire.rest), dtype=float)
         if values.shape not in ((), grid.shape):
             raise UserError(f"input '{name}' has shape {values.shape}, the times {grid.shape}")

@@ -16,6 +16,8 @@ from servo_models.data.readers import Columns
 from servo_models.data.schema import Section
 from servo_models.errors import UserError
 
+OF_THE_TABLE = {"file", "name", "table", "header", "time", "inputs", "outputs"}
+"""Keys of a ``[[logs]]`` that say which table it is and what its columns are."""
 Column = str | int | tuple[str | int, str] | Mapping[str, Any]
 """A header in SI, or a header and its unit, or all keys of a signal in ``docs/description.md``."""
 
@@ -36,12 +38,13 @@ def describe(
     Args:
         actuator: its name, for the default variant, or a model from ``model``.
         logs: by name, each a polars or pandas DataFrame or a mapping of arrays of shape (n,).
-            Errors count its rows from 0.
+            Errors count its rows from 0; what a masked array masks is missing.
         columns: of every log, by ``"time"`` and the names of inputs and outputs: a header, in SI;
             a header with its unit; or a mapping with the keys of a signal in a TOML file, such
             as ``{"column": "u", "unit": "V", "sign": -1}``.
         each: further keys of single logs, by the log's name, as ``[[logs]]`` has them:
-            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``.
+            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``; not what its columns
+            are.
         uncertainty: standard deviations by parameter, a share ``"10 %"`` or a size.
         bounds: least and largest value by parameter.
         free: parameters or effects that ``identify`` estimates.
@@ -66,12 +69,22 @@ def describe(
         0.086
     """
     chosen = model(actuator) if isinstance(actuator, str) else actuator
+    if not isinstance(chosen, Model):
+        raise UserError(f"actuator: no name and no model, but {actuator!r:.60}; see sm.model")
+    if not isinstance(logs, Mapping):
+        raise UserError("logs: give a mapping of names to tables, {'bench': frame}")
+    logs = {str(name): table for name, table in logs.items()}
     own = chosen.actuator.values(chosen.variant)
     changed = {name: value for name, value in chosen.values.items() if value != own[name]}
-    further = each or {}
-    for name in further:
+    further = {str(name): keys for name, keys in (each or {}).items()}
+    for name, keys in further.items():
         if name not in logs:
             raise UserError(unknown("log", name, logs, "each"))
+        if own_keys := sorted({str(key) for key in keys} & OF_THE_TABLE):
+            raise UserError(
+                f"each, '{name}': '{own_keys[0]}' is of the table, the same for all logs; give the"
+                " table of that log in the headers, units and signs of 'columns'"
+            )
     signals = _signals(chosen, columns)
     entries = [{**further.get(name, {}), **signals, "name": name, "file": name} for name in logs]
     content = {
@@ -91,12 +104,16 @@ def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:
     plant = chosen.plant
     inputs, outputs = {wire.name for wire in plant.inputs}, set(plant.outputs)
     keys: dict[str, Any] = {"inputs": {}, "outputs": {}}
-    for name, given in columns.items():
-        column = given
+    for key, given in columns.items():
+        name, column = str(key), given
         if isinstance(given, tuple):
             if len(given) != 2:
                 raise UserError(f"columns, '{name}': give a header and a unit, ('u', 'V')")
-            column = {"column": given[0], "unit": given[1]}
+            column = {"column": _header(given[0]), "unit": given[1]}
+        elif isinstance(given, Mapping):
+            column = {**given, "column": _header(given["column"])} if "column" in given else given
+        else:
+            column = _header(given)
         if name == TIME_AXIS:
             keys["time"] = column
         elif name in inputs | outputs:
@@ -107,15 +124,28 @@ def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:
     return keys
 
 
+def _header(given: Any) -> Any:
+    """A header as text: a whole number is one too, as of a DataFrame of a matrix, no position."""
+    return str(given) if isinstance(given, int | np.integer) else given
+
+
 def _read(name: str, table: Any) -> Columns:
     """A table in memory as if it had been read from a file of this name."""
     import polars as pl
 
+    eager = hasattr(table, "columns") and not hasattr(table, "collect")
+    if not (eager or isinstance(table, Mapping)):
+        raise UserError(
+            f"log '{name}' is no table, but of type {type(table).__name__}: give a polars or pandas"
+            " DataFrame or a mapping of headers to arrays, and logs as {'bench': table}"
+        )
     headers = list(getattr(table, "columns", table))
     cells: list[pl.Series] = []
     for header in headers:
         values = table[header]
         if not isinstance(values, pl.Series):
+            if np.ma.isMaskedArray(values):  # what is masked was not measured
+                values = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
             array = np.asarray(values)
             if array.ndim != 1:
                 raise UserError(

@@ -65,7 +65,7 @@ class DescriptionTable(Table):
     elements: dict[str, Any] = {}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Description:
     """What a description says.
 
@@ -90,6 +90,10 @@ class Description:
     free: tuple[str, ...] = ()
     method: str | None = None
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"'{log.name}'" for log in self.logs)
+        return f"<Description of {self.actuator.name}, variant {self.variant}: logs {names}>"
 
     @property
     def actuator(self) -> Actuator:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from servo_models.core.plant import unknown
 from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
@@ -45,7 +47,8 @@ def diagnose(
         fmu: run the diagnosed model as an FMU as well; where that cannot be, the result says why.
 
     Raises:
-        UserError: see ``read_description`` and ``preconditions``.
+        UserError: an effect to be left out that the actuator has not, a tolerance below 0 or not
+            finite; see ``read_description`` and ``preconditions``.
 
     Example:
         >>> import servo_models as sm
@@ -58,6 +61,12 @@ def diagnose(
         >>> sm.write_parameters(found.parameter_set(), "GAP.toml")
     """
     told = description if isinstance(description, Description) else read_description(description)
+    left_out = [left_out] if isinstance(left_out, str) else list(left_out)
+    for name in left_out:
+        if name not in told.model.plant.placements:
+            raise UserError(unknown("effect", name, told.model.plant.placements, "left_out"))
+    if not 0.0 <= tolerance < math.inf:
+        raise UserError(f"tolerance {tolerance}: give a number of noise floors, 0 or more")
     logs, flags = without_flags(told.logs, told.model.plant)
     told = replace(told, logs=logs)
     check_logs(told.path, told.model, told.logs)
@@ -94,6 +103,7 @@ def _diagnose(
     verdict = decide(selection, tolerance)
     return Diagnosis(
         name=told.path.stem,
+        file=told.path.name if told.path.suffix == ".toml" else "",
         model=told.model,
         logs=told.logs,
         audits=audited,

@@ -46,6 +46,7 @@ class Diagnosis(Result):
 
     Attributes:
         name: of the description.
+        file: name of the description's file, "" for one in memory.
         model: as it was given.
         logs: as they were measured.
         audits: one a log.
@@ -65,6 +66,7 @@ class Diagnosis(Result):
     """
 
     name: str
+    file: str
     model: Model
     logs: tuple[Log, ...]
     audits: tuple[Audit, ...]

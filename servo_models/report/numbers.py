@@ -118,7 +118,7 @@ def with_error(value: float, error: float | None) -> tuple[str, str]:
     digits that say where it stands; without an error, None or NaN, it has six.
     Source: Review of Particle Physics, Introduction, sec. 5.3 (rounding), with two digits.
     """
-    if error is None or math.isnan(error):
+    if error is None or math.isnan(error) or not math.isfinite(value):
         return f"{value:.6g}", ""
     if math.isinf(error):
         if value == 0.0 or not 1e-5 <= abs(value) < 1e9:

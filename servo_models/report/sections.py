@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -229,13 +230,17 @@ class Report:
 
     @property
     def titled_tables(self) -> dict[str, Table]:
-        """The same by their titles, or those of their sections."""
-        return {
-            table.title or section.title: table
-            for section in self.sections
-            for table in section.tables
-            if table.rows
-        }
+        """The same by their titles, or those of their sections; both where a title repeats."""
+        every = [
+            (s.title, t.title or s.title, t) for s in self.sections for t in s.tables if t.rows
+        ]
+        often = Counter(title for _, title, _ in every)
+        titled: dict[str, Table] = {}
+        for section, title, table in every:
+            key = title if often[title] == 1 else f"{section}: {title}"
+            copies = sum(known == key or known.startswith(f"{key} (") for known in titled)
+            titled[f"{key} ({copies + 1})" if copies else key] = table
+        return titled
 
     @property
     def pictures(self) -> tuple[Picture, ...]:

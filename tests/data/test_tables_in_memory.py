@@ -159,3 +159,77 @@ def test_faults_name_log_row_and_column() -> None:
     assert "'torque_motor', uncertainty.inertai: unknown parameter" in complaint(
         uncertainty={"inertai": 1.0}
     )
+
+
+def test_keys_of_the_table_are_no_further_keys_of_a_log() -> None:
+    """They were dropped without a word: a log of the other sign was read as the others."""
+    other = {"steps": {"outputs": {"angle": {"column": "angle_deg", "unit": "deg", "sign": -1}}}}
+    with pytest.raises(UserError, match=r"each, 'steps': 'outputs' is of the table"):
+        described(each=other)
+
+
+def test_what_is_masked_was_not_measured() -> None:
+    log = arrays(frame("steps"))
+    log["angle_deg"] = np.ma.masked_equal(
+        np.where(np.arange(480) == 7, 0.25, log["angle_deg"]), 0.25
+    )
+    with pytest.raises(UserError, match="row 7"):
+        sm.describe("sg90", {"bench": log}, COLUMNS)
+
+
+def test_a_header_that_is_a_number_is_no_position() -> None:
+    log = arrays(frame("steps"))
+    numbered = {0: log["time_ms"], 1: log["pulse_us"], 2: log["angle_deg"]}
+    columns = {"time": (0, "ms"), "pulse_width": (1, "us"), "angle": (2, "deg")}
+    same, own = (
+        sm.describe("sg90", {"bench": log}, COLUMNS),
+        sm.describe("sg90", {0: numbered}, columns),
+    )
+    np.testing.assert_array_equal(own.logs[0].outputs["angle"], same.logs[0].outputs["angle"])
+    np.testing.assert_array_equal(
+        own.logs[0].inputs["pulse_width"], same.logs[0].inputs["pulse_width"]
+    )
+
+
+@pytest.mark.parametrize("logs", [[{}], {"t": np.zeros(3)}, {"bench": "log.csv"}, {"bench": None}])
+def test_what_is_no_table_is_refused_in_one_sentence(logs: Any) -> None:
+    with pytest.raises(UserError, match="give a"):
+        sm.describe("sg90", logs, COLUMNS)
+
+
+def test_an_actuator_is_a_name_or_a_model() -> None:
+    with pytest.raises(UserError, match="no name and no model"):
+        sm.describe(sm.actuator("sg90"), {"bench": arrays(frame("steps"))}, COLUMNS)  # type: ignore[arg-type]
+
+
+def test_tables_of_all_logs_are_handed_out() -> None:
+    tables = sm.check(described()).tables()
+    readings = [frame for title, frame in tables.items() if "Readings" in title]
+    floors = sorted(
+        round(float(frame[name][0]), 2)
+        for frame in readings
+        for name in frame.columns
+        if "noise floor" in name
+    )
+    assert floors == [0.25, 0.29]
+
+
+def test_what_a_diagnosis_cannot_take_is_refused() -> None:
+    with pytest.raises(UserError, match="unknown effect 'backlsh'"):
+        sm.diagnose(described(), left_out="backlsh")
+    for tolerance in (np.nan, -1.0):
+        with pytest.raises(UserError, match="number of noise floors"):
+            sm.diagnose(described(), tolerance=tolerance)
+
+
+def test_a_masked_input_is_not_simulated() -> None:
+    masked = np.ma.masked_equal([1.5e-3, 2e-3], 2e-3)
+    with pytest.raises(UserError, match="masked"):
+        sm.simulate(sm.model("sg90"), [0.0, 0.1], {"pulse_width": masked})
+
+
+def test_what_a_notebook_shows_is_one_line() -> None:
+    shown = repr(described())
+    assert shown == "<Description of sg90, variant measured: logs 'steps', 'flight'>"
+    changed = sm.model("sg90", "measured", {"backlash.half_width": "0.5 deg"})
+    assert repr(changed) == "<Model of sg90, variant measured: 1 values changed>"

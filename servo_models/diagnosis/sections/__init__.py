@@ -134,10 +134,12 @@ def _to_do(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict.kind == NOT_IDENTIFIABLE:
         return "Record a log with other commands: more amplitudes, speeds and reversals."
-    return (
-        f"Use the diagnosed model: servo-models diagnose {diagnosis.name}.toml --out PARAMS.toml,"
-        " then servo-models build --params PARAMS.toml."
-    )
+    build = "then servo-models build --params PARAMS.toml."
+    if not diagnosis.file:
+        write = "sm.write_parameters(result.parameter_set(), 'PARAMS.toml')"
+    else:
+        write = f"servo-models diagnose {diagnosis.file} --out PARAMS.toml"
+    return f"Use the diagnosed model: {write}, {build}"
 
 
 def _answer(diagnosis: Diagnosis) -> Section:
