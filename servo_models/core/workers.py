@@ -9,6 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from typing import TypeVar
 
+from servo_models.errors import UserError
+
 S = TypeVar("S")
 T = TypeVar("T")
 
@@ -28,8 +30,14 @@ class Workers:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        """By default there are as many threads as processors."""
-        self.count = count or os.cpu_count() or 1
+        """By default there are as many threads as processors.
+
+        Raises:
+            UserError: fewer than one.
+        """
+        self.count = os.cpu_count() or 1 if count is None else count
+        if self.count < 1:
+            raise UserError(f"jobs {count}: give a number of simulations at once, 1 or more")
         self._pool: ThreadPoolExecutor | None = None
         self._open = ExitStack()
 

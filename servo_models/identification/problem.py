@@ -85,7 +85,7 @@ def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
         UserError: a word that is neither.
     """
     names: dict[str, None] = {}
-    for word in words:
+    for word in [words] if isinstance(words, str) else words:
         found = [n for n, p in plant.parameters.items() if word in (n, p.owner)]
         if not found:
             known = {**plant.parameters, **plant.placements}

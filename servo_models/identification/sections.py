@@ -711,7 +711,7 @@ def _effects(found: Check) -> Iterator[tuple[str, str]]:
     hidden = [r for r in effects if r.moves >= NOTHING and not r.shown and not r.absorbed]
     yield "can be shown", _names(r.name for r in effects if r.shown)
     yield "cannot be shown", "; ".join(_hidden(found, r) for r in hidden) or "-"
-    yield "imitated by free parameters", _names(r.name for r in effects if r.absorbed)
+    yield "masked by free parameters", _names(r.name for r in effects if r.absorbed)
     yield "change no measured output", _names(still)
     if found.identifiability.refused:
         yield "cannot be simulated", _names(found.identifiability.refused)

@@ -269,6 +269,7 @@ def test_too_few_samples_to_fit() -> None:
 
 def test_an_effect_means_all_of_its_parameters() -> None:
     plant = nominal().plant
+    assert free_names(plant, "stiffness") == ("stiffness",)  # no letters of a text
     names = free_names(plant, ["stribeck_friction", "stiffness"])
     assert set(names) == {"stribeck_friction.excess", "stribeck_friction.speed", "stiffness"}
 

@@ -13,7 +13,9 @@ import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
+from servo_models.core.workers import Workers
 from servo_models.data.log import Log
+from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
 from tests.support.logs import changed, log_of
 
@@ -80,3 +82,8 @@ assert list(workers.map(sums, range(8))) == [10 * n for n in range(8)]
 def test_tasks_that_have_tasks_of_their_own_do_not_wait_for_each_other() -> None:
     """In a process of its own: threads that wait for each other cannot be ended otherwise."""
     subprocess.run([sys.executable, "-c", NESTED], check=True, timeout=30)
+
+
+def test_there_is_one_worker_at_least() -> None:
+    with pytest.raises(UserError, match="jobs -1"):
+        Workers(-1)
