@@ -38,13 +38,13 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.verdict.kind,
         "sentence": summary.sentence(diagnosis),
         "tolerance": diagnosis.tolerance,
-        "gap": {**_reduction(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
+        "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
         "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
         "effects": [_effect(diagnosis, claim) for claim in diagnosis.ranking],
         "ruled_out": [
             {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
         ],
-        "masked": [_imitated(diagnosis, one) for one in diagnosis.masked],
+        "masked": [_masked_effect(diagnosis, one) for one in diagnosis.masked],
         "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
         "held_out": [asdict(one) for one in diagnosis.held_out],
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
@@ -64,7 +64,7 @@ def github(diagnosis: Diagnosis) -> Iterator[str]:
         yield command("warning", title, text)
 
 
-def _reduction(gap: GapSummary, unit: str) -> dict[str, Any]:
+def _gap_summary(gap: GapSummary, unit: str) -> dict[str, Any]:
     closed = gap.closed or (None, None, None)
     return {
         **gap.rms,
@@ -80,7 +80,7 @@ def _reduction(gap: GapSummary, unit: str) -> dict[str, Any]:
 def _outputs(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         gap.output: {
-            **_reduction(gap, diagnosis.model.plant.wire[gap.output].unit),
+            **_gap_summary(gap, diagnosis.model.plant.wire[gap.output].unit),
             "floor_origin": gap.origin,
             "nrmse": gap.nrmse,
             "delay": gap.delay,
@@ -126,7 +126,7 @@ def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> dict[str, Any]:
     }
 
 
-def _imitated(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
+def _masked_effect(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
     wire = diagnosis.model.plant.main_wire(one.name)
     return {"name": one.name, "block": wire, "up_to": one.moved}
 

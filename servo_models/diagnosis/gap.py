@@ -89,7 +89,7 @@ def gaps(
 def whole_gap(selection: Selection, seed: int) -> GapSummary:
     """Return the gap of all outputs together, in noise floors."""
     stages = _stages(selection)
-    return _reduction(np.arange(len(selection.before.unseen)), stages, 1.0, 1.0, seed)
+    return _gap_summary(np.arange(len(selection.before.unseen)), stages, 1.0, 1.0, seed)
 
 
 def _stages(selection: Selection) -> dict[str, CrossValidation]:
@@ -111,7 +111,7 @@ def rows_of(problem: Problem) -> dict[str, NDArray[np.int64]]:
 
 
 def not_followed(found: FittedModel, least: float = 0.0) -> tuple[str, ...]:
-    """Return outputs that an explanation hardly follows, missed by ``least`` noise floors."""
+    """Return outputs that a fitted model hardly follows, missed by ``least`` noise floors."""
     problem, names = found.problem, []
     for name, rows in rows_of(problem).items():
         own = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
@@ -137,7 +137,7 @@ def _gap(
     measured = np.concatenate([log.outputs[name][log.fitted] for log in logs])
     errors = stages["before"].errors[rows]
     return Gap(
-        **vars(_reduction(rows, stages, scale, floor, seed)),
+        **vars(_gap_summary(rows, stages, scale, floor, seed)),
         output=name,
         origin=origin,
         full_scale=float(np.ptp(measured)),
@@ -147,7 +147,7 @@ def _gap(
     )
 
 
-def _reduction(
+def _gap_summary(
     rows: NDArray[np.int64],
     stages: dict[str, CrossValidation],
     scale: float,

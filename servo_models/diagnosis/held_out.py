@@ -24,7 +24,7 @@ class HeldOut:
     Attributes:
         log: its name.
         retuned: left by nominal parameters alone, NaN where these cannot be simulated.
-        after: left by the explanation that was taken, NaN where it cannot be simulated.
+        after: left by the fitted model that was taken, NaN where it cannot be simulated.
         worse: it leaves more, beyond what blocks of time scatter; never without ``retuned``.
     """
 
@@ -35,7 +35,7 @@ class HeldOut:
 
 
 def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
-    """Return what the explanation that was taken does to each log with samples held out."""
+    """Return what the fitted model that was taken does to each log with samples held out."""
     found = []
     pairs = zip(_squares(selection.retuned), _squares(selection.taken))
     for log, (old, new) in zip(selection.taken.problem.logs, pairs):

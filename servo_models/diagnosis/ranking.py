@@ -36,10 +36,10 @@ class RankedEffect:
         probability: that it is among the causes.
         in_set: whether it is in the set that cannot be told apart.
         taken: whether the after figures are with it.
-        parameters: of the effect, in the best explanation that has it.
-        gap_after: held-out error [noise floors] of that explanation.
+        parameters: of the effect, in the best fitted model that has it.
+        gap_after: held-out error [noise floors] of that fitted model.
         closed: share of the reducible gap [1] that it closes, None where there is none.
-        beside: the other effects of that explanation.
+        beside: the other effects of that fitted model.
         converged: False where its fit did not; it is ranked all the same.
         detectability: how far it can move the outputs of these logs [noise floors], without what
             nominal parameters imitate.
@@ -67,13 +67,13 @@ def ranked_effects(selection: Selection, verdict: Verdict) -> tuple[RankedEffect
     for fitted_model in (selection.taken, *verdict.rivals, *selection.fitted.values()):
         for name in fitted_model.effects:
             if name not in found:
-                found[name] = _claim(name, fitted_model, selection, verdict)
+                found[name] = _ranked_effect(name, fitted_model, selection, verdict)
     place = {name: i for i, name in enumerate(verdict.weights)}
     others = len(place)
     return tuple(sorted(found.values(), key=lambda it: (place.get(it.name, others), it.gap_after)))
 
 
-def _claim(
+def _ranked_effect(
     name: str, fitted_model: FittedModel, selection: Selection, verdict: Verdict
 ) -> RankedEffect:
     model = fitted_model.problem.model
@@ -97,14 +97,14 @@ def _claim(
 
 
 def estimates(fitted_model: FittedModel) -> tuple[Value, ...]:
-    """Return every free parameter of an explanation with its standard error."""
+    """Return every free parameter of a fitted model with its standard error."""
     if not fitted_model.problem.free:
         return ()
     return _values(fitted_model, fitted_model.spread.standard_errors)
 
 
 def _sizes_alone(fitted_model: FittedModel) -> tuple[Value, ...]:
-    """The same without standard errors, for an explanation that is not believed: nobody has fitted
+    """The same without standard errors, for a fitted model that is not believed: nobody has fitted
     it to the end, and what slopes would say there is not worth their simulations."""
     return _values(fitted_model, np.full(len(fitted_model.problem.free), np.inf))
 

@@ -1,4 +1,4 @@
-"""What an explanation could not repeat itself: the part of its errors that says nothing against it.
+"""What a fitted model could not repeat itself: the part of its errors that says nothing against it.
 
 A quantiser or a dead band in a loop makes it hunt.  The hunting depends on parameters to more
 digits than any log holds, so the response with the true cause differs from the measured one as

@@ -118,7 +118,7 @@ class Diagnosis(Result):
 
     @property
     def undecided(self) -> tuple[FittedModel, ...]:
-        """Explanations that these logs cannot tell apart, and another experiment may."""
+        """Fitted models that these logs cannot tell apart, and another experiment may."""
         least = MUCH * self.gap.rms["before"]
         large = [it.fitted_model for it in self.masked if it.moved >= least]
         return (self.selection.retuned, *large) if large else self.verdict.rivals

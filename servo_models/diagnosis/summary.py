@@ -118,7 +118,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _undecided(diagnosis: Diagnosis) -> str:
-    """What is not told apart; effects that every explanation left names are no part of it."""
+    """What is not told apart; effects that every fitted model left names are no part of it."""
     left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
     surely = [name for name in members if left and all(name in one.effects for one in left)]
     others = ", ".join(name for name in members if name not in surely)
@@ -214,7 +214,7 @@ def _loses(diagnosis: Diagnosis, name: str, fitted: FittedModel) -> str:
 
 
 def marks(diagnosis: Diagnosis, fitted: FittedModel) -> list[str]:
-    """Return what speaks against an explanation beside the error that it leaves."""
+    """Return what speaks against a fitted model beside the error that it leaves."""
     worse = fitted.evidence.rms >= diagnosis.gap.rms["retuned"]
     said = {
         "worse than parameters alone": worse,

@@ -22,7 +22,7 @@ OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
 
 FEW = 3
-"""Explanations that a set may hold and still say something."""
+"""Fitted models that a set may hold and still say something."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class Verdict:
         kind: one of the six.
         weights: probability of each effect, most likely first, by name.
         members: effects of the set that holds the cause with ``belief.COVERED``.
-        rivals: explanations of that set, most likely first.
+        rivals: fitted models of that set, most likely first.
         rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
-        limit_cycle: by how much the explanation differs from itself [RMS, noise floors], which says
-            nothing against it and is in no ``rest``.
+        limit_cycle: by how much the fitted model differs from itself [RMS, noise floors], which
+            says nothing against it and is in no ``rest``.
     """
 
     kind: str
@@ -54,7 +54,7 @@ def _rank(chance: float, alone: float | None) -> tuple[float, float]:
 
 
 def weights_of(selection: Selection, rest: float) -> Array:
-    """Return the probability of each of the explanations ``alike``, shape (n,).
+    """Return the probability of each of the fitted models ``alike``, shape (n,).
 
     ``rest`` is the RMS [noise floors] of what is surely missing.
     """

@@ -1,6 +1,6 @@
-"""How sure a diagnosis is: probabilities of the explanations, and the set that holds the cause.
+"""How sure a diagnosis is: probabilities of the fitted models, and the set that holds the cause.
 
-The probability of an explanation falls with the squared error that it leaves on blocks it
+The probability of a fitted model falls with the squared error that it leaves on blocks it
 has not seen, counted in independent samples of the best one's errors: a model that is
 never quite right leaves coloured errors, and those are fewer than they look.
 Sources: Burnham, Anderson, Model Selection and Multimodel Inference, 2nd ed., sec. 2.9
@@ -23,13 +23,13 @@ TEMPER = 3.0
 is not quite the actuator's, favours a wrong one by more than noise would.  From withheld cases
 of such a kind, with other seeds than those that are reported."""
 DOUBT = 0.02
-"""Share of what an explanation surely lacks that may favour a wrong one: where a law is missing,
+"""Share of what a fitted model surely lacks that may favour a wrong one: where a law is missing,
 two that leave nearly the same are not told apart by how many samples there are."""
 DRAWS = 400
 
 
 def probabilities(fitted_models: Sequence[FittedModel], lacking: float = 0.0) -> Array:
-    """Return the probability of each explanation among these, shape (n,).
+    """Return the probability of each fitted model among these, shape (n,).
 
     ``lacking`` is the sum of the squared errors [noise floors squared] that are surely no noise.
 
@@ -51,7 +51,7 @@ def probabilities(fitted_models: Sequence[FittedModel], lacking: float = 0.0) ->
 
 
 def covering(chances: Array, covered: float = COVERED) -> list[int]:
-    """Return the fewest explanations, most likely first, that hold the cause so surely."""
+    """Return the fewest fitted models, most likely first, that hold the cause so surely."""
     order = np.argsort(-chances)
     count = int(np.searchsorted(np.cumsum(chances[order]), covered)) + 1
     return [int(i) for i in order[:count]]

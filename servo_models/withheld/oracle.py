@@ -63,10 +63,10 @@ class Diagnosed:
         case: its name.
         verdict: one of the six, or ``"failed"``, with ``why``.
         seconds: that it took, files read included.
-        named: effects of the explanation at first place, none where there is no gap.
+        named: effects of the fitted model at first place, none where there is no gap.
         members: effects of the set that cannot be told apart.
         chances: probability of each effect, by name.
-        tried: effects of every explanation that was fitted, best first.
+        tried: effects of every fitted model that was fitted, best first.
         left: held-out error [noise floors] that each of them leaves.
         values: free parameters [SI] of each of them, by name.
         floors: noise floor [SI] by output.
@@ -192,7 +192,7 @@ def ask_oracle(question: Question) -> dict[str, Any]:
 def _known(question: Question, names: Sequence[str]) -> Known:
     said, foreign = question.said, question.answer["kind"] == "foreign"
     noisy, clean = _logs(question)
-    fitter, measured = _bench(clean, said), _bench(noisy, said)
+    fitter, measured = _fitter(clean, said), _fitter(noisy, said)
     true = {**question.answer["parameters"], **_parameters(question.answer["effects"])}
     truth = 0.0 if foreign else _error(_begun(fitter, names, true))
     hidden = [it["name"] for it in question.answer["hidden"]]
@@ -228,9 +228,9 @@ def _known(question: Question, names: Sequence[str]) -> Known:
 
 
 def rivals(said: Diagnosed, names: Iterable[str], hidden: Iterable[str]) -> list[list[str]]:
-    """Return the nearest explanations tried that are not the truth, with no more effects.
+    """Return the nearest fitted models tried that are not the truth, with no more effects.
 
-    A cause outside the catalogue has no names, and every explanation is a rival.
+    A cause outside the catalogue has no names, and every fitted model is a rival.
     """
     truth, on = set(names), set(hidden)
     most = len(truth) or 2
@@ -281,7 +281,7 @@ def _error(fitted_model: FittedModel) -> float:
     return float(np.sqrt(np.mean(fitted_model.evidence.errors**2)))
 
 
-def _bench(told: Description, said: Diagnosed) -> Fitter:
+def _fitter(told: Description, said: Diagnosed) -> Fitter:
     return Fitter(told.model, told.logs, prior_parameters(told), dict(said.floors)).surveyed()
 
 

@@ -1,4 +1,4 @@
-"""The next experiment: for explanations that these logs cannot tell apart, a command that can."""
+"""The next experiment: for fitted models that these logs cannot tell apart, a command that can."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Experiment:
     """A command to play next, and what it is expected to show.
 
     Attributes:
-        one, other: effects of the two explanations that it is to tell apart.
+        one, other: effects of the two fitted models that it is to tell apart.
         text: instruction in words.
         wire: the input that is played.
         plan: the log to be, in which nothing is measured yet.
@@ -92,14 +92,14 @@ def is_filled(path: Path) -> bool:
 
 
 def next_experiments(rivals: Sequence[FittedModel], seed: int = 0) -> tuple[Experiment, ...]:
-    """Return for each pair of explanations left the command that separates them.
+    """Return for each pair of fitted models left the command that separates them.
 
     Of more than ``verdict.FEW`` only the first is told from each other one, since what it survives
     leaves few pairs.  Parameters alone, where they are the first, are told from what they imitate
     before that is told from another; commands that show nothing of it are none to play.
 
     Args:
-        rivals: explanations that a diagnosis leaves, the likeliest first.
+        rivals: fitted models that a diagnosis leaves, the likeliest first.
         seed: of random commands.
     """
     count = len(rivals)
@@ -177,7 +177,7 @@ def _held(plant: Plant, constants: Mapping[str, float]) -> str:
 
 
 def _on_record(plant: Plant, one: Sequence[str], other: Sequence[str]) -> str:
-    """What is known to separate the effects in which two explanations differ."""
+    """What is known to separate the effects in which two fitted models differ."""
     texts = [
         experiment(cause(a, plant), cause(b, plant), plant)
         for a in one

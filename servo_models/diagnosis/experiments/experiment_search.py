@@ -46,7 +46,7 @@ class Stage:
     """Where experiments are played: on fitted models, sampled as the logs are.
 
     Attributes:
-        rivals: explanations that are left.
+        rivals: fitted models that are left.
         wire: the input that is played.
         low, high: its limits [SI], those of the logs or of the actuator's standard step.
         unit: of its paces and its length [s], as fast as the sampling can follow.

@@ -1,4 +1,4 @@
-"""Whether an explanation carries over to a condition under which its fit has seen nothing.
+"""Whether a fitted model carries over to a condition under which its fit has seen nothing.
 
 Logs with other constants, such as a gain, were taken under another condition.  What merely
 imitates the cause fits each of them with a size in between, and predicts one that was left

@@ -1,4 +1,4 @@
-"""Whether an explanation earns its further parameters."""
+"""Whether a fitted model earns its further parameters."""
 
 from __future__ import annotations
 

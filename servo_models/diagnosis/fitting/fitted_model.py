@@ -195,7 +195,7 @@ class Fitter:
     def unfit(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
     ) -> FittedModel:
-        """Return an explanation with these values [SI], as it is."""
+        """Return a fitted model with these values [SI], as it is."""
         problem = self.problem(extra)
         vector = np.array([values[free.name] for free in problem.free]) / problem.scales
         return self._judged(effects, problem, vector, converged=False)

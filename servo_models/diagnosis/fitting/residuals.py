@@ -56,7 +56,7 @@ SURE = 1.645
 LARGE = 0.4
 """Structured part over the noise that is worth speaking of."""
 SHARE = 0.2
-"""Structured part over that before, from which on an explanation has missed something: it
+"""Structured part over that before, from which on a fitted model has missed something: it
 leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
 more; where it shows, a pair explains both."""
 MANY = 3
@@ -111,16 +111,16 @@ def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
 
 
 def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
-    """Return whether an explanation lacks something that matters.
+    """Return whether a fitted model lacks something that matters.
 
     Its structured part is surely ``LARGE`` against the noise, and at least ``SHARE`` of what
     there was to explain: a small second cause, or laws that are not quite those of the
-    actuator, do not make an explanation by one or two effects wrong.
+    actuator, do not make a fitted model by one or two effects wrong.
 
     Args:
-        left: by the explanation.
+        left: by the fitted model.
         gap: RMS error [noise floors] after re-tuning alone, of a fit to everything.
-        effects: in the explanation.
+        effects: in the fitted model.
     """
     if effects >= MANY:
         return sure(left)

@@ -37,7 +37,7 @@ PAIRED = 0.5
 
 
 class FirstFits(NamedTuple):
-    """Explanations by one and by two effects, best first, and every effect at promising sizes."""
+    """Fitted models by one and by two effects, best first, and every effect at promising sizes."""
 
     singles: list[FittedModel]
     couples: list[FittedModel]
@@ -53,7 +53,7 @@ def first_fits(
 ) -> FirstFits:
     """Return fits of the most promising effects, one and two at a time.
 
-    Where one explanation leaves noise only, others are fitted if they may be its look-alikes.
+    Where one fitted model leaves noise only, others are fitted if they may be its look-alikes.
 
     Args:
         fitter: model, logs, priors and floors.

@@ -17,7 +17,7 @@ Tell = Callable[[str], None]
 
 @dataclass
 class Teller:
-    """Tells what goes on, with the best explanation so far."""
+    """Tells what goes on, with the best fitted model so far."""
 
     tell: Tell = lambda _: None
     best: FittedModel | None = None
@@ -183,7 +183,7 @@ def settled(fitted_model: FittedModel) -> bool:
 
 
 def best_of_each(found: Iterable[FittedModel]) -> list[FittedModel]:
-    """Explanations by different effects, best first."""
+    """Fitted models by different effects, best first."""
     best: dict[frozenset[str], FittedModel] = {}
     for one in sorted(found, key=lambda one: one.loss):
         best.setdefault(frozenset(one.effects), one)

@@ -26,7 +26,7 @@ from servo_models.diagnosis.search.pairing import (
 from servo_models.diagnosis.search.preselection import seen_beside
 
 MOST = 5
-"""Effects in an explanation."""
+"""Effects in a fitted model."""
 THIRD = 0.2
 """Share of the error left [mean square] that a third effect and each after it has to take away:
 many effects together imitate what is none of them."""
@@ -44,7 +44,7 @@ def forward_selection(
     every: Sequence[Candidate],
     say: Teller,
 ) -> list[FittedModel]:
-    """Return explanations by more effects than ``taken``, the one that earns its place first.
+    """Return fitted models by more effects than ``taken``, the one that earns its place first.
 
     None where no further effect does.  All have as many effects as the first.  Of ``couples``, one
     that leaves little more by quite other effects gets a third as well: that of two look-alikes
@@ -75,7 +75,7 @@ def _rivals(taken: FittedModel, couples: Sequence[FittedModel]) -> list[FittedMo
 
 
 class _Grown(NamedTuple):
-    """An explanation, that by one effect fewer, and what else was tried in the last step."""
+    """A fitted model, that by one effect fewer, and what else was tried in the last step."""
 
     taken: FittedModel
     fewer: FittedModel
@@ -85,7 +85,7 @@ class _Grown(NamedTuple):
 def _grown(
     fitter: Fitter, taken: FittedModel, every: Sequence[Candidate], say: Teller
 ) -> _Grown | None:
-    """Add effects to an explanation as long as they earn their place."""
+    """Add effects to a fitted model as long as they earn their place."""
     grown: _Grown | None = None
     while len(taken.effects) < MOST and not settled(taken):
         seen = seen_beside(taken, every)

@@ -35,7 +35,7 @@ class MaskedEffect:
     """An effect that parameters imitate, at the largest size at which they were found to.
 
     Attributes:
-        explanation: with the effect at that size, parameters re-tuned beside it: it leaves as
+        fitted_model: with the effect at that size, parameters re-tuned beside it: it leaves as
             little as they do without.
         moved: how far the effect moves the outputs [RMS, noise floors] where the parameters stay.
     """

@@ -146,7 +146,7 @@ def added(first: FittedModel, name: str, own: Sequence[Screened]) -> Task:
 def swap(
     fitter: Fitter, found: FittedModel, every: Sequence[Candidate], say: Teller
 ) -> list[FittedModel]:
-    """Explanations in which one effect is sought again, the others kept as they are.
+    """Fitted models in which one effect is sought again, the others kept as they are.
 
     Beside them it may look different: another size, or another effect.  Where nothing is left to
     explain, only those that do as well are sought.
@@ -159,7 +159,7 @@ def swap(
 def ambiguous(
     fitter: Fitter, found: FittedModel, every: Sequence[Candidate], say: Teller
 ) -> list[FittedModel]:
-    """Explanations in which another effect takes the place of one, and may do as well.
+    """Fitted models in which another effect takes the place of one, and may do as well.
 
     They belong to the set that cannot be told apart.
     """
@@ -176,7 +176,7 @@ def _sought(
     say: Teller,
     unlike: bool = True,
 ) -> list[FittedModel]:
-    """Explanations with each effect in turn taken out, and another one of ``every`` fitted in its
+    """Fitted models with each effect in turn taken out, and another one of ``every`` fitted in its
     place: at most ``count``, which promise to leave less than ``enough`` times as much.
 
     One that has a shape is tried again whatever it promises: no slope may have led to it.

@@ -67,7 +67,7 @@ def _likely(seen: Linearisation, one: Candidate) -> Candidate:
 
 
 class Looks:
-    """What is seen of effects beside explanations, at the same sizes only once.
+    """What is seen of effects beside fitted models, at the same sizes only once.
 
     Of smooth effects the sizes are kept from which a fit may begin: every one holds a response.
     """

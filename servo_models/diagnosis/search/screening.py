@@ -114,7 +114,7 @@ def _sights(
 ) -> list[Screened]:
     left, share = best_scales(seen, [one for one, _ in every], changes)
     return [
-        _sight(seen, one, settings, columns, own, float(rest))
+        _screened(seen, one, settings, columns, own, float(rest))
         for (one, settings), columns, rest, own in zip(every, changes, left, share)
     ]
 
@@ -155,7 +155,7 @@ def scales(one: Candidate) -> tuple[float, float]:
     return (1.0, 1.0) if one.discontinuous else (0.0, STRETCH)
 
 
-def _sight(
+def _screened(
     seen: Linearisation,
     one: Candidate,
     settings: Settings,

@@ -36,7 +36,7 @@ TOLERANCE = 2.0
 QUIET = 4
 """Effects that are fitted where nominal parameters leave noise only."""
 FINALISTS, NEARLY = 3, 1.5
-"""Explanations that are fitted on, if they leave less than this over the best."""
+"""Those are fitted on that leave less than this over the best."""
 FINER, LONGER = 1e-6, 60
 """Relative tolerance and steps of these fits."""
 HALVED = 2
@@ -52,9 +52,9 @@ class Selection:
     Attributes:
         before: the nominal model.
         retuned: nominal parameters alone.
-        singles, pairs: explanations by one and by two effects, best first.
+        singles, pairs: fitted models by one and by two effects, best first.
         more: by as many as were taken, where further ones were added to a pair.
-        taken: the explanation that earns its place.
+        taken: the fitted model that earns its place.
         detectability: how far each effect can move the outputs, by its name.
         masked: effects that may be there beside nominal parameters alone, if these were taken.
     """
@@ -70,12 +70,12 @@ class Selection:
 
     @property
     def alike(self) -> list[FittedModel]:
-        """Explanations by as many effects as were taken."""
+        """Fitted models by as many effects as were taken."""
         return self.more or (self.pairs if len(self.taken.effects) == 2 else self.singles)
 
     @property
     def fitted(self) -> dict[str, FittedModel]:
-        """By each effect that was fitted: alone, or else the best explanation that has it."""
+        """By each effect that was fitted: alone, or else the best fitted model that has it."""
         found: dict[str, FittedModel] = {}
         for one in (*self.singles, *self.pairs, *self.more):
             for name in one.effects:
@@ -154,7 +154,7 @@ def _tried(
 def _explained(
     fitter: Fitter, retuned: FittedModel, tried: FirstFits, say: Teller
 ) -> tuple[list[FittedModel], list[FittedModel], FittedModel]:
-    """Explanations by two effects, by more, and the one that is taken."""
+    """Fitted models by two effects, by more, and the one that is taken."""
     couples = tried.couples
     taken = _taken(fitter, retuned, tried.singles, couples)
     if len(taken.effects) < 2:

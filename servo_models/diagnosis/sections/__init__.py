@@ -37,7 +37,7 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
             _effects(diagnosis),
             _detectors(diagnosis),
             _ruled_out(diagnosis),
-            _imitated(diagnosis),
+            _masked(diagnosis),
             _parameters(diagnosis),
             _next(diagnosis),
             _provenance(diagnosis),
@@ -197,7 +197,7 @@ def _effects(diagnosis: Diagnosis) -> Section:
 
 
 def _refined(diagnosis: Diagnosis) -> str:
-    """What fitting to the end made of the explanation that is told everywhere else."""
+    """What fitting to the end made of the fitted model that is told everywhere else."""
     taken = diagnosis.selection.taken
     left = {one.effects: number(one.evidence.rms, 3) for one in diagnosis.selection.alike}
     now = number(taken.evidence.rms, 3)
@@ -232,7 +232,7 @@ def _ruled_out(diagnosis: Diagnosis) -> Section:
     )
 
 
-def _imitated(diagnosis: Diagnosis) -> Section:
+def _masked(diagnosis: Diagnosis) -> Section:
     return Section(
         "Not ruled out",
         "Effects that may be there all the same: with one of them in the model, parameters re-tuned"

@@ -264,7 +264,7 @@ def _draw_moves(
 
 
 def experiment(diagnosis: Diagnosis, one: Experiment) -> Picture:
-    """Return a command, each output as either explanation predicts it, and their difference."""
+    """Return a command, each output as either fitted model predicts it, and their difference."""
     rows = 2 + len(diagnosis.floors)
     return Picture(
         f"{tables.together(one.one)} or {tables.together(one.other)}",

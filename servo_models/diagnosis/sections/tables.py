@@ -213,7 +213,7 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
 
 
 def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
-    """Return them among explanations of as many effects as were taken, "" for others."""
+    """Return them among fitted models of as many effects as were taken, "" for others."""
     if fitted_models is not diagnosis.selection.alike or not diagnosis.selection.taken.effects:
         return [""] * len(fitted_models)
     chances = weights_of(diagnosis.selection, diagnosis.verdict.rest)
@@ -223,7 +223,7 @@ def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) ->
 def intervals(fitted_models: Sequence[FittedModel]) -> list[tuple[float, float]]:
     """Return 95 % intervals of the errors left [noise floors], as compared with the best.
 
-    Blocks are drawn again, the same for all, and the ratio to the best explanation is what
+    Blocks are drawn again, the same for all, and the ratio to the best fitted model is what
     varies: one whose interval reaches the best's error does as well.
     """
     if not fitted_models:
