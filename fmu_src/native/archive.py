@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
-
-import fmpy
 
 from fmu_src.archive import ICON, PYTHON, tool_name
 from fmu_src.description import Form, model_description
@@ -15,8 +14,15 @@ from fmu_src.native.compilers import Compiler, Target, compile_library, universa
 from fmu_src.native.source import IDENTITY_HEADER, identity_header, identity_of, native_sources
 from servo_models.core.simulate import Model
 
-HEADERS = Path(fmpy.__file__).parent / "c-code"
-"""Folder of the standard's own headers, which an FMU does not bring (FMI 2.0.4, section 2.3)."""
+
+def headers() -> Path:
+    """Return the folder of the standard's own headers, which an FMU does not bring (FMI 2.0.4,
+    section 2.3)."""
+    fmpy = find_spec("fmpy")
+    assert fmpy is not None
+    assert fmpy.origin is not None
+    return Path(fmpy.origin).parent / "c-code"
+
 
 NATIVE = Form(
     directional_derivatives=True,
@@ -49,7 +55,7 @@ def native_entries(model: Model, compiler: Compiler, targets: Sequence[Target]) 
     }
     libraries: dict[str, list[bytes]] = {}
     for target in targets:
-        library = compile_library(compiler, target, sources, main, [HEADERS])
+        library = compile_library(compiler, target, sources, main, [headers()])
         libraries.setdefault(f"{target.fmi2_folder}/{name}{target.suffix}", []).append(library)
     for place, slices in libraries.items():
         entries[f"binaries/{place}"] = slices[0] if len(slices) == 1 else universal(slices)
