@@ -1,0 +1,1 @@
+"""The native FMU: a model as C, in a library that needs no Python."""
