@@ -1,1 +1,1 @@
-"""The native FMU: a model as C, in a library that needs no Python."""
+"""The native FMU: the flat text as C in a shell for FMI, compiled."""
