@@ -165,8 +165,16 @@ class Printer:
         return [f"_x[{i}] = {name}" for i, name in self.slots()]
 
     def start_values(self) -> list[str]:
-        """A dropped effect's memory waits at 0 and is never looked at."""
-        return [text if owner not in self.dropped else "0.0" for text, owner in self.flat.start]
+        """A dropped effect's memory waits at 0 and is never looked at; so does, in guarded text,
+        that of an effect that is off."""
+        values = [text if owner not in self.dropped else "0.0" for text, owner in self.flat.start]
+        if not self.guarded:
+            return values
+        owners = [owner for _, owner in self.flat.start]
+        return [
+            f"{text} if {kept('on', owner)} else 0.0" if owner else text
+            for text, owner in zip(values, owners)
+        ]
 
     def queue_length(self) -> int:
         return self.flat.size - len(self.flat.start)
