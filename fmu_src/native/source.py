@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fmu_src.variables import Variable, variables
@@ -15,9 +15,11 @@ SHELL = Path(__file__).parent
 SHARED = ("arithmetic.h", "model.h", "instance.c")
 """Files of the shell that every version of FMI has; ``fmi2.c`` is the one of FMI 2.0."""
 
+IDENTITY_HEADER = "identity.h"
+
 
 def native_sources(model: Model, main: str) -> tuple[str, dict[str, bytes]]:
-    """Return the identity of the sources, and the sources by name, without ``identity.h``.
+    """Return the identity of the sources, and the sources by name, without ``IDENTITY_HEADER``.
 
     Args:
         model: what the FMU simulates.
@@ -25,14 +27,20 @@ def native_sources(model: Model, main: str) -> tuple[str, dict[str, bytes]]:
     """
     sources = {name: (SHELL / name).read_bytes() for name in (*SHARED, main)}
     sources["model.c"] = _model(model).encode()
+    return identity_of(sources), sources
+
+
+def identity_of(sources: Mapping[str, bytes]) -> str:
+    """Return the hash of sources by name, but for the header that holds it."""
     digest = hashlib.sha256()
-    for name in sorted(sources):
-        digest.update(name.encode() + b"\0" + sources[name])
-    return digest.hexdigest(), sources
+    for name in sorted(sources.keys() - {IDENTITY_HEADER}):
+        digest.update(b"%s\0%d\0" % (name.encode(), len(sources[name])) + sources[name])
+    return digest.hexdigest()
 
 
 def identity_header(identity: str, guid: str) -> bytes:
-    """Return ``identity.h``: whose states the library understands, which description is its own."""
+    """Return ``IDENTITY_HEADER``: whose states a library understands, and which description is
+    its own."""
     return (
         f"/* Generated. */\n#define IDENTITY {_string(identity)}\n#define GUID {_string(guid)}\n"
     ).encode()
