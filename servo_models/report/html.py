@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
@@ -24,7 +25,8 @@ def page(report: Report) -> str:
 
 def notebook(report: Report) -> str:
     """Return the verdict, the first figure and the first table as a notebook shows them."""
-    return str(_template(report).notebook(report.pictures[:1], report.tables[:1]))  # type: ignore[attr-defined]
+    titled = [replace(table, title=title) for title, table in report.titled_tables.items()]
+    return str(_template(report).notebook(report.pictures[:1], titled[:1]))  # type: ignore[attr-defined]
 
 
 def _template(report: Report) -> TemplateModule:
