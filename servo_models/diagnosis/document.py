@@ -14,12 +14,12 @@ from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
-from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
+from servo_models.diagnosis.signatures import Codes, Signature, sentence
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
@@ -131,7 +131,7 @@ def _masked_effect(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
     return {"name": one.name, "block": wire, "up_to": one.moved}
 
 
-def _detected(seen: Detection) -> dict[str, Any]:
+def _detected(seen: Signature) -> dict[str, Any]:
     return {
         "by": "codes" if isinstance(seen, Codes) else "clock",
         "bunched": seen.bunched,

@@ -35,7 +35,7 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
             _errors(diagnosis),
             _where(diagnosis),
             _effects(diagnosis),
-            _detectors(diagnosis),
+            _signatures(diagnosis),
             _ruled_out(diagnosis),
             _masked(diagnosis),
             _parameters(diagnosis),
@@ -210,13 +210,13 @@ def _refined(diagnosis: Diagnosis) -> str:
     )
 
 
-def _detectors(diagnosis: Diagnosis) -> Section:
+def _signatures(diagnosis: Diagnosis) -> Section:
     return Section(
         "Codes and ticks",
         "A quantiser leaves codes in its reading, and a hold answers commands on its ticks. Both"
         " show, or do not, whatever error a fit leaves.",
         tables=(tables.detected(diagnosis),),
-        pictures=pictures.detectors(diagnosis),
+        pictures=pictures.signatures(diagnosis),
         folded=True,
     )
 

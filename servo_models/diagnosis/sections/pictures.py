@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.diagnosis.clock import Answers
-from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.experiments.experiment_search import played
 from servo_models.diagnosis.fitting.fitted_model import FittedModel
@@ -19,6 +17,7 @@ from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import tables
+from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentence
 from servo_models.identification.readings import (
     Reading,
     axis_label,
@@ -154,8 +153,8 @@ def _draw_fits(
     _without_scale(panel)
 
 
-def detectors(diagnosis: Diagnosis) -> tuple[Picture, ...]:
-    """Return what each detector of a believed effect sees."""
+def signatures(diagnosis: Diagnosis) -> tuple[Picture, ...]:
+    """Return the signature of each believed effect that has one."""
     seen = [claim.detected for claim in diagnosis.ranking if claim.detected is not None]
     return tuple(_codes(it) if isinstance(it, Codes) else _ticks(it) for it in seen)
 
@@ -197,7 +196,7 @@ def _draw_ticks(seen: Answers, axes: Sequence[Axes]) -> None:
     axes[0].legend(frameon=False)
 
 
-def _said(seen: Detection) -> str:
+def _said(seen: Signature) -> str:
     return f"{seen.effect}: {sentence(seen)}."
 
 
