@@ -74,24 +74,24 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
         if lines:
             yield Card("re-tuned most", "\n".join(lines), None, PARAMETER)
         return
-    named = [claim for claim in diagnosis.ranking if claim.taken or claim.in_set]
+    named = [effect for effect in diagnosis.ranking if effect.taken or effect.in_set]
     if not named:
         return
-    lines = [_cause(diagnosis, claim) for claim in named[: FEW + 1]]
+    lines = [_cause(diagnosis, effect) for effect in named[: FEW + 1]]
     more = [f"and {len(named) - len(lines)} more"] if len(named) > len(lines) else []
     title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(diagnosis.verdict.kind, "cause")
     yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
 
 
-def _cause(diagnosis: Diagnosis, claim: RankedEffect) -> str:
-    rival = not claim.taken and any(one.taken for one in diagnosis.ranking)
+def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
+    rival = not effect.taken and any(one.taken for one in diagnosis.ranking)
     sizes = ", ".join(
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
-        for value in claim.parameters
+        for value in effect.parameters
     )
     told = diagnosis.verdict.weights and diagnosis.verdict.kind != OUTSIDE
-    chance = f", {tables.probability(claim)}" if told else ""
-    return f"{'or ' * rival}{claim.name} on '{claim.wire}'{chance}: {sizes}"
+    chance = f", {tables.probability(effect)}" if told else ""
+    return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {sizes}"
 
 
 def _moved(diagnosis: Diagnosis, value: Value) -> str:
