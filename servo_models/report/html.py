@@ -24,9 +24,13 @@ def page(report: Report) -> str:
 
 
 def notebook(report: Report) -> str:
-    """Return the verdict, the first figure and the first table as a notebook shows them."""
+    """Return the verdict, the first figure and the first table as a notebook shows them.
+
+    A report without a verdict is a data sheet: it is shown whole.
+    """
     titled = [replace(table, title=title) for title, table in report.titled_tables.items()]
-    return str(_template(report).notebook(report.pictures[:1], titled[:1]))  # type: ignore[attr-defined]
+    tables = titled[:1] if report.sentence else titled
+    return str(_template(report).notebook(report.pictures[:1], tables))  # type: ignore[attr-defined]
 
 
 def _template(report: Report) -> TemplateModule:
