@@ -363,26 +363,16 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
     return fmi2OK;
 }
 
-/* Bytes of a wrong number or with a wrong digest are refused here already. */
+/* Damaged bytes are refused here already. */
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *state)
 {
     Saved *saved;
     CORE(bytes && state);
-    if (size != sizeof(Saved))
-        return status(fail(I, "the state to restore is damaged: %lu bytes instead of %lu",
-                           (unsigned long)size, (unsigned long)sizeof(Saved)));
-    saved = malloc(sizeof *saved);
+    saved = from_bytes(I, bytes, size);
     if (!saved)
-        return status(refuse(I, "no memory for a state of %lu bytes",
-                             (unsigned long)sizeof *saved));
-    memcpy(saved, bytes, sizeof *saved);
-    if (!can_restore(I, saved)) {
-        free(saved);
         return fmi2Error;
-    }
-    if (*state)
-        free(*state);
+    free(*state);
     *state = saved;
     return fmi2OK;
 }

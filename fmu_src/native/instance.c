@@ -541,14 +541,14 @@ static int is_whole(const State *state)
     return 1;
 }
 
-/* Whether a saved state is one of this FMU and undamaged. */
-static int can_restore(Instance *I, const Saved *saved)
+/* Whether a saved state of that many bytes is one of this FMU and undamaged. */
+static int can_restore(Instance *I, const Saved *saved, size_t bytes)
 {
     const Header *header = &saved->header;
-    if (memcmp(header->magic, "servofmu", sizeof header->magic) != 0
+    if (bytes < sizeof *header || memcmp(header->magic, "servofmu", sizeof header->magic) != 0
         || memcmp(header->identity, IDENTITY, sizeof header->identity) != 0)
         return fail(I, "the state to restore is damaged or was saved by another FMU");
-    if (header->bytes != sizeof *saved || header->one != 1.0
+    if (bytes != sizeof *saved || header->bytes != sizeof *saved || header->one != 1.0
         || header->digest != digest_of_saved(saved) || !is_whole(&saved->state))
         return fail(I, "the state to restore is damaged");
     return 1;
@@ -558,9 +558,25 @@ static int restore(Instance *I, const char *call, const Saved *saved)
 {
     if (!saved)
         return fail(I, "%s: there is no state to restore (NULL)", call);
-    if (!can_restore(I, saved))
+    if (!can_restore(I, saved, sizeof *saved))
         return 0;
     memcpy(&I->now, &saved->state, sizeof I->now);
     I->stale = 1;
     return begun(I) && !I->now.trouble[0] ? retune(I) : 1;
+}
+
+/* Return a copy of the bytes of a saved state, or NULL where they are none. */
+static Saved *from_bytes(Instance *I, const void *content, size_t bytes)
+{
+    Saved *saved = calloc(1, sizeof *saved);
+    if (!saved) {
+        refuse(I, "no memory for a state of %lu bytes", (unsigned long)sizeof *saved);
+        return NULL;
+    }
+    memcpy(saved, content, bytes < sizeof *saved ? bytes : sizeof *saved);
+    if (!can_restore(I, saved, bytes)) {
+        free(saved);
+        return NULL;
+    }
+    return saved;
 }
