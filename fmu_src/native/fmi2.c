@@ -25,7 +25,7 @@ typedef struct {
     fmi2CallbackLogger logger;
     fmi2ComponentEnvironment environment;
     int logging;
-    char name[1]; /* longer, at the end of the block */
+    char name[]; /* ends with a zero */
 } Component;
 
 /* A host prints a message as a printf format, so each % becomes two.  Many show no lines of the
@@ -53,14 +53,17 @@ static fmi2Status status(int good)
     return good ? fmi2OK : fmi2Error;
 }
 
-/* The instance behind a handle; without one, or without an array, the call is refused. */
-static Instance *core(fmi2Component component)
+/* The instance behind a handle, NULL for none, of which standard error is told alone. */
+static Instance *core(fmi2Component component, const char *call)
 {
+    if (!component)
+        fprintf(stderr, "%s without an instance (NULL)\n", call);
     return component ? ((Component *)component)->core : NULL;
 }
 
+/* Without an instance, or without an array, the call is refused. */
 #define CORE(array_is_there)                                                   \
-    Instance *I = core(c);                                                     \
+    Instance *I = core(c, __func__);                                           \
     if (!I)                                                                    \
         return fmi2Error;                                                      \
     if (!(array_is_there))                                                     \
@@ -100,11 +103,13 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
                               fmi2Boolean visible, fmi2Boolean logging)
 {
     const size_t length = name ? strlen(name) : 0;
-    Component *c = calloc(1, sizeof *c + length);
+    Component *c = calloc(1, sizeof *c + length + 2);
     (void)resources;
     (void)visible;
-    if (!c)
+    if (!c) {
+        fprintf(stderr, "%s: fmi2Instantiate: no memory for an instance\n", length ? name : "?");
         return NULL;
+    }
     memcpy(c->name, length ? name : "?", length ? length : 1);
     c->logger = functions ? functions->logger : NULL;
     c->environment = functions ? functions->componentEnvironment : NULL;
@@ -118,8 +123,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
     else if (!guid || strcmp(guid, GUID) != 0)
         tell(c, "the GUID is not that of this library: modelDescription.xml and the library are"
                 " from two builds; unpack the FMU again");
-    else
-        c->core = new_instance(tell, c);
+    else if (!(c->core = new_instance(tell, c)))
+        tell(c, "fmi2Instantiate: no memory for an instance");
     if (!c->core) {
         free(c);
         return NULL;
@@ -274,13 +279,18 @@ fmi2Status fmi2CancelStep(fmi2Component c)
     return status(refuse(I, "fmi2CancelStep: a step ends before fmi2DoStep returns"));
 }
 
+static fmi2Status no_answer(Instance *I, const char *call, fmi2StatusKind kind)
+{
+    refuse(I, "%s of kind %d: there is no answer", call, (int)kind);
+    return fmi2Discard;
+}
+
 /* A step is never pending, so there is nothing to ask about but the time reached. */
 #define NO_STATUS(function, c_type)                                              \
     fmi2Status function(fmi2Component c, const fmi2StatusKind kind, c_type *value) \
     {                                                                            \
         CORE(value);                                                             \
-        (void)kind;                                                              \
-        return fmi2Discard;                                                      \
+        return no_answer(I, __func__, kind);                                     \
     }
 
 NO_STATUS(fmi2GetStatus, fmi2Status)
@@ -291,7 +301,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
 {
     CORE(value);
     if (kind != fmi2LastSuccessfulTime || I->now.time != I->now.time)
-        return fmi2Discard;
+        return no_answer(I, __func__, kind);
     *value = I->now.time;
     return fmi2OK;
 }
@@ -300,7 +310,7 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 {
     CORE(value);
     if (kind != fmi2Terminated)
-        return fmi2Discard;
+        return no_answer(I, __func__, kind);
     *value = fmi2False; /* the FMU never ends a run by itself */
     return fmi2OK;
 }
@@ -353,26 +363,16 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
     return fmi2OK;
 }
 
-/* Bytes of a wrong number or with a wrong digest are refused here already. */
+/* Damaged bytes are refused here already. */
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *state)
 {
     Saved *saved;
     CORE(bytes && state);
-    if (size != sizeof(Saved))
-        return status(fail(I, "the state to restore is damaged: %lu bytes instead of %lu",
-                           (unsigned long)size, (unsigned long)sizeof(Saved)));
-    saved = malloc(sizeof *saved);
+    saved = from_bytes(I, bytes, size);
     if (!saved)
-        return status(refuse(I, "no memory for a state of %lu bytes",
-                             (unsigned long)sizeof *saved));
-    memcpy(saved, bytes, sizeof *saved);
-    if (!can_restore(I, saved)) {
-        free(saved);
         return fmi2Error;
-    }
-    if (*state)
-        free(*state);
+    free(*state);
     *state = saved;
     return fmi2OK;
 }

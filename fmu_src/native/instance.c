@@ -99,8 +99,8 @@ static int fail(Instance *I, const char *format, ...)
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
     I->now.time = NAN;
-    if (!I->now.trouble[0])
-        memcpy(I->now.trouble, message, sizeof message);
+    if (!I->now.trouble[0]) /* no stray bytes of the stack: they would be saved */
+        memcpy(I->now.trouble, message, strlen(message) + 1);
     say(I, message);
     return 0;
 }
@@ -408,14 +408,13 @@ static int outputs_at(const Instance *I, Instance *probe, uint32_t reference, do
 /* Derivatives of all outputs with respect to an input or a parameter, at the present state.
  *
  * Returns 1, or 0 where one of the wanted outputs has no derivative: at a kink, a jump, a bound. */
-static int slopes(Instance *I, const uint32_t *unknowns, size_t count, uint32_t reference,
-                  double *slope)
+static int slopes(const Instance *I, Instance probe[3], const uint32_t *unknowns, size_t count,
+                  uint32_t reference, double *slope)
 {
-    Instance *probe = malloc(3 * sizeof *probe); /* here, above, below */
     const double size = fabs(I->now.values[reference]);
     const double by = DIFFERENCE * (size > variables[reference].nominal
                                         ? size : variables[reference].nominal);
-    int good = probe && outputs_at(I, probe, reference, 0.0)
+    int good = outputs_at(I, probe, reference, 0.0)
         && outputs_at(I, probe + 1, reference, by) && outputs_at(I, probe + 2, reference, -by);
     size_t i;
     for (i = 0; good && i < count; i++) {
@@ -426,7 +425,6 @@ static int slopes(Instance *I, const uint32_t *unknowns, size_t count, uint32_t 
             <= SMOOTH * (fabs(above) + fabs(below)) + ROUNDING * fabs(here) / by;
         slope[i] = 0.5 * (above + below);
     }
-    free(probe);
     return good;
 }
 
@@ -440,6 +438,8 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
 {
     size_t i, j;
     double *slope;
+    Instance *probe; /* here, above, below */
+    Derived outcome = DERIVED;
     if (!sound(I, call))
         return WRONG_CALL;
     if (I->now.phase != INITIALISING && I->now.phase != RUNNING) {
@@ -465,18 +465,23 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
         }
     }
     slope = malloc((count + 1) * sizeof *slope);
-    for (j = 0; slope && j < directions; j++) {
-        if (!slopes(I, unknowns, count, knowns[j], slope)) {
+    probe = malloc(3 * sizeof *probe);
+    if (!slope || !probe) {
+        refuse(I, "%s: no memory for it", call);
+        outcome = NOT_SMOOTH;
+    }
+    for (j = 0; outcome == DERIVED && j < directions; j++) {
+        if (!slopes(I, probe, unknowns, count, knowns[j], slope)) {
             refuse(I, "no derivative with respect to '%s' = %g: there is a jump, a kink or a bound",
                    variables[knowns[j]].name, I->now.values[knowns[j]]);
-            free(slope);
-            return NOT_SMOOTH;
+            outcome = NOT_SMOOTH;
         }
-        for (i = 0; i < count; i++)
+        for (i = 0; outcome == DERIVED && i < count; i++)
             result[i] += slope[i] * seed[j];
     }
     free(slope);
-    return DERIVED;
+    free(probe);
+    return outcome;
 }
 
 /* ---- saved states ----------------------------------------------------------------------- */
@@ -536,14 +541,14 @@ static int is_whole(const State *state)
     return 1;
 }
 
-/* Whether a saved state is one of this FMU and undamaged. */
-static int can_restore(Instance *I, const Saved *saved)
+/* Whether a saved state of that many bytes is one of this FMU and undamaged. */
+static int can_restore(Instance *I, const Saved *saved, size_t bytes)
 {
     const Header *header = &saved->header;
-    if (memcmp(header->magic, "servofmu", sizeof header->magic) != 0
+    if (bytes < sizeof *header || memcmp(header->magic, "servofmu", sizeof header->magic) != 0
         || memcmp(header->identity, IDENTITY, sizeof header->identity) != 0)
         return fail(I, "the state to restore is damaged or was saved by another FMU");
-    if (header->bytes != sizeof *saved || header->one != 1.0
+    if (bytes != sizeof *saved || header->bytes != sizeof *saved || header->one != 1.0
         || header->digest != digest_of_saved(saved) || !is_whole(&saved->state))
         return fail(I, "the state to restore is damaged");
     return 1;
@@ -553,9 +558,25 @@ static int restore(Instance *I, const char *call, const Saved *saved)
 {
     if (!saved)
         return fail(I, "%s: there is no state to restore (NULL)", call);
-    if (!can_restore(I, saved))
+    if (!can_restore(I, saved, sizeof *saved))
         return 0;
     memcpy(&I->now, &saved->state, sizeof I->now);
     I->stale = 1;
     return begun(I) && !I->now.trouble[0] ? retune(I) : 1;
+}
+
+/* Return a copy of the bytes of a saved state, or NULL where they are none. */
+static Saved *from_bytes(Instance *I, const void *content, size_t bytes)
+{
+    Saved *saved = calloc(1, sizeof *saved);
+    if (!saved) {
+        refuse(I, "no memory for a state of %lu bytes", (unsigned long)sizeof *saved);
+        return NULL;
+    }
+    memcpy(saved, content, bytes < sizeof *saved ? bytes : sizeof *saved);
+    if (!can_restore(I, saved, bytes)) {
+        free(saved);
+        return NULL;
+    }
+    return saved;
 }
