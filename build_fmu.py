@@ -13,6 +13,7 @@ import bootstrap
 
 EXAMPLES = """examples:
   python build_fmu.py
+  python build_fmu.py --native
   python build_fmu.py --actuator sg90 --variant linear --set feedback_coefficient=0.18
   python build_fmu.py --params identified.toml
 
@@ -29,6 +30,9 @@ def options() -> argparse.Namespace:
         metavar="PATH",
         default="fmus",
         help="folder of FMUs and report, or the file .fmu of one actuator, with its report beside",
+    )
+    parser.add_argument(
+        "--native", action="store_true", help="native FMUs alone; refused without a C compiler"
     )
     parser.add_argument("--actuator", metavar="NAME", help="build this one only")
     parser.add_argument("--variant", metavar="NAME", help="parameter set of that actuator")
@@ -54,7 +58,7 @@ def main() -> int:
     """Build, then validate what was built; return the exit code."""
     chosen = options()
     bootstrap.ensure("", needs="pythonfmu")
-    from servo_models.build import path_of
+    from servo_models.build import NATIVE_ARM, kinds_for, path_of
     from servo_models.cli import main as command
     from servo_models.cli.options import chosen_model
     from servo_models.core.catalogue import actuators
@@ -65,6 +69,7 @@ def main() -> int:
     build += ["--variant", chosen.variant] if chosen.variant else []
     build += ["--params", chosen.params] if chosen.params else []
     build += ["--trust"] if chosen.trust else []
+    build += ["--native"] if chosen.native else []
     for setting in chosen.set:
         build += ["--set", setting]
     if code := command(build):
@@ -72,13 +77,15 @@ def main() -> int:
     if chosen.actuator or chosen.params:
         params = Path(chosen.params) if chosen.params else None
         one = chosen_model(chosen.actuator, chosen.variant, chosen.set, params, chosen.trust)
-        fmus = [path_of(one, chosen.out)]
+        models = [one]
         own = ["--actuator", str(one.actuator.file)] if one.actuator.file else []
-        report = fmus[0].with_suffix(".html")
+        report = path_of(one, chosen.out).with_suffix(".html")
     else:
-        fmus = [path_of(model(name), chosen.out) for name in actuators()]
+        models = [model(name) for name in actuators()]
         own = []
         report = Path(chosen.out) / "report.html"
+    kinds = [kind for kind in kinds_for(chosen.out, chosen.native) if kind != NATIVE_ARM]
+    fmus = [path_of(one, chosen.out, kind) for one in models for kind in kinds]
     code = command(["validate", *map(str, fmus), *own, "--brief", "--report", str(report)])
     if code != bootstrap.COULD_NOT_RUN:
         print(f"report: {report}")

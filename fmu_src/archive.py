@@ -1,28 +1,36 @@
-"""Zip an FMU: slave, pythonfmu's binaries and runtime, model description; same bytes always."""
+"""Zip an FMU, the same bytes always; and what a Python FMU is made of."""
 
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
 import pythonfmu
 
-from fmu_src.description import BUILT, model_description
+from fmu_src.description import BUILT, Form, model_description
 from fmu_src.documentation import index_html
+from fmu_src.slave import Servo
 from fmu_src.source import slave_source
 from servo_models.core.simulate import Model
 
 ICON = Path(__file__).with_name("model.png")
 
+PYTHON = Form(
+    directional_derivatives=False,
+    log_categories=Servo.log_categories,
+    sources=(),
+    needs="The host's process needs a Python library, 3.10 or newer, and no packages.",
+)
 
-def write_fmu(model: Model, path: Path) -> None:
-    """Write the FMU of ``model`` to ``path``.
 
-    Entries are sorted, dated alike, compressed alike and made from contents only, so the
-    same source gives the same bytes in any folder.
+def write_archive(entries: Mapping[str, bytes], path: Path) -> None:
+    """Write an FMU of these files to ``path``.
+
+    Entries are sorted, dated alike and compressed alike, so the same contents give the same
+    bytes in any folder.
     """
-    entries = _entries(model)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(entries):
             info = zipfile.ZipInfo(name, BUILT)
@@ -32,15 +40,16 @@ def write_fmu(model: Model, path: Path) -> None:
             archive.writestr(info, entries[name])
 
 
-def _entries(model: Model) -> dict[str, bytes]:
+def python_entries(model: Model) -> dict[str, bytes]:
+    """Return the files of a Python FMU: slave, pythonfmu's binaries and runtime, description."""
     name, source = slave_source(model)
-    tool = f"servo-models {metadata.version('servo-models')}, pythonfmu {pythonfmu.__version__}"
+    tool = f"{tool_name()}, pythonfmu {pythonfmu.__version__}"
     package = Path(pythonfmu.__file__).parent
     entries = {
-        "modelDescription.xml": model_description(model, name, tool),
+        "modelDescription.xml": model_description(model, PYTHON, name, tool),
         "resources/slavemodule.txt": name.encode(),
         f"resources/{name}.py": source.encode(),
-        "documentation/index.html": index_html(model).encode(),
+        "documentation/index.html": index_html(model, PYTHON).encode(),
         "model.png": ICON.read_bytes(),
     }
     for file in package.glob("*.py"):
@@ -53,3 +62,8 @@ def _entries(model: Model) -> dict[str, bytes]:
         if installed.name == "LICENSE":
             entries["documentation/licenses/pythonfmu.txt"] = installed.read_binary()
     return entries
+
+
+def tool_name() -> str:
+    """Name and version of what builds FMUs."""
+    return f"servo-models {metadata.version('servo-models')}"

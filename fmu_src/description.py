@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import copy
 import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from fmu_src.slave import Servo
 from fmu_src.variables import Variable, variables
 from servo_models.core.flat import Flat
 from servo_models.core.simulate import Model
@@ -16,7 +17,7 @@ BUILT = (1980, 1, 1, 0, 0, 0)
 """Date of every build: the same source gives the same bytes."""
 
 CAPABILITIES = {
-    # The host's own Python interpreter runs the slave; no other tool is started or needed.
+    # The host's own process runs the FMU, in Python or not; no other tool is started or needed.
     "needsExecutionTool": "false",
     "canHandleVariableCommunicationStepSize": "true",
     "canInterpolateInputs": "false",
@@ -26,32 +27,55 @@ CAPABILITIES = {
     "canNotUseMemoryManagementFunctions": "true",
     "canGetAndSetFMUstate": "true",
     "canSerializeFMUstate": "true",
-    "providesDirectionalDerivative": "false",
 }
 
 
-def model_description(model: Model, slave_name: str, tool: str) -> bytes:
+@dataclass(frozen=True)
+class Form:
+    """What tells a Python FMU from a native one, for its description.
+
+    Attributes:
+        directional_derivatives: whether it has them.
+        log_categories: with what each is for.
+        sources: C files to compile.
+        needs: what the host has to bring, in a sentence.
+    """
+
+    directional_derivatives: bool
+    log_categories: Mapping[str, str]
+    sources: tuple[str, ...]
+    needs: str
+
+
+def model_description(model: Model, form: Form, identity: str, tool: str) -> bytes:
     """Return the file's bytes.
 
     Args:
         model: what the FMU simulates.
-        slave_name: name of the slave's module; it holds the hash of the slave's content.
+        form: Python or native.
+        identity: of its code: a text with the hash of it.
         tool: name and version of what built it.
 
-    The GUID is a hash of everything else in the file, the slave's hash included.
+    The GUID is a hash of everything else in the file, and of the identity.
     """
     actuator = model.actuator
     every = variables(model)
     root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=actuator.name)
-    root.set("guid", slave_name)
+    root.set("guid", identity)
     root.set("description", described(model))
     root.set("generationTool", tool)
     root.set("generationDateAndTime", "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z".format(*BUILT))
     root.set("variableNamingConvention", "structured")
-    ET.SubElement(root, "CoSimulation", {"modelIdentifier": actuator.name, **CAPABILITIES})
+    derivatives = {"providesDirectionalDerivative": str(form.directional_derivatives).lower()}
+    attributes = {"modelIdentifier": actuator.name, **CAPABILITIES, **derivatives}
+    interface = ET.SubElement(root, "CoSimulation", attributes)
+    if form.sources:
+        files = ET.SubElement(interface, "SourceFiles")
+        for name in form.sources:
+            ET.SubElement(files, "File", name=name)
     _add_units(root, every)
     categories = ET.SubElement(root, "LogCategories")
-    for name, about in Servo.log_categories.items():
+    for name, about in form.log_categories.items():
         ET.SubElement(categories, "Category", name=name, description=about)
     ET.SubElement(
         root,
@@ -62,16 +86,16 @@ def model_description(model: Model, slave_name: str, tool: str) -> bytes:
     )
     _add_variables(root, every)
     _add_structure(root, model)
-    root.set("guid", guid_of(root, slave_name))
+    root.set("guid", guid_of(root, identity))
     ET.indent(root)
     text: bytes = ET.tostring(root, "UTF-8", xml_declaration=True)
     return text + b"\n"
 
 
-def guid_of(description: ET.Element, slave_name: str) -> str:
+def guid_of(description: ET.Element, identity: str) -> str:
     """Return the GUID of a description, indented or not: a hash of everything else in it."""
     root = copy.deepcopy(description)
-    root.set("guid", slave_name)
+    root.set("guid", identity)
     for element in root.iter():
         element.text = element.tail = None  # FMI 2.0 descriptions have attributes only
     return "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, ET.tostring(root, "unicode"))) + "}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from fmu_src.description import described
+from fmu_src.description import Form, described
 from fmu_src.variables import start_of
 from servo_models.analysis.explain import actuator_sheet
 from servo_models.core.simulate import Model
@@ -19,7 +19,7 @@ tr { border-bottom: 1px solid #ddd; }
 """
 
 
-def index_html(model: Model) -> str:
+def index_html(model: Model, form: Form) -> str:
     """Return the page: what the FMU is, how it is run, signals, equations and start values."""
     sheet = actuator_sheet(model.actuator, model.variant, model.values)
     main = model.plant.wire[model.actuator.step[0]]
@@ -29,7 +29,7 @@ def index_html(model: Model) -> str:
         f" '{main.name}', which steps to {start_of(main, model):g} {main.unit}.",
         f"The default experiment lasts {model.stop_time:g} s, in steps of {model.step_size:g} s."
         " The model's own step is a parameter, internal_step.",
-        "The host's process needs a Python library, 3.10 or newer, and no packages.",
+        form.needs,
         *sheet.remarks,
     )
     body = [f"<h1>{escape(sheet.title)}</h1>", *(f"<p>{escape(text)}</p>" for text in texts)]

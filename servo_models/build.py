@@ -1,27 +1,39 @@
-"""Build a model as an FMU: FMI 2.0 co-simulation, one self-contained Python slave."""
+"""Build a model as an FMU for co-simulation: a Python slave, or native code."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from fmu_src.archive import write_fmu
+from fmu_src.archive import python_entries, write_archive
+from fmu_src.native.archive import native_entries
+from fmu_src.native.compilers import TARGETS, Target, compiler, needed_compiler
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_with
 
+PYTHON, NATIVE, NATIVE_ARM = KINDS = ("python", "native", "native-arm")
+"""Kinds of FMUs; ARM Linux has one of its own, since FMI 2.0 has no second folder for Linux."""
+(ARM_LINUX,) = (target for target in TARGETS if target.name == "linux-aarch64")
 
-def build(model: Model, path: str | Path) -> Path:
+
+def build(model: Model, path: str | Path, kind: str = PYTHON) -> Path:
     """Write the FMU of ``model`` to ``path`` and return the path.
 
     The chosen parameter values become the start values; the FMU simulates the same text as
-    ``Model.run``, bit for bit.  The same model gives the same bytes.
+    ``Model.run``, bit for bit.  The same model gives the same bytes, of a native FMU with the
+    same compiler.
 
     Args:
         model: from ``servo_models.core.simulate.model``.
         path: file to write, ending in ``.fmu``; its folder is made.
+        kind: ``python``, for hosts with a Python library; ``native``, compiled C for any host, on
+            every platform where the extra ``native`` is installed, else on this one;
+            ``native-arm``, the same for Linux on 64-bit ARM.
 
     Raises:
-        UserError: a path without ``.fmu``, or a folder that cannot be written.
+        UserError: a path without ``.fmu``, a folder that cannot be written, an unknown kind, or
+            no compiler for a native FMU.
 
     Example:
         >>> import servo_models as sm
@@ -31,17 +43,45 @@ def build(model: Model, path: str | Path) -> Path:
     target = Path(path)
     if target.suffix != ".fmu":
         raise UserError(f"'{target}' is no name for an FMU: let it end in .fmu")
-    write_with(target, lambda part: write_fmu(model, part))
+    if kind not in KINDS:
+        raise UserError(f"'{kind}' is no kind of FMU: choose one of {', '.join(KINDS)}")
+    if kind == PYTHON:
+        entries = python_entries(model)
+    else:
+        found = needed_compiler()
+        entries = native_entries(model, found, _platforms(found.targets, kind))
+    write_with(target, lambda part: write_archive(entries, part))
     return target
 
 
-def path_of(model: Model, out: str | Path) -> Path:
+def _platforms(targets: Sequence[Target], kind: str) -> Sequence[Target]:
+    """What goes into one native FMU, of what the compiler builds for."""
+    others = [target for target in targets if target != ARM_LINUX]
+    return others if kind == NATIVE and others else [ARM_LINUX]
+
+
+def kinds_for(out: str | Path, native: bool) -> tuple[str, ...]:
+    """Return the kinds to build: every one that this machine can, or the native ones alone.
+
+    Where ``out`` is one file it is one kind.  Without a compiler ``native`` is asked for all the
+    same, and ``build`` says what is missing.
+    """
+    found = compiler()
+    natives: tuple[str, ...] = ()
+    if native or found:
+        natives = KINDS[1:] if found and {ARM_LINUX} < {*found.targets} else (NATIVE,)
+    kinds = natives if native else (PYTHON, *natives)
+    return kinds[:1] if Path(out).suffix == ".fmu" else kinds
+
+
+def path_of(model: Model, out: str | Path, kind: str = PYTHON) -> Path:
     """Return where the FMU of ``model`` goes: the file ``out``, or one in the folder ``out``.
 
     In a folder it is called like the actuator, and like the variant too unless that is the default
-    one: variants stand beside each other.
+    one: variants stand beside each other.  So do kinds: ``sg90.fmu``, ``sg90.native.fmu``.
     """
     if Path(out).suffix == ".fmu":
         return Path(out)
     is_default = model.variant == model.actuator.default_variant
-    return Path(out) / f"{model.actuator.name}{'' if is_default else f'_{model.variant}'}.fmu"
+    name = model.actuator.name if is_default else f"{model.actuator.name}_{model.variant}"
+    return Path(out) / f"{name}{'' if kind == PYTHON else f'.{kind}'}.fmu"

@@ -43,3 +43,8 @@ def test_the_example_of_help_runs() -> None:
     result = doctest.testmod(sm)
     assert result.attempted > 0
     assert result.failed == 0
+
+
+def test_the_makers_of_fmus_can_be_imported_first() -> None:
+    """Each of the two packages imports from the other."""
+    subprocess.run([sys.executable, "-c", "import fmu_src.variables"], check=True)

@@ -32,10 +32,15 @@ def build(
     out: Annotated[
         Path, typer.Option(metavar="PATH", help="Folder of the FMUs, or one file .fmu.")
     ] = Path("fmus"),
+    native: Annotated[
+        bool, typer.Option("--native", help="Native FMUs alone; refused without a C compiler.")
+    ] = False,
 ) -> None:
     """Build FMUs (FMI 2.0 co-simulation).
 
-    sg90.fmu is the default variant, sg90_printed.fmu another one.
+    sg90.fmu is a Python FMU; sg90.native.fmu beside it runs in hosts without Python, and needs a C
+    compiler here: the machine's own for this platform, or pip install ".[native]" for all. sg90
+    stands for the default variant, sg90_printed for another one.
 
     Examples:
 
@@ -44,9 +49,11 @@ def build(
     servo-models build sg90 --variant linear --set feedback_coefficient=0.15 --out mine
 
     servo-models build --params identified.toml
+
+    servo-models build sg90 --native --out sg90.fmu
     """
     from servo_models.build import build as write
-    from servo_models.build import path_of
+    from servo_models.build import kinds_for, path_of
     from servo_models.cli.console import progress
     from servo_models.core.catalogue import actuators
     from servo_models.core.simulate import model
@@ -59,7 +66,8 @@ def build(
         raise UserError(f"'{out}' is the file of one actuator: name it, or give a folder")
     else:
         models = [model(name) for name in actuators()]
+    jobs = [(chosen, kind) for chosen in models for kind in kinds_for(out, native)]
     with progress("building") as report:
-        for done, chosen in enumerate(models):
-            report(done, len(models), f"building {chosen.actuator.name}")
-            print(write(chosen, path_of(chosen, out)), flush=True)
+        for done, (chosen, kind) in enumerate(jobs):
+            report(done, len(jobs), f"building {chosen.actuator.name}")
+            print(write(chosen, path_of(chosen, out, kind), kind), flush=True)

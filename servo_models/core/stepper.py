@@ -1,5 +1,7 @@
 """The stepper: print a flattened plant as one self-contained text, for numba or for plain Python.
 
+``c_text.py`` writes the second one in C.
+
 This file, ``flat.py`` and ``printer.py`` use the standard library only and are part of every
 FMU, so that an FMU can drop its neutral effects when initialisation ends and print itself again.
 
@@ -82,18 +84,20 @@ def run_text(flat: Flat) -> str:
     return "\n".join([*head, *indent(body), ""])
 
 
-def step_text(flat: Flat, dropped: Iterable[str]) -> str:
+def step_text(flat: Flat, dropped: Iterable[str] = (), guarded: bool = False) -> str:
     """Print ``make(p) -> (start, step)`` in plain Python, without the ``dropped`` effects.
 
     ``start()`` returns the state at rest; ``step(x, u, t, size)`` advances ``x`` in place
     and returns ``(code, outputs)``, with the codes of ``run_text``.  A size of 0 only
-    evaluates the outputs.  ``step.internal_step`` is what effects make of it.
+    evaluates the outputs.  ``step.internal_step`` is what effects make of it.  ``guarded``
+    text asks at run time which effects are on; it is what ``c_text`` writes in C.
     """
-    text = Printer(flat, dropped=set(dropped), guarded=False)
+    text = Printer(flat, dropped=set(dropped), guarded=guarded)
     step = [
+        *([f"_ahead = [0.0] * {len(flat.memory)}"] if guarded else []),
         *text.load(),
         *(f"{kept('in', name)} = _u[{i}]" for i, name in enumerate(flat.inputs)),
-        *text.communication_step(unrolled=True, row="None"),
+        *text.communication_step(unrolled=not guarded, row="None"),
         *text.store(),
         *text.checks("None"),
         f"return 0, [{', '.join(flat.outputs)}]",
@@ -104,7 +108,7 @@ def step_text(flat: Flat, dropped: Iterable[str]) -> str:
         "def _start():",
         *indent([start]),
         "def _step(_x, _u, _t, _size):",
-        *indent(step),
+        *indent(text.placed(step)),
         "_step.internal_step = internal_step",
         "return _start, _step",
     ]

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from fmu_src.description import guid_of, model_description
+from fmu_src.native.archive import form_of
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
@@ -72,12 +73,11 @@ def _unlike_ours(subject: Subject) -> list[str]:
     Descriptions in words do not count, nor what tells who built it.
     """
     found = ElementTree.parse(subject.folder / DESCRIPTION).getroot()
-    named = subject.folder / "resources" / "slavemodule.txt"
-    slave = named.read_text(encoding="utf-8", errors="replace")[:200] if named.is_file() else ""
-    wanted = ElementTree.fromstring(model_description(subject.model, slave, ""))
+    form, identity = form_of(subject.folder)
+    wanted = ElementTree.fromstring(model_description(subject.model, form, identity, ""))
     problems = []
-    if found.get("guid") != guid_of(found, slave):
-        problems.append("the GUID is not that of this description and this slave")
+    if found.get("guid") != guid_of(found, identity):
+        problems.append("the GUID is not that of this description and this code")
     for part in ("CoSimulation", "UnitDefinitions", "ModelVariables", "ModelStructure"):
         ours, theirs = (_elements(root, part) for root in (wanted, found))
         if ours != theirs:

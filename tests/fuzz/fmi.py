@@ -1,6 +1,7 @@
 """Random sequences of legal and illegal FMI calls against a model of the FMI 2.0 state machine.
 
-    python tests/fuzz/fmi.py [--sequences 100000] [--states 5000] [--seed 0] [ACTUATOR ...]
+    python tests/fuzz/fmi.py [--sequences 100000] [--states 5000] [--seed 0] [--native]
+                             [ACTUATOR ...]
 
 Every call has an expected outcome: it succeeds with the numbers of the printed text, to the last
 bit, or it is refused.  Batches run in processes of their own, so a crash or a hang is counted
@@ -30,7 +31,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 
 from fmu_src.variables import variables
-from servo_models.build import build
+from servo_models.build import NATIVE, PYTHON, build
 from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import plain_make
 from servo_models.core.simulate import Model, model
@@ -327,9 +328,15 @@ class Sequence:
         else:
             end = min(at + int(self.rng.integers(1, 50)), len(content))
             del content[at:end]
-        made = self.fmu.deSerializeFMUstate(bytes(content))
-        self.both(lambda: self.fmu.setFMUstate(made), self.expected.fail)
-        self.fmu.freeFMUstate(made)
+        self.both(lambda: self.restore(bytes(content)), self.expected.fail)
+
+    def restore(self, content: bytes) -> None:
+        """A Python FMU refuses damaged bytes as a state, a native one at once."""
+        state = self.fmu.deSerializeFMUstate(content)
+        try:
+            self.fmu.setFMUstate(state)
+        finally:
+            self.fmu.freeFMUstate(state)
 
 
 def batch(
@@ -373,7 +380,9 @@ def _in_a_process(
     told.send(batch(chosen, folder, seeds, damaged, told))
 
 
-def run(actuator: str, sequences: range, damaged: bool) -> tuple[Counter[str], list[str]]:
+def run(
+    actuator: str, sequences: range, damaged: bool, kind: str = PYTHON
+) -> tuple[Counter[str], list[str]]:
     """Play sequences in batches: counts by outcome, and what went wrong."""
     chosen = model(actuator)
     counts: Counter[str] = Counter()
@@ -381,7 +390,7 @@ def run(actuator: str, sequences: range, damaged: bool) -> tuple[Counter[str], l
     context = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "fmu"
-        fmpy.extract(str(build(chosen, Path(scratch) / "it.fmu")), str(folder))
+        fmpy.extract(str(build(chosen, Path(scratch) / "it.fmu", kind)), str(folder))
         for first in range(sequences.start, sequences.stop, BATCH):
             seeds = range(first, min(first + BATCH, sequences.stop))
             here, there = context.Pipe(duplex=False)
@@ -415,13 +424,15 @@ def main() -> int:
     parser.add_argument("--sequences", type=int, default=100_000)
     parser.add_argument("--states", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--native", action="store_true", help="the native FMU, not the Python one")
     parser.add_argument("actuators", nargs="*", default=list(actuators()))
     chosen = parser.parse_args()
+    kind = NATIVE if chosen.native else PYTHON
     failed = False
     for actuator in chosen.actuators:
         for what, count in (("sequences", chosen.sequences), ("damaged states", chosen.states)):
             seeds = range(chosen.seed, chosen.seed + count)
-            counts, wrong = run(actuator, seeds, damaged=what != "sequences")
+            counts, wrong = run(actuator, seeds, what != "sequences", kind)
             told = ", ".join(f"{counts[k]} {k}" for k in ("crashes", "hangs", "differences"))
             print(f"{actuator}: {counts['played']} {what}: {told}", flush=True)
             print(*wrong[:10], sep="\n", end="\n" if wrong else "")

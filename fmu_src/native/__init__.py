@@ -1,0 +1,1 @@
+"""The native FMU: the flat text as C in a shell for FMI, compiled."""

@@ -1,0 +1,72 @@
+"""What a native FMU is made of: libraries for one or several platforms, sources, description."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree import ElementTree
+
+from fmu_src.archive import ICON, PYTHON, tool_name
+from fmu_src.description import Form, model_description
+from fmu_src.documentation import index_html
+from fmu_src.native.compilers import Compiler, Target, compile_library, universal
+from fmu_src.native.source import IDENTITY_HEADER, identity_header, identity_of, native_sources
+from servo_models.core.simulate import Model
+
+
+def headers() -> Path:
+    """Return the folder of the standard's own headers, which an FMU does not bring (FMI 2.0.4,
+    section 2.3)."""
+    fmpy = find_spec("fmpy")
+    assert fmpy is not None
+    assert fmpy.origin is not None
+    return Path(fmpy.origin).parent / "c-code"
+
+
+NATIVE = Form(
+    directional_derivatives=True,
+    log_categories={
+        "logStatusError": "What was refused, why, and what to do.",
+        "logAll": "The same.",
+    },
+    sources=("fmi2.c",),
+    needs="The host needs nothing else: no Python, no library but the C runtime of the system.",
+)
+
+
+def native_entries(model: Model, compiler: Compiler, targets: Sequence[Target]) -> dict[str, bytes]:
+    """Return the files of a native FMU for FMI 2.0.
+
+    Raises:
+        UserError: the compiler is not for one of the targets, or fails.
+    """
+    name = model.actuator.name
+    (main,) = NATIVE.sources
+    identity, sources = native_sources(model, main)
+    description = model_description(model, NATIVE, identity, tool_name())
+    guid = ElementTree.fromstring(description).attrib["guid"]
+    sources[IDENTITY_HEADER] = identity_header(identity, guid)
+    entries = {
+        "modelDescription.xml": description,
+        "documentation/index.html": index_html(model, NATIVE).encode(),
+        "model.png": ICON.read_bytes(),
+        **{f"sources/{file}": content for file, content in sources.items()},
+    }
+    libraries: dict[str, list[bytes]] = {}
+    for target in targets:
+        library = compile_library(compiler, target, sources, main, [headers()])
+        libraries.setdefault(f"{target.fmi2_folder}/{name}{target.suffix}", []).append(library)
+    for place, slices in libraries.items():
+        entries[f"binaries/{place}"] = slices[0] if len(slices) == 1 else universal(slices)
+    return entries
+
+
+def form_of(folder: Path) -> tuple[Form, str]:
+    """Return the form of an unpacked FMU and the identity of its code, "" where it has none."""
+    files = [file for file in (folder / "sources").glob("*") if file.is_file()]
+    if files:
+        return NATIVE, identity_of({file.name: file.read_bytes() for file in files})
+    named = folder / "resources" / "slavemodule.txt"
+    text = named.read_text(encoding="utf-8", errors="replace")[:200] if named.is_file() else ""
+    return PYTHON, text

@@ -1,0 +1,353 @@
+"""Print a flattened plant as C99: the guarded step text of ``stepper.py``, statement by statement.
+
+The text is Python in the small subset of ``inline.py``, so each statement has one C form:
+
+=====================================  ===================================================
+``a / b``, ``_math.sqrt(a)``, ``% b``  a function of ``arithmetic.h``, which fails where Python
+                                       raises and rounds as Python does
+a name ``angle``                       ``v_angle``: an author may call a wire ``double``
+``make(p)``                            ``prepare``: fills a ``Setup`` with what ``start`` and
+                                       ``step`` read
+``return code, outputs``               ``return`` of the code, ``ARITHMETIC`` where it failed
+=====================================  ===================================================
+
+A variable is an ``int`` where all its values are whole (flags, counters), else a ``double``.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+from servo_models.core.flat import Flat
+from servo_models.core.printer import indent
+from servo_models.core.stepper import step_text
+
+_OPERATORS: dict[type, str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.USub: "-",
+    ast.UAdd: "+",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.And: "&&",
+    ast.Or: "||",
+}
+_CHECKED = (
+    *("acos", "asin", "ceil", "cos", "cosh", "exp", "expm1", "floor", "log", "log10", "log1p"),
+    *("sin", "sinh", "sqrt", "tan", "trunc"),
+)
+"""Functions that raise in Python for some finite or infinite argument."""
+_PLAIN = ("atan", "atan2", "copysign", "fabs", "tanh")
+_CONSTANTS = {"pi": "3.141592653589793", "e": "2.718281828459045", "inf": "HUGE_VAL"}
+_LARGEST_INT = 2**31 - 1
+
+
+def c_text(flat: Flat) -> str:
+    """Return ``Setup``, ``prepare``, ``at_rest`` and ``step`` in C; they need ``arithmetic.h``.
+
+    They stand for ``make``, ``start`` and ``step`` of ``step_text`` and give the same bits where
+    the compiler does not contract a product and a sum (``-ffp-contract=off``).
+
+    Raises:
+        ValueError: a block uses a function of ``math`` that has no form here.
+    """
+    text = step_text(flat, guarded=True)
+    comments = {n: line.strip() for n, line in enumerate(text.split("\n"), 1) if "#" in line}
+    make = next(node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
+    start, step = (node for node in make.body if isinstance(node, ast.FunctionDef))
+    setup = make.body[: make.body.index(start)]
+    wanted = (_read(start) | _read(step)) - _stored(step.body).keys()
+    fields = [name for name in _stored(setup) if name in wanted]
+    kinds = _Kinds(setup)
+    prepare = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
+    lines = [
+        "typedef struct {",
+        *indent(f"{kinds.of(name)} v_{name};" for name in fields),
+        "} Setup;",
+        "",
+        "static int prepare(Setup *s, const double *v__p)",
+        "{",
+        "    int failed = 0;",
+        *indent(prepare.declared(setup, fields)),
+        *indent(prepare.block(setup)),
+        "    return failed ? ARITHMETIC : 0;",
+        "}",
+        "",
+        "static void at_rest(const Setup *s, double *v__x)",
+        "{",
+        *indent(_at_rest(start, prepare)),
+        "}",
+        "",
+        *_step(step, fields, kinds, comments),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _at_rest(function: ast.FunctionDef, write: _Function) -> Iterator[str]:
+    returned = function.body[0]
+    assert isinstance(returned, ast.Return)
+    assert isinstance(returned.value, ast.BinOp)
+    assert isinstance(returned.value.left, ast.List)
+    values = returned.value.left.elts
+    for i, value in enumerate(values):
+        yield f"v__x[{i}] = {write.plain(value)};"
+    yield f"memset(v__x + {len(values)}, 0, (SIZE - {len(values)}) * sizeof *v__x);"
+    yield "(void)s;"  # which a model with constants alone does not look at
+
+
+def _step(
+    function: ast.FunctionDef, fields: Sequence[str], setup: _Kinds, comments: dict[int, str]
+) -> Iterator[str]:
+    ahead, *body = function.body
+    assert isinstance(ahead, ast.Assign)
+    assert isinstance(ahead.value, ast.BinOp)
+    kinds = _Kinds(body, setup)
+    write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
+    yield "static int step("
+    yield "    const Setup *restrict s, double *restrict v__x, const double *restrict v__u,"
+    yield "    double v__t, double v__size, double *restrict v__y)"
+    yield "{"
+    yield "    int failed = 0;"
+    places = max(1, int(ast.unparse(ahead.value.right)))  # C has no empty array
+    yield f"    double v__ahead[{places}] = {{0.0}};"
+    lines = write.block(body)
+    yield from indent(write.declared(body, ()))
+    yield from indent(lines)
+    yield "}"
+
+
+class _Kinds:
+    """Which variables are ``int``: those whose every value is whole."""
+
+    def __init__(self, body: Sequence[ast.stmt], outer: _Kinds | None = None) -> None:
+        values: dict[str, list[ast.expr]] = {}
+        self.outer = outer
+        for node in (node for statement in body for node in ast.walk(statement)):
+            if isinstance(node, ast.Assign):
+                for target, value in _pairs(node):
+                    values.setdefault(ast.unparse(target), []).append(value)
+            elif isinstance(node, ast.AugAssign):
+                values.setdefault(ast.unparse(node.target), []).append(node.value)
+            elif isinstance(node, ast.For):
+                values.setdefault(ast.unparse(node.target), []).append(ast.Constant(0))
+        self.whole = {name for name in values if name.isidentifier()}
+        before = -1
+        while before != len(self.whole):  # a variable is a double if one of its values is
+            before = len(self.whole)
+            self.whole -= {n for n, v in values.items() if not all(map(self.is_whole, v))}
+
+    def of(self, name: str) -> str:
+        return "int" if name in self.whole else "double"
+
+    def is_whole(self, value: ast.expr) -> bool:
+        if isinstance(value, ast.Constant):
+            return isinstance(value.value, int) and abs(value.value) <= _LARGEST_INT
+        if isinstance(value, ast.Name):
+            inner = value.id in self.whole
+            return inner or (self.outer is not None and self.outer.is_whole(value))
+        if isinstance(value, ast.IfExp):
+            return self.is_whole(value.body) and self.is_whole(value.orelse)
+        if isinstance(value, ast.BinOp) and isinstance(value.op, (ast.Add, ast.Sub, ast.Mult)):
+            return self.is_whole(value.left) and self.is_whole(value.right)
+        if isinstance(value, ast.UnaryOp):
+            return isinstance(value.op, ast.Not) or self.is_whole(value.operand)
+        return isinstance(value, (ast.Compare, ast.BoolOp))
+
+
+class _Function:
+    """Writes the statements of one function; ``names`` are the C names of those that are kept."""
+
+    def __init__(self, kinds: _Kinds, names: dict[str, str], comments: dict[int, str]) -> None:
+        self.kinds = kinds
+        self.names = names
+        self.comments = comments
+
+    def declared(self, body: Sequence[ast.stmt], fields: Iterable[str]) -> Iterator[str]:
+        """Local variables; a compiler cannot see that none is read before it is set."""
+        read = set().union(*map(_read, body))
+        for name in _stored(body):
+            if name not in fields:
+                yield f"{self.kinds.of(name)} v_{name} = 0;"
+                if name not in read:
+                    yield f"(void)v_{name};"
+
+    def block(self, body: Sequence[ast.stmt]) -> list[str]:
+        lines: list[str] = []
+        for statement in body:
+            comment = self.comments.get(statement.lineno - 1)
+            lines += [f"/* {comment.lstrip('# ')} */"] if comment else []
+            lines += self.statement(statement)
+        return lines
+
+    def statement(self, node: ast.stmt) -> list[str]:
+        match node:
+            case ast.Assign():
+                return self.assign(node)
+            case ast.AugAssign(target, op, value):
+                left = self.plain(target)
+                return [f"{left} = {self.plain(ast.BinOp(_loaded(target), op, value))};"]
+            case ast.If():
+                return self.branch(node)
+            case ast.While(test, body):
+                return [f"while ({self.plain(test)}) {{", *indent(self.block(body)), "}"]
+            case ast.For(target, ast.Call(args=[low, high]), body):
+                k = self.plain(target)
+                head = f"for ({k} = {self.plain(low)}; {k} < {self.plain(high)}; {k}++) {{"
+                return [head, *indent(self.block(body)), "}"]
+            case ast.Return(ast.Tuple([code, outputs])):
+                values = outputs.elts if isinstance(outputs, ast.List) else []
+                lines = [f"v__y[{i}] = {self.plain(it)};" for i, it in enumerate(values)]
+                return [*lines, f"return failed ? ARITHMETIC : {self.plain(code)};"]
+            case ast.Break():
+                return ["break;"]
+            case ast.Continue():
+                return ["continue;"]
+            case ast.Pass():
+                return []
+        raise ValueError(f"'{ast.unparse(node)}' has no form in C")
+
+    def branch(self, node: ast.If) -> list[str]:
+        body, other = self.block(node.body), self.block(node.orelse)
+        if not body and other:
+            return [f"if (!({self.plain(node.test)})) {{", *indent(other), "}"]
+        lines = [f"if ({self.plain(node.test)}) {{", *indent(body)]
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If) and other[0][:2] == "if":
+            return [*lines, f"}} else {other[0]}", *other[1:]]
+        return [*lines, *(["} else {", *indent(other)] if other else []), "}"]
+
+    def assign(self, node: ast.Assign) -> list[str]:
+        """One by one, or all values first where one reads what another has just changed."""
+        pairs = [(self.plain(t), self.plain(v), v) for t, v in _pairs(node)]
+        pairs = [(target, value, tree) for target, value, tree in pairs if target != value]
+        changed: set[str] = set()
+        apart = True
+        for target, _, tree in pairs:
+            apart = apart and not changed & set(self.parts(tree))
+            changed.add(target)
+        if apart or isinstance(node.targets[0], ast.Name):
+            return [f"{target} = {value};" for target, value, _ in pairs]
+        first = [f"const double v{i} = {value};" for i, (_, value, _) in enumerate(pairs)]
+        return ["{", *indent(first), *indent(f"{p[0]} = v{i};" for i, p in enumerate(pairs)), "}"]
+
+    def parts(self, tree: ast.AST) -> Iterator[str]:
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Name, ast.Subscript)) and ast.unparse(node) != "_math":
+                yield self.plain(node)
+
+    def plain(self, node: ast.expr) -> str:
+        """An expression without parentheses around it."""
+        text = self.of(node)
+        return text[1:-1] if re.fullmatch(r"\(.*\)", text) and _is_one(text) else text
+
+    def of(self, node: ast.expr) -> str:
+        """An expression that can stand inside another."""
+        match node:
+            case ast.Constant(bool() | int() | float() as value):
+                whole = isinstance(value, int) and abs(value) <= _LARGEST_INT
+                return str(int(value)) if whole else repr(float(value)).replace("inf", "HUGE_VAL")
+            case ast.Name(name):
+                return self.names.get(name, f"v_{name}")
+            case ast.Subscript(array, index):
+                return f"{self.of(array)}[{self.index(index)}]"
+            case ast.BinOp(left, op, right):
+                return self.operation(op, left, right)
+            case ast.UnaryOp(ast.Not(), operand):
+                return f"(!{self.of(operand)})"
+            case ast.UnaryOp(op, operand):
+                return f"({_OPERATORS[type(op)]}{self.of(operand)})"
+            case ast.BoolOp(op, values):
+                return f"({f' {_OPERATORS[type(op)]} '.join(map(self.truth, values))})"
+            case ast.Compare(left, ops, others):
+                ends = zip([left, *others], ops, others)
+                tests = [f"({self.of(a)} {_OPERATORS[type(op)]} {self.of(b)})" for a, op, b in ends]
+                return tests[0] if len(tests) == 1 else f"({' && '.join(tests)})"
+            case ast.IfExp(test, body, other):
+                return f"({self.of(test)} ? {self.of(body)} : {self.of(other)})"
+            case ast.Call(function, arguments):
+                return self.call(ast.unparse(function), arguments)
+            case ast.Attribute(ast.Name("_math"), name) if name in _CONSTANTS:
+                return _CONSTANTS[name]
+        raise ValueError(f"'{ast.unparse(node)}' has no form in C")
+
+    def truth(self, node: ast.expr) -> str:
+        """An operand of ``and`` or ``or``, which give the operand itself in Python."""
+        if not self.kinds.is_whole(node):
+            raise ValueError(f"'{ast.unparse(node)}' beside 'and' or 'or': write a comparison")
+        return self.of(node)
+
+    def index(self, node: ast.expr) -> str:
+        return self.plain(node) if self.kinds.is_whole(node) else f"(int){self.of(node)}"
+
+    def operation(self, op: ast.operator, left: ast.expr, right: ast.expr) -> str:
+        a, b = self.plain(left), self.plain(right)
+        if isinstance(op, ast.Div):
+            match right:
+                case ast.Constant(float() as number) if number != 0.0:
+                    return f"({self.of(left)} / {number!r})"
+            return f"divided({a}, {b}, &failed)"
+        if isinstance(op, ast.Mod):
+            return f"remainder_of({a}, {b}, &failed)"
+        return f"({self.of(left)} {_OPERATORS[type(op)]} {self.of(right)})"
+
+    def call(self, function: str, arguments: Sequence[ast.expr]) -> str:
+        given = [self.plain(argument) for argument in arguments]
+        name = function.removeprefix("_math.")
+        if function == "_abs":
+            return f"fabs({given[0]})"
+        if function == "_float":
+            return f"((double){self.of(arguments[0])})"
+        if function == "_int":
+            return f"checked_trunc({given[0]}, &failed)"
+        if name in _CHECKED:
+            return f"checked_{name}({given[0]}, &failed)"
+        if name in _PLAIN:
+            return f"{name}({', '.join(given)})"
+        known = ", ".join(sorted({*_CHECKED, *_PLAIN}))
+        raise ValueError(f"math.{name} has no form in C: use one of {known}")
+
+
+def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr]]:
+    """Targets and values of an assignment, one by one; ``a = b = c`` sets the last target first."""
+    for target in reversed(node.targets):
+        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            yield from zip(target.elts, node.value.elts)
+        else:
+            yield target, node.value
+
+
+def _loaded(target: ast.expr) -> ast.expr:
+    return ast.parse(ast.unparse(target), mode="eval").body
+
+
+def _read(tree: ast.AST) -> set[str]:
+    loaded = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and _is_load(n)}
+    changed = (n.target for n in ast.walk(tree) if isinstance(n, ast.AugAssign))
+    return loaded | {target.id for target in changed if isinstance(target, ast.Name)}
+
+
+def _is_load(node: ast.Name) -> bool:
+    return isinstance(node.ctx, ast.Load)
+
+
+def _stored(body: Sequence[ast.stmt]) -> dict[str, None]:
+    """Variables that are set, in the order of the text."""
+    nodes = (node for statement in body for node in ast.walk(statement))
+    names = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    return dict.fromkeys(names)
+
+
+def _is_one(text: str) -> bool:
+    """Whether the first parenthesis is closed by the last."""
+    depth = 0
+    for i, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            return i == len(text) - 1
+    return False
