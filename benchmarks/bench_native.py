@@ -67,7 +67,12 @@ class Subject:
         return [v for v in every if v.causality == causality and v.type == "Real"]
 
     def in_c(
-        self, host: Path, size: float, steps: int = STEPS, instances: int = 1, repeats: int = REPEATS
+        self,
+        host: Path,
+        size: float,
+        steps: int = STEPS,
+        instances: int = 1,
+        repeats: int = REPEATS,
     ) -> Cost:
         """Step it from the C host."""
         wanted = self.reals("input"), self.reals("output")
