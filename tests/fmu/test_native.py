@@ -6,6 +6,7 @@ import ctypes
 import math
 import shutil
 import struct
+import subprocess
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,9 +17,13 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
+from fmu_src.native.archive import headers
+from servo_models.build import NATIVE, build
 from servo_models.core.simulate import model
+from tests.conftest import MODELS
 from tests.support.fmu_host import CALLBACKS, Host
 from tests.support.kinds import native_only
+from tests.support.own_actuators import write
 
 Files = Callable[[str], Path]
 pytestmark = native_only
@@ -216,6 +221,26 @@ def derivative(host: Host, outputs: list[str], by: str) -> list[float]:
 
 
 # Sources
+
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only")
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_the_sources_compile_without_warnings(
+    compiler: str, fmu_folder: Files, tmp_path: Path
+) -> None:
+    """One's own actuator too, without effects."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} on the PATH")
+    own = build(model(str(write(tmp_path))), tmp_path / "joint.fmu", NATIVE)
+    folders = [fmu_folder(name) for name in MODELS] + [tmp_path / "joint"]
+    fmpy.extract(str(own), str(folders[-1]))
+    for folder in folders:
+        source = folder / "sources" / "fmi2.c"
+        command = [compiler, *WARNINGS, f"-I{headers()}", str(source)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.thorough
