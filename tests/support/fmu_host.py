@@ -29,13 +29,13 @@ _messages: dict[bytes, Messages] = {}
 
 def _log(_: Any, name: bytes, status: int, category: bytes, text: bytes) -> None:
     """The text is a printf format without arguments, to be expanded as a C host does."""
-    _messages[name].append((status, text.decode() % ()))
+    _messages.setdefault(name, []).append((status, text.decode() % ()))
 
 
-_CALLBACKS = fmi2CallbackFunctions()
-_CALLBACKS.logger = fmi2CallbackLoggerTYPE(_log)
-_CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-_CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+CALLBACKS = fmi2CallbackFunctions()
+CALLBACKS.logger = fmi2CallbackLoggerTYPE(_log)
+CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
 
 
 class Host:
@@ -61,7 +61,7 @@ class Host:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName=name,
         )
-        self.fmu.instantiate(callbacks=_CALLBACKS, loggingOn=True)
+        self.fmu.instantiate(callbacks=CALLBACKS, loggingOn=True)
 
     def __enter__(self) -> Host:
         return self
