@@ -3,8 +3,8 @@
 The yardstick is ``hand_written.c``: the equations of an actuator without effects and nothing else,
 compiled by the compiler and with the flags of the native FMU, whose effects are all off.
 
-Run: ``python benchmarks/bench_native.py`` (Linux on x86-64 with a C compiler; the extra ``benchmark``
-brings MuJoCo, whose row is nan without it; about a minute).
+Run: ``python benchmarks/bench_native.py`` (Linux on x86-64 with a C compiler; about a minute).  The
+extra ``benchmark`` brings MuJoCo, whose row is nan without it.
 """
 
 from __future__ import annotations
@@ -225,12 +225,12 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result: two cores that other work kept busy, gcc 12.2, CPython 3.11, fmpy 0.3.32, numba 0.68, MuJoCo
-# 4.0.  The last bits differ by 5e-15 (torque motor) and 4e-10 (SG90, whose jumps the native one
-# locates) of the largest output.  The equations divide by inductance and inertia: with reciprocals,
-# and so with other last bits, the torque motor by hand takes 0.69 of its time at 1 ms.  In a step
-# that is one sub-step (the torque motor's at 0.1 ms, the SG90's) the fifth evaluation of the right
-# hand side, the error control and the checks of the call weigh more than in ten.
+# Result: two cores that other work kept busy, CPython 3.11, fmpy 0.3.32, numba 0.68, MuJoCo 4.0.
+#
+# By hand divides by inductance and inertia, as the equations do.  With reciprocals, whose results
+# have other last bits, it takes 0.68 of its time at 1 ms, and native 1.9 times as long as that.  In
+# a step that is one sub-step (the torque motor's at 0.1 ms, the SG90's) the fifth evaluation of the
+# right-hand side, the error control and the checks of the calls weigh more than in one of ten.
 #
 # cc (Debian 12.2.0-14+deb12u1) 12.2.0
 #
