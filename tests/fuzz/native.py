@@ -42,7 +42,7 @@ REPORTED = 99
 """Exit code of valgrind and the sanitizers, after a report."""
 FLAGS = ("-O1", "-g", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
 MODE_FLAGS = {
-    "sanitize": ("-fsanitize=address,undefined", "-fno-sanitize-recover=all"),
+    "sanitize": ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"),
     "threads": ("-fsanitize=thread",),
 }
 SCARCE = ("-Dmalloc=scarce_malloc", "-Dcalloc=scarce_calloc")
