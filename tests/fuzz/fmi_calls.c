@@ -256,9 +256,7 @@ static void do_reset(struct sequence *s, struct instance *i)
 static void do_save(struct sequence *s, struct instance *i)
 {
     struct saved *saved = &s->saved[below(s, STATES)];
-    const int was_there = saved->state != NULL;
-    calling(s, "%s: fmi2GetFMUstate %s state %d", i->name, was_there ? "again into" : "into",
-            (int)(saved - s->saved));
+    calling(s, "%s: fmi2GetFMUstate into %p", i->name, saved->state);
     if (is_refused(s, fmu.call.GetFMUstate(i->component, &saved->state))) {
         if (!i->expected.failed)
             fault(s, "refused");
