@@ -363,7 +363,8 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
     return fmi2OK;
 }
 
-/* Damaged bytes are refused here already. */
+/* Damaged bytes are refused here already.  Where the handle is to go may hold anything before: only
+ * fmi2GetFMUstate takes a handle that is there. */
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *state)
 {
@@ -372,7 +373,6 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
     saved = from_bytes(I, bytes, size);
     if (!saved)
         return fmi2Error;
-    free(*state);
     *state = saved;
     return fmi2OK;
 }
