@@ -104,8 +104,8 @@ def _add_structure(root: ET.Element, model: Model) -> None:
     for reference, (name, variable) in enumerate(zip(flat.params, every[first:]), start=first):
         known |= {} if variable.fixed else {name: reference}
     for reference, depends in enumerate(direct(flat, known), start=len(flat.inputs)):
-        known_to = {"dependencies": " ".join(map(str, depends))}
-        ET.SubElement(structure, "Output", valueReference=str(reference), **known_to)
+        listed = " ".join(map(str, depends))
+        ET.SubElement(structure, "Output", valueReference=str(reference), dependencies=listed)
     for reference in range(len(flat.inputs), first):
         ET.SubElement(structure, "InitialUnknown", valueReference=str(reference))
 
