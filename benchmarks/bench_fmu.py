@@ -22,9 +22,8 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 from pythonfmu import FmuBuilder
 
+import servo_models as sm
 from fmu_src.variables import Variable, variables
-from servo_models.build import build
-from servo_models.core.simulate import Model, model
 
 STEPS = 2000
 ROUNDS = 15
@@ -125,18 +124,18 @@ def resident() -> int:
     return pages * 4096
 
 
-def stepped(chosen: Model, excited: float) -> list[float]:
+def stepped(chosen: sm.Model, excited: float) -> list[float]:
     """Inputs at rest but for the first one."""
     return [excited, *(float(wire.rest) for wire in chosen.plant.inputs[1:])]
 
 
-def all_effects(chosen: Model) -> dict[str, float]:
+def all_effects(chosen: sm.Model) -> dict[str, float]:
     """Every effect switched on at its typical value."""
     parameters = chosen.plant.parameters.items()
     return {name: p.param.typical for name, p in parameters if p.param.switch}
 
 
-def steps(folders: dict[str, str], servo: Model, motor: Model) -> None:
+def steps(folders: dict[str, str], servo: sm.Model, motor: sm.Model) -> None:
     """Print the cost of a step against the yardstick and against real time."""
     pulse, volts = stepped(servo, 2e-3), stepped(motor, 30.0)
     sg90, torque_motor = folders["sg90"], folders["torque_motor"]
@@ -174,10 +173,10 @@ def instances(folders: dict[str, str]) -> None:
 
 def main() -> None:
     folder = Path(tempfile.mkdtemp())
-    servo, motor = model("sg90"), model("torque_motor")
+    servo, motor = sm.model("sg90"), sm.model("torque_motor")
     built = {
-        "sg90": build(servo, folder / "sg90.fmu"),
-        "torque_motor": build(motor, folder / "torque_motor.fmu"),
+        "sg90": sm.build(servo, folder / "sg90.fmu"),
+        "torque_motor": sm.build(motor, folder / "torque_motor.fmu"),
         "trivial": trivial(variables(servo), folder),
     }
     folders = {name: fmpy.extract(str(path)) for name, path in built.items()}

@@ -430,7 +430,7 @@ def by_diagnose(told: Description) -> Said:
     """What a diagnosis says: parameters have priors there, from which the truth was drawn."""
     found = diagnose(told, jobs=1)
     known = found.model.plant.parameters
-    every = (*found.found, *(value for claim in found.ranking for value in claim.parameters))
+    every = (*found.found, *(value for effect in found.ranking for value in effect.parameters))
     scales = {one.name: display_scale(known[one.name]) for one in every}
     return Said(
         {one.name: one.value for one in found.found},

@@ -35,7 +35,7 @@ CROWDED = {"effects"}
 
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 SOURCES = sorted(
-    [*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/*.py"), ROOT / "build_fmu.py"]
+    [*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/**/*.py"), ROOT / "build_fmu.py"]
 )
 
 

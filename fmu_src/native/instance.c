@@ -563,14 +563,14 @@ static int is_whole(const State *state)
     return 1;
 }
 
-/* Whether a saved state is one of this FMU and undamaged. */
-static int can_restore(Instance *I, const Saved *saved)
+/* Whether a saved state of that many bytes is one of this FMU and undamaged. */
+static int can_restore(Instance *I, const Saved *saved, size_t bytes)
 {
     const Header *header = &saved->header;
-    if (memcmp(header->magic, "servofmu", sizeof header->magic) != 0
+    if (bytes < sizeof *header || memcmp(header->magic, "servofmu", sizeof header->magic) != 0
         || memcmp(header->identity, IDENTITY, sizeof header->identity) != 0)
         return fail(I, "the state to restore is damaged or was saved by another FMU");
-    if (header->bytes != sizeof *saved || header->one != 1.0
+    if (bytes != sizeof *saved || header->bytes != sizeof *saved || header->one != 1.0
         || header->digest != digest_of_saved(saved) || !is_whole(&saved->state))
         return fail(I, "the state to restore is damaged");
     return 1;
@@ -580,7 +580,7 @@ static int restore(Instance *I, const char *call, const Saved *saved)
 {
     if (!saved)
         return fail(I, "%s: there is no state to restore (NULL)", call);
-    if (!can_restore(I, saved))
+    if (!can_restore(I, saved, sizeof *saved))
         return 0;
     memcpy(&I->now, &saved->state, sizeof I->now);
     I->stale = 1;
@@ -607,18 +607,14 @@ static int serialise(Instance *I, const void *saved, void *bytes, size_t size)
     return 1;
 }
 
-/* Make "saved" of bytes; a wrong number of them or a wrong digest is refused here already. */
+/* Make "saved" of bytes; damaged ones are refused here already. */
 static int deserialise(Instance *I, const void *bytes, size_t size, void **saved)
 {
-    Saved *made;
-    if (size != sizeof(Saved))
-        return fail(I, "the state to restore is damaged: %lu bytes instead of %lu",
-                    (unsigned long)size, (unsigned long)sizeof(Saved));
-    made = malloc(sizeof *made);
+    Saved *made = calloc(1, sizeof *made);
     if (!made)
         return refuse(I, "no memory for a state of %lu bytes", (unsigned long)sizeof *made);
-    memcpy(made, bytes, sizeof *made);
-    if (!can_restore(I, made)) {
+    memcpy(made, bytes, size < sizeof *made ? size : sizeof *made);
+    if (!can_restore(I, made, size)) {
         free(made);
         return 0;
     }

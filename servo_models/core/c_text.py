@@ -109,18 +109,14 @@ def _step(
     assert isinstance(ahead, ast.Assign)
     assert isinstance(ahead.value, ast.BinOp)
     kinds = _Kinds(body, setup)
-    write = _Function(kinds, {}, comments)
+    write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
     yield "static int step("
-    yield "    const Setup *s, double *v__x, const double *v__u, double v__t, double v__size,"
-    yield "    double *v__y)"
+    yield "    const Setup *restrict s, double *restrict v__x, const double *restrict v__u,"
+    yield "    double v__t, double v__size, double *restrict v__y)"
     yield "{"
     yield "    int failed = 0;"
     places = max(1, int(ast.unparse(ahead.value.right)))  # C has no empty array
     yield f"    double v__ahead[{places}] = {{0.0}};"
-    read = _read(function)
-    for name in fields:
-        if name in read:
-            yield f"    const {setup.of(name)} v_{name} = s->v_{name};"
     lines = write.block(body)
     yield from indent(write.declared(body, ()))
     yield from indent(lines)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from servo_models.core.flat import Chunk, Flat, kept
 
@@ -57,6 +57,7 @@ class Printer:
         self.guarded = guarded
         self.states = [s for s in flat.states if s[1] not in dropped]
         self.weights = {s[0]: scale**-2 for s, scale in zip(flat.states, flat.scales)}
+        self.rates = {name: rate for name, _, rate in self.states}
         self.clocks = [c for c in flat.clocks if c[1] not in dropped]
         self.modes = [m for m in flat.modes if m[1] not in dropped]
         # memories that stay in ``x``, where a variable would be carried through every point
@@ -236,10 +237,13 @@ class Printer:
 
     def again(self) -> list[str]:
         """Throw the sub-step away."""
-        names = [name for name, _, _ in self.states]
-        lines = [f"{n} = {kept('start', n)} = {kept('back', n)}" for n in names]
-        lines += [f"{kept('slope', n)} = {kept('back_slope', n)}" for n in names]
-        return [*lines, "_first = 1", "continue"]
+        back = self.each_state(
+            lambda n: [
+                f"{n} = {kept('start', n)} = {kept('back', n)}",
+                f"{kept('slope', n)} = {kept('back_slope', n)}",
+            ]
+        )
+        return [*back, "_first = 1", "continue"]
 
     def shorten(self, row: str) -> list[str]:
         """Halve a sub-step that is too long for the fastest motion in it: rule 4 of the contract.
@@ -253,8 +257,9 @@ class Printer:
         leave += [f"if _dt * _share < {SHORTEST_S}:", "    _x[0] = _dt * _share"]
         leave += [f"return {self.flat.too_fast}, {row}"]
         useless = f"not _dt * _dt * _bent <= {GROSS**2!r} * _large and _large < {RUNAWAY**2!r}"
-        large = self.sum_of_squares("_large", "{back}", beginning="1.0")
-        judge = [*large, "_allowed = _allowed * _large", "if not _error <= _allowed:"]
+        large = self.each_state(lambda n: [self.add_square("_large", n, kept("back", n))])
+        judge = ["_large = 1.0", *large, "_allowed = _allowed * _large"]
+        judge += ["if not _error <= _allowed:"]
         judge += indent(["if _dt > _shortest:", *indent(["_fine = 0.5 * _dt", *self.again()])])
         judge += indent([f"if {useless}:", *indent(leave)])
         judge += [f"elif _fine < 2.0 * _dt and {DOUBLED!r} * _error <= _allowed:"]
@@ -287,7 +292,7 @@ class Printer:
 
     def stage(self, k: int | None) -> list[str]:
         """Lines of evaluation ``k`` of a sub-step, or of all of them with ``_k`` a variable."""
-        slope = [f"{kept('slope', name)} = {rate}" for name, _, rate in self.states]
+        slope = self.each_state(lambda n: [f"{kept('slope', n)} = {self.rates[n]}"])
         commits = list(self.lines(self.flat.stage_commits))
         at_ends = [*self.slopes, *self.memories, *self.flat.outputs]
         if k == 0:
@@ -311,42 +316,49 @@ class Printer:
     def at_ends(self, lines: list[str]) -> list[str]:
         return ["if _k == 0 or _k == 4:", *indent(lines)] if lines else []
 
-    def move(self, k: int) -> list[str]:
-        """Bring the states to evaluation point ``k``."""
-        names = [name for name, _, _ in self.states]
-        if k == 0:
-            return ["_elapsed = 0.0", *(f"{kept('start', n)} = {n}" for n in names)]
+    def each_state(self, lines_of: Callable[[str], list[str]]) -> list[str]:
+        """Lines for every state; in guarded text those for the states of an effect stand behind
+        its if, since at rest they would be integrated all the same."""
         lines: list[str] = []
-        if k == 1:
-            lines += ["_half = 0.5 * _dt", "_elapsed = _half"]
-            lines += [f"{kept('back_slope', n)} = {kept('slope', n)}" for n in names]
-        elif k == 2:
-            lines += self.sum_of_squares("_turned", "({slope} - {back_slope})")
-            lines += [f"{kept('middle', n)} = {kept('slope', n)}" for n in names]
-        elif k == 3:
-            lines += [*self.sum_of_squares("_bent", "({slope} - {middle})"), "_elapsed = _dt"]
-        elif k == 4:
-            lines += ["_sixth = _dt / 6.0"]
-            lines += [f"{kept('back', n)} = {kept('start', n)}" for n in names]
-        for n in names:
-            start, slope, total = kept("start", n), kept("slope", n), kept("sum", n)
-            if k == 4:
-                lines += [f"{n} = {start} + _sixth * ({total} + {slope})"]
-            else:
-                lines += [f"{total} = {slope}" if k == 1 else f"{total} += 2.0 * {slope}"]
-                lines += [f"{n} = {start} + {'_dt' if k == 3 else '_half'} * {slope}"]
-        if k == 4:
-            lines += [*self.flat.projection, *(f"{kept('start', n)} = {n}" for n in names)]
+        for owner, states in itertools.groupby(self.states, key=lambda state: state[1]):
+            own = [line for name, _, _ in states for line in lines_of(name)]
+            behind = owner and self.guarded
+            lines += [f"if {kept('on', owner)}:", *indent(own)] if behind else own
         return lines
 
-    def sum_of_squares(self, total: str, of: str, beginning: str = "0.0") -> list[str]:
-        """Lines that add ``of`` what is kept about each state, in full scales and squared."""
-        lines = [f"{total} = {beginning}"] if self.states else []
-        kinds = ("slope", "back_slope", "middle", "back")
-        for name, _, _ in self.states:
-            term = of.format(**{kind: kept(kind, name) for kind in kinds})
-            lines += [f"{total} = {total} + {term} * {term} * {self.weights[name]!r}"]
-        return lines
+    def move(self, k: int) -> list[str]:
+        """Bring the states to evaluation point ``k``."""
+        started = self.each_state(lambda n: [f"{kept('start', n)} = {n}"])
+        if k == 0:
+            return ["_elapsed = 0.0", *started]
+        moved = self.each_state(lambda n: self.moved(k, n))
+        if k == 1:
+            return ["_half = 0.5 * _dt", "_elapsed = _half", *moved]
+        if k == 2:
+            return ["_turned = 0.0", *moved]
+        if k == 3:
+            return ["_bent = 0.0", "_elapsed = _dt", *moved]
+        return ["_sixth = _dt / 6.0", *moved, *self.flat.projection, *started]
+
+    def moved(self, k: int, n: str) -> list[str]:
+        """Bring state ``n`` to point ``k`` of 1 to 4."""
+        start, slope, total = kept("start", n), kept("slope", n), kept("sum", n)
+        before, middle = kept("back_slope", n), kept("middle", n)
+        half = f"{n} = {start} + _half * {slope}"
+        if k == 1:
+            return [f"{before} = {slope}", f"{total} = {slope}", half]
+        if k == 2:
+            turned = self.add_square("_turned", n, f"({slope} - {before})")
+            return [turned, f"{middle} = {slope}", f"{total} += 2.0 * {slope}", half]
+        if k == 3:
+            bent = self.add_square("_bent", n, f"({slope} - {middle})")
+            return [bent, f"{total} += 2.0 * {slope}", f"{n} = {start} + _dt * {slope}"]
+        back = f"{kept('back', n)} = {start}"
+        return [back, f"{n} = {start} + _sixth * ({total} + {slope})"]
+
+    def add_square(self, total: str, name: str, term: str) -> str:
+        """Add what is kept about a state, in full scales and squared."""
+        return f"{total} = {total} + {term} * {term} * {self.weights[name]!r}"
 
     def checks(self, row: str) -> list[str]:
         """Leave with a code when a fault was raised or a state or an output is not finite."""

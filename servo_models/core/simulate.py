@@ -40,6 +40,9 @@ CHANGED = 1e-3
 """Change of an output with half the internal step, in full scales, that is worth a word."""
 FAR = 100.0
 """Full scales beyond which an output is hardly meant."""
+NUMBERS = "biufO"
+"""Kinds of arrays that are taken as numbers: bool, whole, float, and objects that float() takes."""
+SECONDS = "give seconds, shape (n,)"
 
 
 @dataclass(frozen=True)
@@ -245,7 +248,8 @@ def simulate(
         inputs: SI values by name, scalars or shape (n,); an input not named stays at rest.
 
     Raises:
-        UserError: see ``Model.run``; also an unknown input, or one of another length.
+        UserError: see ``Model.run``; also an unknown input, or what is no array of numbers of
+            these shapes.
 
     Example:
         >>> import numpy as np
@@ -255,24 +259,50 @@ def simulate(
         >>> response["angle"].shape  # rad
         (1000,)
     """
-    grid = np.ascontiguousarray(times, dtype=float)
-    known = {wire.name: wire for wire in chosen.plant.inputs}
-    given = dict(inputs or {})
-    for name in given:
-        if name not in known:
-            raise UserError(unknown("input", name, known, f"actuator '{chosen.actuator.name}'"))
-    columns: dict[str, Array] = {}
-    for name, wire in known.items():
-        if np.ma.is_masked(given.get(name)):
-            raise UserError(f"input '{name}' is masked in places: fill the gaps")
-        values = np.asarray(given.get(name, wire.rest), dtype=float)
-        if values.shape not in ((), grid.shape):
-            raise UserError(f"input '{name}' has shape {values.shape}, the times {grid.shape}")
-        columns[name] = np.broadcast_to(values, grid.shape)
+    if not isinstance(chosen, Model):
+        raise UserError(
+            f"argument 'chosen' is no model, but {chosen!r:.60}: choose one by sm.model"
+        )
+    grid = np.ascontiguousarray(_numbers("argument 'times'", times, SECONDS))
+    if grid.ndim != 1:
+        raise UserError(f"argument 'times' has shape {grid.shape}: {SECONDS}")
+    columns = _columns(chosen, {} if inputs is None else inputs, grid.shape)
     matrix = np.column_stack(list(columns.values()))
     out = chosen.run(grid, matrix)
     named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
     return Result(grid, columns, named, tuple(doubts(chosen, grid, matrix, out)))
+
+
+def _columns(
+    chosen: Model, inputs: Mapping[str, ArrayLike], shape: tuple[int, ...]
+) -> dict[str, Array]:
+    """The values [SI] of every input at every time; one that is not given stays at rest."""
+    known = {wire.name: wire for wire in chosen.plant.inputs}
+    if not isinstance(inputs, Mapping):
+        example = f"give {{'{next(iter(known), 'input')}': ...}}"
+        raise UserError(f"argument 'inputs' is no mapping, but {inputs!r:.60}: {example}")
+    for name in inputs:
+        if name not in known:
+            raise UserError(unknown("input", name, known, f"actuator '{chosen.actuator.name}'"))
+    columns: dict[str, Array] = {}
+    for name, wire in known.items():
+        cure = f"give one number in {wire.unit}, or one for each time"
+        values = _numbers(f"input '{name}'", inputs.get(name, wire.rest), cure)
+        if values.shape not in ((), shape):
+            raise UserError(f"input '{name}' has shape {values.shape}, the times {shape}: {cure}")
+        columns[name] = np.broadcast_to(values, shape)
+    return columns
+
+
+def _numbers(what: str, given: ArrayLike, cure: str) -> Array:
+    """An argument as an array of floats; texts, dates and complex numbers would lose their unit."""
+    if np.ma.is_masked(given):
+        raise UserError(f"{what} is masked in places: fill the gaps")
+    with contextlib.suppress(TypeError, ValueError):
+        values = np.asarray(given)
+        if values.dtype.kind in NUMBERS:
+            return values.astype(float)
+    raise UserError(f"{what} is not of numbers, but {given!r:.60}: {cure}")
 
 
 def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[str]:

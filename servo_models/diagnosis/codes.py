@@ -105,16 +105,6 @@ def loudest(values: Array, step: float) -> float:
     return float(np.min(bounds, initial=math.inf))
 
 
-def bunched(turns: Array) -> float:
-    """Return the length of the mean of some phases [turns], shape (n,): 1 if all are one."""
-    return float(np.abs(np.mean(np.exp(2j * np.pi * turns))))
-
-
-def as_bunched(height: float, independent: float) -> float:
-    """Return the probability that so many phases at random are as bunched (Rayleigh)."""
-    return math.exp(-independent * height**2)
-
-
 def _by_chance(samples: int, frequencies: float) -> float:
     """Height that noise alone hardly reaches at any of so many frequencies (Rayleigh)."""
     return math.sqrt(

@@ -53,7 +53,7 @@ def diagnose(
     Example:
         >>> import servo_models as sm
         >>> found = sm.diagnose("gimbal.toml")
-        >>> [claim.name for claim in found.ranking if claim.taken]
+        >>> [effect.name for effect in found.ranking if effect.taken]
         ['drive_dead_zone']
         >>> found.write_report("gimbal.html")
         >>> found.tables()["Effects, most likely first"]["effect"][0]

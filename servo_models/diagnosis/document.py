@@ -14,12 +14,12 @@ from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
-from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
+from servo_models.diagnosis.signatures import Codes, Signature, sentence
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
@@ -40,7 +40,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "tolerance": diagnosis.tolerance,
         "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
         "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
-        "effects": [_effect(diagnosis, claim) for claim in diagnosis.ranking],
+        "effects": [_effect(diagnosis, effect) for effect in diagnosis.ranking],
         "ruled_out": [
             {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
         ],
@@ -109,20 +109,20 @@ def _whole(rows: Sequence[Accuracy], output: str, part: str) -> dict[str, float]
     return {stage: overall(rows, output, part, stage) for stage in ("before", "after")}
 
 
-def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> dict[str, Any]:
+def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
     return {
-        "name": claim.name,
-        "block": claim.wire,
-        "probability": claim.probability,
-        "in_set": claim.in_set,
-        "taken": claim.taken,
-        "parameters": [_value(diagnosis, value) for value in claim.parameters],
-        "gap_after": claim.gap_after,
-        "closed": claim.closed,
-        "converged": claim.converged,
-        "detectability": claim.detectability,
-        "beside": list(claim.beside),
-        "detected": None if claim.detected is None else _detected(claim.detected),
+        "name": effect.name,
+        "block": effect.wire,
+        "probability": effect.probability,
+        "in_set": effect.in_set,
+        "taken": effect.taken,
+        "parameters": [_value(diagnosis, value) for value in effect.parameters],
+        "gap_after": effect.gap_after,
+        "closed": effect.closed,
+        "converged": effect.converged,
+        "detectability": effect.detectability,
+        "beside": list(effect.beside),
+        "detected": None if effect.detected is None else _detected(effect.detected),
     }
 
 
@@ -131,7 +131,7 @@ def _masked_effect(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
     return {"name": one.name, "block": wire, "up_to": one.moved}
 
 
-def _detected(seen: Detection) -> dict[str, Any]:
+def _detected(seen: Signature) -> dict[str, Any]:
     return {
         "by": "codes" if isinstance(seen, Codes) else "clock",
         "bunched": seen.bunched,

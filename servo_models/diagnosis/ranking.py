@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.detectors import Detection, detection
 from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import closed
 from servo_models.diagnosis.search.selection import Selection
+from servo_models.diagnosis.signatures import Signature, signature
 from servo_models.diagnosis.verdict import Verdict
 
 
@@ -58,7 +58,7 @@ class RankedEffect:
     beside: tuple[str, ...]
     converged: bool
     detectability: float
-    detected: Detection | None = None
+    detected: Signature | None = None
 
 
 def ranked_effects(selection: Selection, verdict: Verdict) -> tuple[RankedEffect, ...]:
@@ -92,7 +92,7 @@ def _ranked_effect(
         beside=tuple(other for other in fitted_model.effects if other != name),
         converged=fitted_model.converged,
         detectability=selection.detectability[name].shown,
-        detected=detection(fitted_model, name) if matters else None,
+        detected=signature(fitted_model, name) if matters else None,
     )
 
 

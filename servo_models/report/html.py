@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
@@ -23,8 +24,13 @@ def page(report: Report) -> str:
 
 
 def notebook(report: Report) -> str:
-    """Return the verdict, the first figure and the first table as a notebook shows them."""
-    return str(_template(report).notebook(report.pictures[:1], report.tables[:1]))  # type: ignore[attr-defined]
+    """Return the verdict, the first figure and the first table as a notebook shows them.
+
+    A report without a verdict is a data sheet: it is shown whole.
+    """
+    titled = [replace(table, title=title) for title, table in report.titled_tables.items()]
+    tables = titled[:1] if report.sentence else titled
+    return str(_template(report).notebook(report.pictures[:1], tables))  # type: ignore[attr-defined]
 
 
 def _template(report: Report) -> TemplateModule:

@@ -37,9 +37,7 @@ class Result(ABC):
         return f"<{type(self).__name__} of {report.title}: {report.sentence}>"
 
     def _repr_html_(self) -> str:
-        from servo_models.report.html import notebook
-
-        return notebook(self.report())
+        return self.report()._repr_html_()
 
     def to_json(self) -> str:
         """Return the document as JSON; a figure that is not finite becomes null."""

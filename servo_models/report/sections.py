@@ -194,11 +194,11 @@ class Section:
         return bool(self.items or self.facts or self.pictures or any(t.rows for t in self.tables))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """A result as people read it, the answer first.
 
-    ``str(report)`` is plain text, and rich prints it for a terminal.
+    ``str(report)`` is plain text, rich prints it for a terminal, and a notebook shows it.
 
     Attributes:
         title: what was examined.
@@ -246,6 +246,14 @@ class Report:
     def pictures(self) -> tuple[Picture, ...]:
         """Pictures of all sections."""
         return tuple(picture for section in self.sections for picture in section.pictures)
+
+    def __repr__(self) -> str:
+        return f"<Report of {': '.join(filter(None, (self.title, self.sentence)))}>"
+
+    def _repr_html_(self) -> str:
+        from servo_models.report.html import notebook
+
+        return notebook(self)
 
     def __rich__(self) -> Group:
         from servo_models.report.terminal import group

@@ -185,7 +185,7 @@ def _failures(validation: Validation) -> Section:
         )
         for row in validation.failures
     )
-    return Section(FAILED, tables=(Table(FAILED, (*PLACE, "value", "limit", "note"), rows),))
+    return Section(FAILED, tables=(Table("", (*PLACE, "value", "limit", "note"), rows),))
 
 
 def _counts(validation: Validation) -> Section:
@@ -193,7 +193,7 @@ def _counts(validation: Validation) -> Section:
     rows = tuple(
         (name, *(_count(validation.of(claim), name) for claim in CLAIMS)) for name in names
     )
-    return Section(COUNTS, tables=(Table(COUNTS, ("actuator", *BRIEF), rows),))
+    return Section(COUNTS, tables=(Table("", ("actuator", *BRIEF), rows),))
 
 
 def _count(rows: Sequence[Row], actuator: str) -> str:
@@ -216,7 +216,7 @@ def _judgement(rows: Iterable[Row]) -> bool | None:
 
 def _claim(claim: str, rows: Sequence[Row], every: bool) -> Section:
     if claim == PAPER:
-        table = Table(HEADINGS[claim], PRINTED, tuple(map(_printed, rows)))
+        table = Table("", PRINTED, tuple(map(_printed, rows)))
         return Section(HEADINGS[claim], LEADS[claim], tables=(table,), folded=True)
     nearest = Table(
         f"{HEADINGS[claim]}; of each case the figure nearest to its limit",

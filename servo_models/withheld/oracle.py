@@ -260,16 +260,16 @@ def told(fitter: Fitter, names: Sequence[str], retuned: FittedModel) -> FittedMo
     for order in permutations(names):
         fitted_model = retuned
         for name in order:
-            sights = _sights([name], fitted_model)
-            if sights:
-                fitted_model = beside(fitter, fitted_model, likeliest(sights))
+            results = _screened([name], fitted_model)
+            if results:
+                fitted_model = beside(fitter, fitted_model, likeliest(results))
                 found.append(fitted_model)
-    for pair in pairs(_sights(names, retuned))[:1] if len(names) == 2 else ():
+    for pair in pairs(_screened(names, retuned))[:1] if len(names) == 2 else ():
         found.append(together(fitter, pair))
     return min(found, key=_error)
 
 
-def _sights(names: Iterable[str], first: FittedModel) -> list[Screened]:
+def _screened(names: Iterable[str], first: FittedModel) -> list[Screened]:
     """Sizes of some effects, those that explain most first."""
     model, wanted = first.problem.model, set(names)
     every = candidates(model, first.problem.logs)

@@ -159,9 +159,8 @@ def _calibration(cases: Cases) -> Section:
         (f"{one.low:g} to {one.high:g}", one.probability, _quantity(one.right), one.right.n)
         for one in calibration(cases)
     )
-    title = "Calibration, all tiers"
     columns = ("probability", "mean", "effect is there (95 %)", "cases")
-    return Section(title, tables=(Table(title, columns, rows),), folded=True)
+    return Section("Calibration, all tiers", tables=(Table("", columns, rows),), folded=True)
 
 
 def document(check: Check) -> dict[str, Any]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.linalg import expm
 
@@ -167,6 +169,69 @@ def test_wrong_experiments(
         simulate(LINEAR, times, inputs)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+SECONDS, VOLTS = "give seconds, shape (n,)", "give one number in V, or one for each time"
+
+
+@pytest.mark.parametrize(
+    ("times", "inputs", "words"),
+    [
+        (["a", "b"], {}, f"argument 'times' is not of numbers, but ['a', 'b']: {SECONDS}"),
+        (["0", "1"], {}, f"argument 'times' is not of numbers, but ['0', '1']: {SECONDS}"),
+        ([[0.0], [0.0, 1.0]], {}, "argument 'times' is not of numbers, but [[0.0], [0.0, 1.0]]"),
+        ({"t": [0.0, 1.0]}, {}, "argument 'times' is not of numbers, but {'t': [0.0, 1.0]}"),
+        ([0.0, 1j], {}, "argument 'times' is not of numbers, but [0.0, 1j]"),
+        (np.array([0, 1], "timedelta64[ms]"), {}, "argument 'times' is not of numbers"),
+        (np.zeros((3, 2)), {}, f"argument 'times' has shape (3, 2): {SECONDS}"),
+        (np.ma.masked_greater([0.0, 9.0], 5.0), {}, "argument 'times' is masked in places: fill"),
+        (
+            range(2),
+            {"voltage": ["a", "b"]},
+            f"input 'voltage' is not of numbers, but ['a', 'b']: {VOLTS}",
+        ),
+        (range(2), {"voltage": "9 V"}, f"input 'voltage' is not of numbers, but '9 V': {VOLTS}"),
+        (range(2), {"voltage": [[1.0], [1.0, 2.0]]}, "input 'voltage' is not of numbers"),
+        (range(2), {"voltage": [1j, 0.0]}, "input 'voltage' is not of numbers, but [1j, 0.0]"),
+        (
+            range(2),
+            {"voltage": [[1.0], [2.0]]},
+            f"input 'voltage' has shape (2, 1), the times (2,): {VOLTS}",
+        ),
+        (
+            range(2),
+            [1.0, 2.0],
+            "argument 'inputs' is no mapping, but [1.0, 2.0]: give {'voltage': ...}",
+        ),
+        (range(2), "voltage", "argument 'inputs' is no mapping, but 'voltage'"),
+    ],
+)
+def test_what_is_no_array_of_numbers_is_refused_with_its_cure(
+    times: Any, inputs: Any, words: str
+) -> None:
+    with pytest.raises(UserError) as caught:
+        simulate(LINEAR, times, inputs)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_is_no_model() -> None:
+    named: Any = "sg90"
+    with pytest.raises(UserError, match=r"argument 'chosen' is no model, but 'sg90': .* sm.model"):
+        simulate(named, [0.0])
+
+
+def test_numbers_are_taken_in_any_form() -> None:
+    expected = simulate(LINEAR, np.array([0.0, 1.0]), {"voltage": np.array([1.0, 2.0])})["angle"]
+    for times, volts in (
+        (range(2), (1, 2)),
+        (pl.Series([0.0, 1.0]), pl.Series([1, 2])),
+        (np.array([0, 1], dtype=object), np.array([1, 2], dtype=np.uint8)),
+        (np.ma.masked_array([0.0, 1.0]), np.ma.masked_array([1.0, 2.0])),
+    ):
+        np.testing.assert_array_equal(
+            simulate(LINEAR, times, {"voltage": volts})["angle"], expected
+        )
 
 
 @pytest.mark.parametrize("step", [1e-15, 1e-200, 1e-320])

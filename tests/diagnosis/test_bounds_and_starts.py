@@ -16,7 +16,7 @@ from servo_models.diagnosis.fitting.priors import prior_parameters
 from servo_models.diagnosis.search import grid_search as staircases
 from servo_models.diagnosis.search.detectability import Detectability, reaches
 from servo_models.diagnosis.search.fits import beside, likeliest
-from servo_models.diagnosis.search.screening import screen, sights_of
+from servo_models.diagnosis.search.screening import screen, screening_results
 from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
@@ -51,10 +51,10 @@ def test_a_fit_begins_where_its_effect_was_seen(name: str, size: float) -> None:
     """An effect with two sizes has been looked at with one of them."""
     fitter, every = made({name: size})
     effect = name.partition(".")[0]
-    sights = screen([fitter.fit((), ()).linearised], [every[effect]])
-    best = [it for it in sights if name in it.settings][:1]
+    results = screen([fitter.fit((), ()).linearised], [every[effect]])
+    best = [it for it in results if name in it.settings][:1]
     assert best_start(best).cost < 3.0 * best[0].left
-    assert beside(fitter, fitter.fit((), ()), likeliest(sights)).values[name] == pytest.approx(
+    assert beside(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
         size, rel=0.05
     )
 
@@ -87,7 +87,7 @@ def test_what_cannot_be_simulated_is_not_seen() -> None:
     one = replace(every["transport_delay"], trial_values=({"transport_delay.time": 0.05},))
     nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal})
     assert screen([nominal.linearised], [one]) == []
-    assert reaches(sights_of([nominal.linearised], [one]), [one]) == {
+    assert reaches(screening_results([nominal.linearised], [one]), [one]) == {
         "transport_delay": Detectability()
     }
 
@@ -119,7 +119,7 @@ def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyP
     fitter, every = made({"command_quantisation.step": 0.6})
     retuned = fitter.fit((), ())
     one = every["command_quantisation"]
-    sights = screen([retuned.linearised], [one])
+    results = screen([retuned.linearised], [one])
     seen = []
     before = staircases._over_all
 
@@ -129,7 +129,7 @@ def test_every_size_of_a_staircase_is_looked_at_once(monkeypatch: pytest.MonkeyP
         return grid, found
 
     monkeypatch.setattr(staircases, "_over_all", spied)
-    staircases.shortlist(fitter, retuned, [one], sights)
+    staircases.shortlist(fitter, retuned, [one], results)
     assert len(seen) == len(set(seen)) > 100
 
 

@@ -49,8 +49,8 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, Told]:
 def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagnosis, Told]) -> None:
     found, told = case
     fitted = [text for text in told if text.startswith("fitting ")]
-    for claim in found.ranking:
-        assert any(text.split(";")[0].endswith(claim.name) for text in fitted) or claim.taken
+    for effect in found.ranking:
+        assert any(text.split(";")[0].endswith(effect.name) for text in fitted) or effect.taken
     assert any("best so far transport_delay" in text for text in fitted)
     first = next(i for i, text in enumerate(told) if "best so far" in text)
     assert all("best so far" in text and "noise floors" in text for text in told[first:])
@@ -60,7 +60,7 @@ def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagno
 def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
     told = read_description(case[0].logs[0].path.parent / "rig.toml")
     found = diagnose(told, left_out=["transport_delay"])
-    assert "transport_delay" not in {claim.name for claim in found.ranking}
+    assert "transport_delay" not in {effect.name for effect in found.ranking}
     assert "transport_delay" not in summary.ruled_out(found)
 
 

@@ -176,7 +176,7 @@ def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
     frame = found.tables()["Gap, RMS on stretches that no fit has seen"]
     assert frame["before [deg]"].to_list() == [np.degrees(found.gaps[0].rms["before"])]
     effects = found.tables()["Effects, most likely first"]
-    assert effects["effect"].to_list() == [claim.name for claim in found.ranking]
+    assert effects["effect"].to_list() == [effect.name for effect in found.ranking]
 
 
 def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None:

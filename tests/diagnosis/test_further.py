@@ -52,11 +52,11 @@ def test_two_causes_are_not_joined_by_a_third() -> None:
 def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(name: str) -> None:
     fitter, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
     seen = fitter.fit((), ()).linearised
-    for sight in screen((seen,), [every[name]])[:5]:
-        begin = best_start([sight])
-        as_seen = {**sight.settings, **sight.seen.start(sight.whole)}
+    for result in screen((seen,), [every[name]])[:5]:
+        begin = best_start([result])
+        as_seen = {**result.settings, **result.seen.start(result.whole)}
         assert begin.cost <= seen.cost(as_seen)
-        assert begin.cost <= seen.cost(sight.settings)  # the others as they are
+        assert begin.cost <= seen.cost(result.settings)  # the others as they are
         own = {free.name: free.start for free in begin.free}
         assert begin.cost == seen.cost({**begin.values, **own})
 

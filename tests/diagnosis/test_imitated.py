@@ -23,7 +23,7 @@ from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.fitting.fitted_model import Fitter
 from servo_models.diagnosis.fitting.priors import prior_parameters
 from servo_models.diagnosis.search.masking import masked_effects
-from servo_models.diagnosis.search.screening import sights_of
+from servo_models.diagnosis.search.screening import screening_results
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict
 from tests.conftest import Run
@@ -210,8 +210,8 @@ def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
     told = read_description(found.logs[0].path.parent / "rig.toml")
     fitter = Fitter(told.model, told.logs, prior_parameters(told), found.floors)
     retuned = fitter.finish(fitter.fit((), ()))
-    sights = sights_of([retuned.linearised], candidates(fitter.model, fitter.logs))
-    one, other = (masked_effects(fitter, retuned, it, 2.0) for it in (sights, sights[::-1]))
+    results = screening_results([retuned.linearised], candidates(fitter.model, fitter.logs))
+    one, other = (masked_effects(fitter, retuned, it, 2.0) for it in (results, results[::-1]))
     assert {it.name: it.moved for it in one} == {it.name: it.moved for it in other}
 
 

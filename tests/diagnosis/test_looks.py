@@ -58,11 +58,11 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     retuned = fitter.finish(fitter.fit((), ()))
     assert "low" in retuned.problem.sides(retuned.evidence.vector)
     assert retuned.linearised.left == pytest.approx(retuned.cost, rel=1e-3)
-    sights = screen((retuned.linearised,), [every["sensor_offset"], every["sensor_nonlinearity"]])
-    sight = next(it for it in sights if it.candidate.name == "sensor_offset")
-    found = beside(fitter, retuned, [sight])
-    assert found.cost == pytest.approx(sight.left, rel=0.02)
-    both, other = pairs(sights)[0]
+    results = screen((retuned.linearised,), [every["sensor_offset"], every["sensor_nonlinearity"]])
+    result = next(it for it in results if it.candidate.name == "sensor_offset")
+    found = beside(fitter, retuned, [result])
+    assert found.cost == pytest.approx(result.left, rel=0.02)
+    both, other = pairs(results)[0]
     assert {both.candidate.name, other.candidate.name} == {"sensor_offset", "sensor_nonlinearity"}
 
 
@@ -134,8 +134,8 @@ def test_where_nothing_jumps_no_delay_is_moved() -> None:
 def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     fitter, every = made({"sensor_offset.value": 1e-5})
     retuned = fitter.finish(fitter.fit((), ()))
-    sights = screen((retuned.linearised,), [every["sensor_offset"]])
-    found = beside(fitter, retuned, sights[:1])
+    results = screen((retuned.linearised,), [every["sensor_offset"]])
+    found = beside(fitter, retuned, results[:1])
     worth = advantage(found.evidence, retuned.evidence)
     assert worth > LIKELY
     assert passes_entry_test(replace(found, chance=0.0), retuned)
@@ -172,8 +172,8 @@ def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
     retuned = fitter.fit((), ())
     assert retuned.values[delay.name] > nominal.values[delay.name] + 0.3 * period
     (hold,) = [it for it in candidates(nominal, [log]) if it.name == "sample_hold"]
-    sight = screen((retuned.linearised,), shortlist(fitter, retuned, [hold]))[0]
-    assert sight.settings["sample_hold.period"] == pytest.approx(period, rel=3e-3)
+    result = screen((retuned.linearised,), shortlist(fitter, retuned, [hold]))[0]
+    assert result.settings["sample_hold.period"] == pytest.approx(period, rel=3e-3)
 
 
 def test_half_of_what_a_limit_on_a_rate_does_is_twice_the_rate() -> None:

@@ -65,8 +65,8 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     """Alone it takes a count that imitates the friction as well."""
     true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
     fitter, every = made({**true, "stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1})
-    sights = screen((fitter.fit((), ()).linearised,), list(every.values()))
-    near = preselect(every.values(), sights)
+    results = screen((fitter.fit((), ()).linearised,), list(every.values()))
+    near = preselect(every.values(), results)
     (ripple,) = [one for one in near if one.name == "cogging"]
     assert ripple.trial_values == every["cogging"].trial_values
     friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
@@ -140,9 +140,9 @@ def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
     friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
     fitter, every = made({**true, **friction})
     wanted = [every[name] for name in ("cogging", "stribeck_friction")]
-    sights = screen((fitter.fit((), ()).linearised,), wanted)
-    alone = next(it for it in sights if it.candidate.name == "cogging")
-    ((one, other),) = pairs(sights)
+    results = screen((fitter.fit((), ()).linearised,), wanted)
+    alone = next(it for it in results if it.candidate.name == "cogging")
+    ((one, other),) = pairs(results)
     ripple = one if one.candidate.name == "cogging" else other
     counts = np.diff([size["cogging.count"] for size in every["cogging"].trial_values[:2]])[0]
     assert abs(alone.settings["cogging.count"] - 200.0) > counts
@@ -175,11 +175,11 @@ def test_a_fit_begins_with_several_shapes() -> None:
     friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
     fitter, every = made(friction)
     one = every["stribeck_friction"]
-    sights = screen((fitter.fit((), ()).linearised,), [one])
-    tried = likeliest(sights)
+    results = screen((fitter.fit((), ()).linearised,), [one])
+    tried = likeliest(results)
     speeds = [it.settings["stribeck_friction.speed"] for it in tried]
     assert len(set(speeds)) == len(speeds) == TRIED
-    assert tried[0] is sights[0]
+    assert tried[0] is results[0]
     wrong = sorted(tried, key=lambda it: it.settings["stribeck_friction.speed"])
     found = beside(fitter, fitter.fit((), ()), wrong[:2])
     assert found.values["stribeck_friction.speed"] == pytest.approx(0.1, rel=0.1)
@@ -197,14 +197,14 @@ def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
         problem, problem.nominal, random.standard_normal(m), random.standard_normal((m, 2))
     )
 
-    def sight(name: str) -> Screened:
+    def result(name: str) -> Screened:
         change = random.standard_normal(m) * random.uniform(0.1, 3.0)
         return Screened(seen, every[name], {}, 1.0, change, seen.without(change), 0.0)
 
-    sights = [sight("sample_hold") for _ in range(count)]
-    beside_them = [sight(name) for name in list(SHARED)[:others]]
-    found = residual_beside(sights, beside_them)
-    for one, left in zip(sights, found):
+    results = [result("sample_hold") for _ in range(count)]
+    beside_them = [result(name) for name in list(SHARED)[:others]]
+    found = residual_beside(results, beside_them)
+    for one, left in zip(results, found):
         rest = seen.without(seen.errors + one.change)
         expected = min(
             2.0 * lsq_linear(it.difference[:, None], -rest, SHARED[it.candidate.name]).cost

@@ -91,13 +91,13 @@ def test_a_look_promises_what_a_fit_holds_where_the_response_is_straight() -> No
     fitter, every = made({"sensor_offset.value": 2e-3})
     retuned = fitter.finish(fitter.fit((), ()))
     wanted = [every["sensor_offset"], every["coulomb_friction"]]
-    sights = screen((retuned.linearised,), wanted)
-    assert sights[0].candidate.name == "sensor_offset"
-    found = beside(fitter, retuned, sights[:1])
-    assert found.cost == pytest.approx(sights[0].left, rel=0.02)
+    results = screen((retuned.linearised,), wanted)
+    assert results[0].candidate.name == "sensor_offset"
+    found = beside(fitter, retuned, results[:1])
+    assert found.cost == pytest.approx(results[0].left, rel=0.02)
     assert found.values["sensor_offset.value"] == pytest.approx(2e-3, rel=0.01)
-    whole = np.sqrt(np.mean(sights[0].difference ** 2))
-    shown = reaches(sights, wanted)["sensor_offset"].shown
+    whole = np.sqrt(np.mean(results[0].difference ** 2))
+    shown = reaches(results, wanted)["sensor_offset"].shown
     assert shown >= whole * (1.0 - 1e-6)  # of any size looked at
 
 
@@ -105,8 +105,8 @@ def test_a_look_finds_count_and_phase_of_a_ripple() -> None:
     truth = {"cogging.torque": 4e-4, "cogging.count": 230.0, "cogging.phase": -1.2}
     fitter, every = made(truth)
     retuned = fitter.finish(fitter.fit((), ()))
-    sights = screen((retuned.linearised,), [every["cogging"]])
-    found = beside(fitter, retuned, sights[:2])
+    results = screen((retuned.linearised,), [every["cogging"]])
+    found = beside(fitter, retuned, results[:2])
     assert found.values["cogging.count"] == pytest.approx(230.0, rel=0.01)
     assert found.values["cogging.torque"] == pytest.approx(4e-4, rel=0.05)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.1)
@@ -117,8 +117,8 @@ def test_a_hold_is_found_though_no_size_near_it_looks_like_it() -> None:
     period = 2.43e-3
     fitter, every = made({"sample_hold.period": period}, 2e-4, sweep=50.0)
     retuned = fitter.finish(fitter.fit((), ()))
-    sights = screen((retuned.linearised,), shortlist(fitter, retuned, [every["sample_hold"]]))
-    found = beside(fitter, retuned, sights[:2])
+    results = screen((retuned.linearised,), shortlist(fitter, retuned, [every["sample_hold"]]))
+    found = beside(fitter, retuned, results[:2])
     assert found.values["sample_hold.period"] == pytest.approx(period, rel=2e-3)
 
 
@@ -129,8 +129,8 @@ def test_a_stiff_resonance_is_followed_beyond_its_reach() -> None:
     retuned = fitter.finish(fitter.fit((), ()))
     found = {}
     for name in ("gear_compliance", "load_inertia"):
-        sights = screen((retuned.linearised,), [every[name]])
-        found[name] = beside(fitter, retuned, sights[:2])
+        results = screen((retuned.linearised,), [every[name]])
+        found[name] = beside(fitter, retuned, results[:2])
     stiff, rigid = found["gear_compliance"], found["load_inertia"]
     assert stiff.values["gear_compliance.compliance"] == pytest.approx(0.2, rel=0.1)
     assert stiff.loss < rigid.loss
@@ -151,8 +151,8 @@ def test_a_staircase_is_found_between_the_sizes_that_are_looked_at() -> None:
     fitter, every = made({"command_quantisation.step": 3.137})
     retuned = fitter.finish(fitter.fit((), ()))
     one = every["command_quantisation"]
-    sights = screen((retuned.linearised,), shortlist(fitter, retuned, [one]))
-    found = beside(fitter, retuned, sights[:2])
+    results = screen((retuned.linearised,), shortlist(fitter, retuned, [one]))
+    found = beside(fitter, retuned, results[:2])
     assert found.values["command_quantisation.step"] == pytest.approx(3.137, rel=0.01)
     assert found.evidence.rms == pytest.approx(1.0, abs=0.15)
 

@@ -14,7 +14,7 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.fitting.discontinuous import shifted
 from servo_models.diagnosis.search.fits import beside
 from servo_models.diagnosis.search.grid_search import shortened, shortlist
-from servo_models.diagnosis.search.pairing import stairs_seen
+from servo_models.diagnosis.search.pairing import screen_discontinuous
 from servo_models.diagnosis.search.preselection import seen_beside
 from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.trial_values import (
@@ -124,7 +124,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     first = beside(fitter, retuned, friction[:2])
     others = [one for one in every.values() if not one.grid]
     both = [*others, every["sample_hold"]]
-    seen = stairs_seen(fitter, first, both, seen_beside(first, both))
+    seen = screen_discontinuous(fitter, first, both, seen_beside(first, both))
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
 
@@ -196,8 +196,8 @@ def test_a_correction_that_leads_astray_is_not_followed() -> None:
     hold = replace(every["sample_hold"], trial_values=sizes)
 
     def left(corrected: bool) -> Array:
-        sights = screen((seen,), [hold], corrected)
-        found = {it.settings["sample_hold.period"]: it.change for it in sights}
+        results = screen((seen,), [hold], corrected)
+        found = {it.settings["sample_hold.period"]: it.change for it in results}
         return np.array(
             [np.sum(seen.without(seen.errors + found[it]) ** 2) for it in sorted(found)]
         )

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.catalogue import actuator
+from servo_models.core.catalogue import actuator, effects_on
+from servo_models.core.plant import place
+from servo_models.effects.dead_zone import dead_zone
 from servo_models.errors import UserError
 from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
@@ -33,6 +35,22 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_example_is_what_the_page_shows() -> None:
     for name, text in FILES.items():
         assert (ROOT / "examples" / "gimbal" / name).read_text(encoding="utf-8") == text
+
+
+def test_effects_by_name_make_the_same_chain(folder: Path) -> None:
+    (by_name,) = (text for text in code_blocks(PAGE, "python") if "import effects_on" in text)
+    listing = runpy.run_path("gimbal.py")
+    names = dict(listing)
+    exec(by_name, names)
+    assert names["chain"] == listing["PLANT"].chain
+
+
+def test_other_bounds_are_the_same_either_way(folder: Path) -> None:
+    names = runpy.run_path("gimbal.py") | {"effects_on": effects_on}
+    (params,) = re.findall(r"`params=({.*?})`", PAGE, re.S)
+    (by_name,) = re.findall(r"Other bounds, by the parameter's name: `\*(.*?)`", PAGE, re.S)
+    placed = place("drive_dead_zone", dead_zone, "voltage", params=eval(params, names))
+    assert eval(by_name, names) == (placed,)
 
 
 def test_the_script_makes_the_log_of_the_example(folder: Path) -> None:

@@ -25,6 +25,7 @@ from servo_models.errors import UserError
 from tests.conftest import MODELS
 from tests.support.fmu_host import Host
 from tests.support.html_page import Page
+from tests.support.kinds import python_only
 
 Files = Callable[[str], Path]
 
@@ -211,6 +212,7 @@ def test_integrated_outputs_have_no_direct_dependency(fmu_file: Files) -> None:
     assert unknown.attrib["dependencies"] == ""
 
 
+@python_only
 def test_slave_needs_the_standard_library_and_pythonfmu_only(fmu_file: Files) -> None:
     for name in MODELS:
         roots = {
@@ -222,6 +224,7 @@ def test_slave_needs_the_standard_library_and_pythonfmu_only(fmu_file: Files) ->
         assert roots <= sys.stdlib_module_names | {"pythonfmu"}
 
 
+@python_only
 def test_different_models_have_different_slaves_and_guids(fmu_file: Files) -> None:
     names, guids = set(), set()
     for name in MODELS:

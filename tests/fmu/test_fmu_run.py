@@ -31,14 +31,14 @@ RUNS = {
 }
 
 
-def grid(name: str, kind: str) -> Array:
+def grid(name: str, steps: str) -> Array:
     """Communication points: regular, irregular, or no multiple of the internal step."""
     stop, unit = RUNS[name]
-    if kind == "irregular":
+    if steps == "irregular":
         sizes = np.random.default_rng(3).uniform(0.2e-3, 1.2e-3, 4000)
         points = np.concatenate([[0.0], np.cumsum(sizes)])
         return np.append(points[points < stop - 1e-4], stop)
-    step = {"1 ms": 1e-3, "20 ms": 20e-3, "0.7 ms": 0.7e-3, "odd": 1.0 / 3.0 * 1e-3 * unit}[kind]
+    step = {"1 ms": 1e-3, "20 ms": 20e-3, "0.7 ms": 0.7e-3, "odd": 1.0 / 3.0 * 1e-3 * unit}[steps]
     points = np.arange(0.0, stop, step)
     return np.append(points[points < stop - 1e-6], stop)
 
@@ -54,10 +54,10 @@ def commands(chosen: Model, times: Array) -> Array:
     return np.column_stack(columns)
 
 
-@pytest.mark.parametrize("kind", ["1 ms", "20 ms", "0.7 ms", "odd", "irregular"])
+@pytest.mark.parametrize("steps", ["1 ms", "20 ms", "0.7 ms", "odd", "irregular"])
 @pytest.mark.parametrize("name", MODELS)
-def test_fmu_equals_the_simulation_bit_for_bit(name: str, kind: str, fmu_folder: Files) -> None:
-    chosen, times = model(*MODELS[name]), grid(name, kind)
+def test_fmu_equals_the_simulation_bit_for_bit(name: str, steps: str, fmu_folder: Files) -> None:
+    chosen, times = model(*MODELS[name]), grid(name, steps)
     inputs = commands(chosen, times)
     with Host(fmu_folder(name)) as host:
         found = host.simulate(times, inputs)

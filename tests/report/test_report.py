@@ -75,6 +75,17 @@ def test_every_picture_has_a_name_and_every_table_a_caption(text: str) -> None:
     assert page.count("caption") > 0
 
 
+def test_no_heading_of_a_page_is_there_twice(text: str, bad: str) -> None:
+    for page in (text, bad):
+        headings = re.findall(r"<(?:h2|caption)>(.*?)</", page)
+        assert len(headings) > 5
+        assert sorted(set(headings)) == sorted(headings)
+
+
+def test_a_notebook_names_a_table_by_its_section() -> None:
+    assert "<caption>Figures that pass</caption>" in GOOD._repr_html_()
+
+
 def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path) -> None:
     GOOD.write_report(tmp_path / "again.html", "2024-02-29")
     assert (tmp_path / "again.html").read_text("utf-8") == text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 from servo_models.report import html
 from servo_models.report.numbers import Quantity, number, percent, plain
 from servo_models.report.result import Result
-from servo_models.report.sections import Card, Mark, Picture, Report, Section, Table
+from servo_models.report.sections import Card, Mark, Picture, Report, Section, Table, data_sheet
 from tests.support.html_page import Page
 
 TABLE = Table(
@@ -123,6 +124,19 @@ def test_a_result_shows_itself() -> None:
     assert '"size": null' in kept.to_json()
     assert list(kept.tables()) == ["Errors"]
     assert isinstance(kept.tables()["Errors"], pl.DataFrame)
+
+
+def test_a_data_sheet_shows_itself_with_all_it_says() -> None:
+    texts = ["Acts on <b>.\n\n    return 0.0"]
+    sheet = data_sheet("backlash", texts, [replace(TABLE, title=name) for name in ("one", "two")])
+    assert repr(sheet) == "<Report of backlash>"
+    shown = sheet._repr_html_()
+    Page(shown)
+    assert shown.count("<caption>") == 2
+    assert "Acts on &lt;b&gt;.\n\n    return 0.0" in shown
+    assert repr(REPORT) == "<Report of A motor: Backlash explains the gap>"
+    assert REPORT._repr_html_() == Kept()._repr_html_()
+    assert "the gap." not in REPORT._repr_html_()
 
 
 def test_a_result_draws_on_axes_of_the_user() -> None:

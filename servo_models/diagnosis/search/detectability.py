@@ -24,23 +24,23 @@ class Detectability:
     shown: float = 0.0
 
 
-def reaches(sights: Iterable[Screened], every: Sequence[Candidate]) -> dict[str, Detectability]:
+def reaches(results: Iterable[Screened], every: Sequence[Candidate]) -> dict[str, Detectability]:
     """Return the reach of each effect by its name, from all that was seen of it."""
     found = {one.name: Detectability() for one in every}
-    for sight in sights:
-        before, own = found[sight.candidate.name], _reach(sight)
+    for result in results:
+        before, own = found[result.candidate.name], _reach(result)
         larger = Detectability(max(before.moved, own.moved), max(before.shown, own.shown))
-        found[sight.candidate.name] = larger
+        found[result.candidate.name] = larger
     return found
 
 
-def _reach(sight: Screened) -> Detectability:
+def _reach(result: Screened) -> Detectability:
     """That of one size; of a ripple, that of the phase which does more."""
-    moved, shown = sight.change[:, None], sight.difference[:, None]
-    if sight.waves is not None:
-        moved = LARGEST * sight.waves
-        shown = sight.seen.without(moved)
-    samples = max(sight.seen.problem.samples, 1)
+    moved, shown = result.change[:, None], result.difference[:, None]
+    if result.waves is not None:
+        moved = LARGEST * result.waves
+        shown = result.seen.without(moved)
+    samples = max(result.seen.problem.samples, 1)
     return Detectability(
         *(float(np.sqrt((it**2).sum(axis=0).max() / samples)) for it in (moved, shown))
     )

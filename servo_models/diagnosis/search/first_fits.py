@@ -22,13 +22,13 @@ from servo_models.diagnosis.search.fits import (
     starts_of,
 )
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.pairing import LESS, paired, stairs_beside, swap
+from servo_models.diagnosis.search.pairing import LESS, discontinuous_beside, paired, swap
 from servo_models.diagnosis.search.preselection import Looks, preselect
 from servo_models.diagnosis.search.screening import Screened, screen
 
 SINGLES, FIRST = 10, 4
 """Smooth effects fitted in full, and those of them that are fitted first."""
-STAIRCASES = 4
+DISCONTINUOUS = 4
 """Those fitted of which the response is a staircase of the size."""
 PART = 0.5
 """Part of what an effect closes that leaves noise only, which a look-alike has to promise."""
@@ -47,7 +47,7 @@ class FirstFits(NamedTuple):
 def first_fits(
     fitter: Fitter,
     retuned: FittedModel,
-    sights: Sequence[Screened],
+    results: Sequence[Screened],
     every: Sequence[Candidate],
     say: Teller,
 ) -> FirstFits:
@@ -58,71 +58,73 @@ def first_fits(
     Args:
         fitter: model, logs, priors and floors.
         retuned: nominal parameters alone.
-        sights: what was seen of ``every`` effect, from the nominal model and from there.
+        results: of screening ``every`` effect, from the nominal model and from there.
         say: is told what goes on.
     """
-    smooth = [it for it in sights if not it.candidate.grid]
-    singles, near, looks = _smooth(fitter, retuned, smooth, say), preselect(every, sights), Looks()
+    smooth = [it for it in results if not it.candidate.grid]
+    singles, near, looks = _smooth(fitter, retuned, smooth, say), preselect(every, results), Looks()
     if any(map(settled, singles)):
-        singles = _with_likely_stairs(fitter, retuned, sights, singles, singles, say)
-        couples = paired(fitter, singles, sights, near, looks, say)
+        singles = _with_likely_discontinuous(fitter, retuned, results, singles, singles, say)
+        couples = paired(fitter, singles, results, near, looks, say)
     else:
         plain = [one for one in near if not one.grid]
         couples = paired(fitter, singles, smooth, plain, looks, say)
         if any(map(settled, couples)):
-            singles = _with_likely_stairs(fitter, retuned, sights, singles, couples, say)
+            singles = _with_likely_discontinuous(fitter, retuned, results, singles, couples, say)
         else:
-            closer = _closer(fitter, retuned, singles, sights, every, say)
-            sights = sorted([*sights, *closer], key=lambda sight: sight.left)
-            near = preselect(every, sights)
-            stairs = beside_each(fitter, retuned, starts_of(closer, STAIRCASES), say)
-            singles = best_of_each([*singles, *stairs])
-            couples = _paired_with_stairs(fitter, singles, couples, sights, near, looks, say)
+            closer = _closer(fitter, retuned, singles, results, every, say)
+            results = sorted([*results, *closer], key=lambda result: result.left)
+            near = preselect(every, results)
+            discontinuous = beside_each(fitter, retuned, starts_of(closer, DISCONTINUOUS), say)
+            singles = best_of_each([*singles, *discontinuous])
+            couples = _paired_with_discontinuous(
+                fitter, singles, couples, results, near, looks, say
+            )
     if couples and couples[0].loss < LESS * singles[0].loss:
         couples = best_of_each([*couples, *swap(fitter, couples[0], near, say)])
     return FirstFits(singles, couples, near)
 
 
-def _paired_with_stairs(
+def _paired_with_discontinuous(
     fitter: Fitter,
     singles: Sequence[FittedModel],
     known: Sequence[FittedModel],
-    sights: Sequence[Screened],
+    results: Sequence[Screened],
     near: Sequence[Candidate],
     looks: Looks,
     say: Teller,
 ) -> list[FittedModel]:
     """Pairs with staircases too; these are sought anew beside the best effect, unless some pair
     leaves so much less that none beside it need be."""
-    couples = paired(fitter, singles, sights, near, looks, say, known)
+    couples = paired(fitter, singles, results, near, looks, say, known)
     if not singles:
         return couples
     if any(it.loss < PAIRED * singles[0].loss or settled(it) for it in couples):
         return couples
-    return best_of_each([*couples, *stairs_beside(fitter, singles[0], near, looks, say)])
+    return best_of_each([*couples, *discontinuous_beside(fitter, singles[0], near, looks, say)])
 
 
 def _smooth(
-    fitter: Fitter, retuned: FittedModel, sights: Sequence[Screened], say: Teller
+    fitter: Fitter, retuned: FittedModel, results: Sequence[Screened], say: Teller
 ) -> list[FittedModel]:
     """Fits of the most promising smooth effects, best first."""
-    starts = list(starts_of(sights, SINGLES))
+    starts = list(starts_of(results, SINGLES))
     found = beside_each(fitter, retuned, starts[:FIRST], say)
     more = _likely(starts[FIRST:], retuned, found)
     return best_of_each([*found, *beside_each(fitter, retuned, more, say)])
 
 
-def _with_likely_stairs(
+def _with_likely_discontinuous(
     fitter: Fitter,
     retuned: FittedModel,
-    sights: Iterable[Screened],
+    results: Iterable[Screened],
     singles: Sequence[FittedModel],
     found: Sequence[FittedModel],
     say: Teller,
 ) -> list[FittedModel]:
     """Single effects with the staircases that may do what one of those ``found`` does."""
-    stairs = starts_of([it for it in sights if it.candidate.grid], STAIRCASES)
-    likely = _likely(stairs, retuned, found)
+    discontinuous = starts_of([it for it in results if it.candidate.grid], DISCONTINUOUS)
+    likely = _likely(discontinuous, retuned, found)
     return best_of_each([*singles, *beside_each(fitter, retuned, likely, say)])
 
 
@@ -130,7 +132,7 @@ def _closer(
     fitter: Fitter,
     retuned: FittedModel,
     singles: Sequence[FittedModel],
-    sights: Sequence[Screened],
+    results: Sequence[Screened],
     every: Sequence[Candidate],
     say: Teller,
 ) -> list[Screened]:
@@ -139,7 +141,7 @@ def _closer(
     say("looking closer at staircases")
     best = min([retuned, *singles], key=lambda it: it.loss)
     beside_it = fitter.unfit((), (), best.values)
-    near = [it for it in sights if it.seen is retuned.linearised]
+    near = [it for it in results if it.seen is retuned.linearised]
     short = shortlist(fitter, beside_it, every, near)
     return screen((retuned.linearised, beside_it.linearised), short)
 

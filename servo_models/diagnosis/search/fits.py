@@ -62,28 +62,28 @@ def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> Fitte
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
     best: FittedModel | None = None
-    glances = (best_start([sight], thorough=False) for sight in own)
+    glances = (best_start([result], thorough=False) for result in own)
     begins = _unlike(sorted(glances, key=lambda it: it.cost))
     plain = len({_shape(it) for it in begins}) == 1
-    for begin in (best_start(it.sights) for it in begins[:STARTS]):
+    for begin in (best_start(it.results) for it in begins[:STARTS]):
         if best and begin.cost > FAR * first.cost:
             break
-        (sight,) = begin.sights
-        found = fitter.fit(effects, [*kept, *begin.free], begin.values, sight.seen.slopes)
+        (result,) = begin.results
+        found = fitter.fit(effects, [*kept, *begin.free], begin.values, result.seen.slopes)
         if found.cost < first.cost:
-            found = _followed(fitter, found, kept, sight.candidate)
-        found = _polished(fitter, found, first) if sight.candidate.discontinuous else found
+            found = _followed(fitter, found, kept, result.candidate)
+        found = _polished(fitter, found, first) if result.candidate.discontinuous else found
         if best is None or found.cost < best.cost:
             best = found
         if best.cost < PROMISED * min(it.left for it in own) and (settled(best) or plain):
             break
-        if sight.candidate.fastest and best.cost >= first.cost:
+        if result.candidate.fastest and best.cost >= first.cost:
             break  # a resonance is slow to simulate, and from its best start it did nothing
     assert best
     for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
         if settled(best):
             break
-        found = fitter.fit(effects, [*kept, *free], values, begins[0].sights[0].seen.slopes)
+        found = fitter.fit(effects, [*kept, *free], values, begins[0].results[0].seen.slopes)
         best = min(best, found, key=lambda it: it.cost)
     return best
 
@@ -95,7 +95,7 @@ def _unlike(begins: Sequence[Start]) -> list[Start]:
 
 
 def _shape(begin: Start) -> Hashable:
-    return begin.sights[0].candidate.shape_at(begin.sights[0].settings)
+    return begin.results[0].candidate.shape_at(begin.results[0].settings)
 
 
 def _half_jumps(
@@ -106,11 +106,11 @@ def _half_jumps(
 
     Neither suffices: between sizes and parts of a jump are ridges.
     """
-    (sight,) = begin.sights
-    one = sight.candidate
+    (result,) = begin.results
+    one = result.candidate
     assert one.jump
     switch, half = one.free[0], 0.5 * one.jump.high
-    seen = best_start([replace(sight, settings={**sight.settings, one.jump.name: half})])
+    seen = best_start([replace(result, settings={**result.settings, one.jump.name: half})])
     yield seen.free, seen.values
     lost = found.values[switch.name] * (1.0 - found.values[one.jump.name])
     size = min(max(lost / (1.0 - half), switch.low), switch.high)
@@ -172,7 +172,7 @@ def beside_each(
 
 def together(fitter: Fitter, pair: Sequence[Screened]) -> FittedModel:
     """Fit effects that were seen together."""
-    names = tuple(sight.candidate.name for sight in pair)
+    names = tuple(result.candidate.name for result in pair)
     begin = best_start(pair)
     return fitter.fit(names, begin.free, begin.values, pair[0].seen.slopes)
 
@@ -190,14 +190,14 @@ def best_of_each(found: Iterable[FittedModel]) -> list[FittedModel]:
     return list(best.values())
 
 
-def names_of(sights: Iterable[Screened]) -> list[str]:
-    return list(dict.fromkeys(sight.candidate.name for sight in sights))
+def names_of(results: Iterable[Screened]) -> list[str]:
+    return list(dict.fromkeys(result.candidate.name for result in results))
 
 
-def starts_of(sights: Sequence[Screened], count: int | None = None) -> Iterator[Seen]:
+def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator[Seen]:
     """The effects seen first, each with the sizes from which its fit begins."""
-    for name in names_of(sights)[:count]:
-        yield name, likeliest([sight for sight in sights if sight.candidate.name == name])
+    for name in names_of(results)[:count]:
+        yield name, likeliest([result for result in results if result.candidate.name == name])
 
 
 def likeliest(own: Sequence[Screened]) -> list[Screened]:
@@ -206,7 +206,7 @@ def likeliest(own: Sequence[Screened]) -> list[Screened]:
     A fit finds the size, but hardly another shape: of each shape the best size is one of them.
     """
     best: dict[Hashable, Screened] = {}
-    for sight in own:
-        best.setdefault(sight.candidate.shape_at(sight.settings), sight)
+    for result in own:
+        best.setdefault(result.candidate.shape_at(result.settings), result)
     first = list(best.values())
     return [*first, *(it for it in own if it not in first)][:TRIED]

@@ -19,7 +19,7 @@ from servo_models.diagnosis.search.pairing import (
     added,
     ambiguous,
     promising,
-    stairs_seen,
+    screen_discontinuous,
     swap,
     without,
 )
@@ -89,8 +89,8 @@ def _grown(
     grown: _Grown | None = None
     while len(taken.effects) < MOST and not settled(taken):
         seen = seen_beside(taken, every)
-        seen += stairs_seen(fitter, taken, every, seen)
-        seen.sort(key=lambda sight: sight.left)
+        seen += screen_discontinuous(fitter, taken, every, seen)
+        seen.sort(key=lambda result: result.left)
         likely = promising(seen, (1.0 - THIRD) * taken.cost, ADDED)
         tasks = [added(taken, name, own) for name, own in likely]
         found = best_of_each(side_by_side(fitter, tasks, say))

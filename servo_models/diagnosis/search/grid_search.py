@@ -56,15 +56,15 @@ def shortlist(
     What was ``seen`` of them, with the whole logs, tells how much a size moves, and of smooth
     effects what these may do beside it.
     """
-    stairs = [one for one in every if one.grid and one.name not in first.effects]
+    discontinuous = [one for one in every if one.grid and one.name not in first.effects]
     if seen:
         moving = {it.candidate.name for it in seen}
-        stairs = [one for one in stairs if one.name in moving]
-    if not stairs:
+        discontinuous = [one for one in discontinuous if one.name in moving]
+    if not discontinuous:
         return ()
     smooth = [it for it in seen if not it.candidate.grid]
     parts = {samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF, LONG)}
-    return tuple(_listed(one, parts, seen, bool(first.effects)) for one in stairs)
+    return tuple(_listed(one, parts, seen, bool(first.effects)) for one in discontinuous)
 
 
 class _Part:
@@ -88,21 +88,21 @@ class _Part:
         one = replace(self.candidates[name], trial_values=tuple(sizes))
         return screen((self.linearised,), [one], corrected)
 
-    def _cut(self, sight: Screened, rows: NDArray[np.int_]) -> Screened:
+    def _cut(self, result: Screened, rows: NDArray[np.int_]) -> Screened:
         """What was seen of an effect with the whole logs, as far as this part goes."""
         change = np.zeros(len(self.linearised.errors))
-        change[: len(rows)] = sight.change[rows]
+        change[: len(rows)] = result.change[rows]
         return replace(
-            sight, seen=self.linearised, change=change, difference=self.linearised.without(change)
+            result, seen=self.linearised, change=change, difference=self.linearised.without(change)
         )
 
-    def best(self, sights: Sequence[Screened], count: int) -> list[Screened]:
+    def best(self, results: Sequence[Screened], count: int) -> list[Screened]:
         """So many that leave least alone, and half as many that do beside a smooth effect: that
         may hide the size as nominal parameters do."""
-        if not sights or not self.smooth:
-            return list(sights[:count])
-        order = np.argsort(residual_beside(sights, self.smooth))[: count // 2]
-        return [*sights[:count], *(sights[i] for i in order if i >= count)]
+        if not results or not self.smooth:
+            return list(results[:count])
+        order = np.argsort(residual_beside(results, self.smooth))[: count // 2]
+        return [*results[:count], *(results[i] for i in order if i >= count)]
 
 
 def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
@@ -122,12 +122,12 @@ def _listed(
     part, long = _showing(parts), parts[LONG]
     every = parts[BRIEF if full.late else LONG].candidates[full.name].grid
     likely = _fitting(every, full.name, seen, REST if beside else ALONE)
-    grid, sights = _over_all(full, part, every, likely, beside)
+    grid, results = _over_all(full, part, every, likely, beside)
     if not full.late and part is not long:
-        sights = long.screen(full.name, [it.settings for it in part.best(sights, HUNDREDS)])
+        results = long.screen(full.name, [it.settings for it in part.best(results, HUNDREDS)])
         part = long
-    sights = _closer(full, long, [it.settings for it in part.best(sights, DOZENS)])
-    best = [it.settings for it in long.best(sights, LISTED)]
+    results = _closer(full, long, [it.settings for it in part.best(results, DOZENS)])
+    best = [it.settings for it in long.best(results, LISTED)]
     near = [it for size in best for it in _between(full.grid, grid, size)]
     sizes = {tuple(it.items()): it for it in (*best, *near)}
     return replace(full, trial_values=tuple(sizes.values()))
@@ -143,23 +143,23 @@ def _over_all(
     """The sizes that are looked at in a part of the logs, and what is seen there, best first."""
     chosen = likely if full.late else likely[::2] if beside else _thinned(likely)
     grid = [*full.trial_values, *chosen]  # a closer look finds those between
-    sights = part.screen(full.name, grid)
+    results = part.screen(full.name, grid)
     alone = not full.late and not beside
-    if alone and sights and sights[0].left < SHOWN * part.linearised.left:
-        nearer = [it for it in _about(sights[0].settings, every) if it not in grid]
+    if alone and results and results[0].left < SHOWN * part.linearised.left:
+        nearer = [it for it in _about(results[0].settings, every) if it not in grid]
         grid += nearer
-        sights = sorted([*sights, *part.screen(full.name, nearer)], key=lambda it: it.left)
-    return grid, sights
+        results = sorted([*results, *part.screen(full.name, nearer)], key=lambda it: it.left)
+    return grid, results
 
 
 def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Screened]:
     """What is seen of some sizes and of those around the best half, other parameters corrected."""
-    sights = part.screen(full.name, best, corrected=True)
+    results = part.screen(full.name, best, corrected=True)
     apart = CLOSEST if full.late else CLOSER
-    half = part.best(sights, DOZENS // 2)
-    closer = [it for sight in half for it in _around(sight.settings, apart)]
+    half = part.best(results, DOZENS // 2)
+    closer = [it for result in half for it in _around(result.settings, apart)]
     more = part.screen(full.name, closer, corrected=True)
-    return sorted([*sights, *more], key=lambda it: it.left)
+    return sorted([*results, *more], key=lambda it: it.left)
 
 
 def _showing(parts: Mapping[int, _Part]) -> _Part:

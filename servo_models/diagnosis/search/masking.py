@@ -50,21 +50,21 @@ class MaskedEffect:
 
 
 def masked_effects(
-    fitter: Fitter, retuned: FittedModel, sights: Iterable[Screened], least: float
+    fitter: Fitter, retuned: FittedModel, results: Iterable[Screened], least: float
 ) -> list[MaskedEffect]:
     """Return effects that may be there beside re-tuned parameters, the largest first.
 
     Args:
         fitter: without any effect.
         retuned: nominal parameters alone.
-        sights: of every effect.
+        results: of screening every effect.
         least: RMS [noise floors] by which an effect has to move the outputs.
     """
     alike: dict[tuple[object, ...], list[Screened]] = {}
-    for sight in sights:
+    for result in results:
         # a ripple is seen as a share of each phase, at no size of its own
-        if sight.seen is retuned.linearised and sight.waves is None:
-            alike.setdefault(_kind(sight), []).append(sight)
+        if result.seen is retuned.linearised and result.waves is None:
+            alike.setdefault(_kind(result), []).append(result)
     largest: dict[str, MaskedEffect] = {}
     tried: Counter[str] = Counter()
     for own in sorted(alike.values(), key=lambda it: -_promised(it)):
@@ -78,12 +78,14 @@ def masked_effects(
     return sorted(largest.values(), key=lambda it: -it.moved)
 
 
-def _kind(sight: Screened) -> tuple[object, ...]:
+def _kind(result: Screened) -> tuple[object, ...]:
     """What sizes have in common that differ by how large they are: effect, sign and shape."""
-    switches = sight.candidate.switches
-    shape = tuple(it for it in sight.settings.items() if it[0] not in switches)
-    signs = tuple((name, sight.settings[name] < 0.0) for name in switches if name in sight.settings)
-    return sight.candidate.name, signs, shape
+    switches = result.candidate.switches
+    shape = tuple(it for it in result.settings.items() if it[0] not in switches)
+    signs = tuple(
+        (name, result.settings[name] < 0.0) for name in switches if name in result.settings
+    )
+    return result.candidate.name, signs, shape
 
 
 def _promised(own: Iterable[Screened]) -> float:
@@ -91,9 +93,9 @@ def _promised(own: Iterable[Screened]) -> float:
     return max((_rms(it.change, it.seen) for it in own if _alike(it)), default=0.0)
 
 
-def _alike(sight: Screened) -> bool:
+def _alike(result: Screened) -> bool:
     """Whether slopes of the parameters lead to most of a change."""
-    return bool(np.linalg.norm(sight.difference) < UNLIKE * np.linalg.norm(sight.change))
+    return bool(np.linalg.norm(result.difference) < UNLIKE * np.linalg.norm(result.change))
 
 
 class _Walk:
@@ -135,11 +137,11 @@ class _Walk:
             else:
                 high = middle
 
-    def _passes(self, sight: Screened) -> bool:
+    def _passes(self, result: Screened) -> bool:
         """Whether parameters imitate an effect at a size that was looked at."""
-        if not sight.change.any():
+        if not result.change.any():
             return True
-        return _alike(sight) and self._tried(sight.settings, sight.seen.start(sight.change))
+        return _alike(result) and self._tried(result.settings, result.seen.start(result.change))
 
     def _tried(self, settings: Settings, start: Mapping[str, float]) -> bool:
         """Whether they do so at some settings; keeps the largest that they do imitate."""

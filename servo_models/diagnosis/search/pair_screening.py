@@ -29,62 +29,63 @@ takes one that imitates the other effect as well."""
 
 
 class _Pair(NamedTuple):
-    """Two sights by their places, the squared errors that both would leave, and at which shares."""
+    """Two results by their places, squared errors that both would leave, and at which shares."""
 
     left: float
     places: tuple[int, int]
     scales: tuple[Array, Array]
 
 
-def pairs(sights: Sequence[Screened], enough: float = np.inf) -> list[tuple[Screened, Screened]]:
+def pairs(results: Sequence[Screened], enough: float = np.inf) -> list[tuple[Screened, Screened]]:
     """Return pairs of different effects by what both would leave together, best first.
 
     Pairs that leave more than ``enough`` squared errors are none.
     """
     scored: list[_Pair] = []
-    for seen in dict.fromkeys(sight.seen for sight in sights):
-        scored += _pairs(sights, _taking_part(sights, seen))
+    for seen in dict.fromkeys(result.seen for result in results):
+        scored += _pairs(results, _taking_part(results, seen))
     best: dict[frozenset[str], tuple[Screened, Screened]] = {}
     for pair in sorted(scored, key=lambda it: it.left):
         if pair.left > enough:
             break
-        one, other = (sights[k] for k in pair.places)
+        one, other = (results[k] for k in pair.places)
         names = frozenset((one.candidate.name, other.candidate.name))
         if names not in best:
             best[names] = (_at(one, pair.scales[0]), _at(other, pair.scales[1]))
     return list(best.values())
 
 
-def _at(sight: Screened, share: Array) -> Screened:
+def _at(result: Screened, share: Array) -> Screened:
     """A ripple at the amplitude and the phase that it has beside another effect."""
-    return sight if sight.waves is None else turned(sight, share, sight.left)
+    return result if result.waves is None else turned(result, share, result.left)
 
 
-def _taking_part(sights: Sequence[Screened], seen: Linearisation) -> list[int]:
-    """Which sights from a view take part in pairs: of each effect those that leave least alone, of
-    a ripple all, and of a staircase those that leave least beside a smooth one."""
+def _taking_part(results: Sequence[Screened], seen: Linearisation) -> list[int]:
+    """Which results from a linearisation take part in pairs: of each effect those that leave least
+    alone, of a ripple all, and of a discontinuous one those that leave least beside a smooth one.
+    """
     groups: dict[str, list[int]] = {}
-    for i, sight in enumerate(sights):
-        if sight.seen is seen:
-            groups.setdefault(sight.candidate.name, []).append(i)
+    for i, result in enumerate(results):
+        if result.seen is seen:
+            groups.setdefault(result.candidate.name, []).append(i)
     best = [i for group in groups.values() for i in group[:EACH]]
-    smooth = [sights[i] for i in best if not sights[i].candidate.discontinuous]
+    smooth = [results[i] for i in best if not results[i].candidate.discontinuous]
     for group in groups.values():
-        if smooth and sights[group[0]].candidate.discontinuous:
-            left = residual_beside([sights[i] for i in group], smooth)
+        if smooth and results[group[0]].candidate.discontinuous:
+            left = residual_beside([results[i] for i in group], smooth)
             best += [group[k] for k in np.argsort(left)[:EACH]]
-        elif sights[group[0]].waves is not None:
+        elif results[group[0]].waves is not None:
             best += group
     return list(dict.fromkeys(best))
 
 
-def residual_beside(sights: Sequence[Screened], others: Sequence[Screened]) -> Array:
-    """Return the squared errors that each of some sights leaves beside the best of the others.
+def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> Array:
+    """Return the squared errors that each of some results leaves beside the best of the others.
 
-    All are from the same view.  Shape (sights,).
+    All are from the same linearisation.  Shape (results,).
     """
-    seen = sights[0].seen
-    rest = seen.without(np.column_stack([seen.errors + it.change for it in sights]))
+    seen = results[0].seen
+    rest = seen.without(np.column_stack([seen.errors + it.change for it in results]))
     columns = np.column_stack([it.difference for it in others])
     low, high = np.array([scales(it.candidate) for it in others]).T[..., None]
     power, along = np.sum(columns**2, axis=0)[:, None], columns.T @ rest
@@ -94,9 +95,9 @@ def residual_beside(sights: Sequence[Screened], others: Sequence[Screened]) -> A
     )
 
 
-def _pairs(sights: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
+def _pairs(results: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
     """What pairs from one view would leave."""
-    part = [sights[k] for k in own]
+    part = [results[k] for k in own]
     seen = part[0].seen
     widths = np.array([it.columns.shape[1] for it in part])
     columns = np.column_stack([seen.slopes, *(it.columns for it in part)])
@@ -137,7 +138,7 @@ def _different(part: Sequence[Screened]) -> tuple[NDArray[np.int_], NDArray[np.i
 
 
 def _limits(part: Sequence[Screened]) -> tuple[Array, Array]:
-    """Least and largest shares of each column of some sights in pairs, shapes (k, 1)."""
+    """Least and largest shares of each column of some results in pairs, shapes (k, 1)."""
     ends = [
         scales(it.candidate)
         if it.waves is not None

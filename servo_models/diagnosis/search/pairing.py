@@ -51,7 +51,7 @@ FEW = 5
 def paired(
     fitter: Fitter,
     singles: Sequence[FittedModel],
-    sights: Sequence[Screened],
+    results: Sequence[Screened],
     every: Sequence[Candidate],
     looks: Looks,
     say: Teller,
@@ -68,7 +68,7 @@ def paired(
     if settled(singles[0]):
         more = _seconds(singles[:1], every, LESS, FEW, looks, old)
         return best_of_each([*old.values(), *side_by_side(fitter, more, say)])
-    seen = pairs(sights, PROMISING * singles[0].cost)[:PAIRS]
+    seen = pairs(results, PROMISING * singles[0].cost)[:PAIRS]
     new = [pair for pair in seen if frozenset(names_of(pair)) not in old]
     tasks = [(" and ".join(names_of(pair)), partial(together, pair=pair)) for pair in new]
     found = best_of_each([*old.values(), *side_by_side(fitter, tasks, say)])
@@ -118,17 +118,17 @@ def _same(one: Screened, other: Screened) -> bool:
     return abs(float(a @ b)) > SAME * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
-def stairs_beside(
+def discontinuous_beside(
     fitter: Fitter, first: FittedModel, every: Sequence[Candidate], looks: Looks, say: Teller
 ) -> Iterator[FittedModel]:
     """Fits of staircases beside an effect, at the sizes that look best there."""
     say(f"looking closer at staircases beside {' and '.join(first.effects)}")
-    stairs = stairs_seen(fitter, first, every, looks.beside(first, every))
-    likely = promising(stairs, PROMISING * first.cost, SECONDS)
+    discontinuous = screen_discontinuous(fitter, first, every, looks.beside(first, every))
+    likely = promising(discontinuous, PROMISING * first.cost, SECONDS)
     return side_by_side(fitter, [added(first, name, own) for name, own in likely], say)
 
 
-def stairs_seen(
+def screen_discontinuous(
     fitter: Fitter, first: FittedModel, every: Sequence[Candidate], seen: Sequence[Screened]
 ) -> list[Screened]:
     """What is seen of staircases beside some effects after a closer look, best first.
@@ -189,7 +189,7 @@ def _sought(
         own = likeliest([it for it in seen if it.candidate.name == name])
         if len({it.candidate.shape_at(it.settings) for it in own}) > 1:
             likely.setdefault(name, own)
-        tasks += [added(stays, other, sights) for other, sights in likely.items()]
+        tasks += [added(stays, other, results) for other, results in likely.items()]
     return list(side_by_side(fitter, tasks, say))
 
 

@@ -24,15 +24,15 @@ SIZES = 6
 """Sizes at which an effect is seen again beside others."""
 
 
-def preselect(every: Iterable[Candidate], sights: Sequence[Screened]) -> list[Candidate]:
-    """Return effects with what ``sights``, best first, have shown of their sizes alone.
+def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[Candidate]:
+    """Return effects with what ``results``, best first, have shown of their sizes alone.
 
     Of the thousands of sizes of a staircase, those stay that were promising once.  Others keep all:
     alone, each takes the size that imitates what is missing as well.
     """
     found = []
     for one in every:
-        own = [sight for sight in sights if sight.candidate.name == one.name]
+        own = [result for result in results if result.candidate.name == one.name]
         first = {_place(one, it.settings): it for it in reversed(own)}
         if one.grid and own:
             sizes = {_place(one, it.settings): it.settings for it in own}
@@ -82,10 +82,10 @@ class Looks:
         self._known |= {key: [] for key in new.values()}
         found = seen_beside(first, [keys[key] for key in new.values()])
         for name in names_of(found):
-            own = [sight for sight in found if sight.candidate.name == name]
+            own = [result for result in found if result.candidate.name == name]
             self._known[new[name]] = own if own[0].candidate.discontinuous else likeliest(own)
         known = chain.from_iterable(self._known[key] for key in keys)
-        return sorted(known, key=lambda sight: sight.left)
+        return sorted(known, key=lambda result: result.left)
 
 
 def _key(first: FittedModel, one: Candidate) -> Hashable:

@@ -85,19 +85,19 @@ def screen(
     Other parameters are ``corrected`` before a staircase is judged: one of the wrong step looks
     as good while they are still at values that made up for it.
     """
-    return promising(sights_of(views, every, corrected))
+    return promising(screening_results(views, every, corrected))
 
 
-def promising(sights: Iterable[Screened]) -> list[Screened]:
+def promising(results: Iterable[Screened]) -> list[Screened]:
     """Return those that move the outputs beyond what parameters can imitate, best first."""
-    return sorted((it for it in sights if it.difference.any()), key=lambda it: it.left)
+    return sorted((it for it in results if it.difference.any()), key=lambda it: it.left)
 
 
-def sights_of(
+def screening_results(
     views: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
 ) -> list[Screened]:
     """Return each effect at each size from each view, whatever it does."""
-    sights: list[Screened] = []
+    results: list[Screened] = []
     for seen in views:
         problem = seen.problem
         base = problem.values(seen.vector)
@@ -105,11 +105,11 @@ def sights_of(
         simulate = partial(corrected_changes if corrected else changes, seen, base)
         found = problem.workers.map(simulate, tasks)
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
-        sights += _sights(seen, every_size, list(chain.from_iterable(found)))
-    return sights
+        results += _results(seen, every_size, list(chain.from_iterable(found)))
+    return results
 
 
-def _sights(
+def _results(
     seen: Linearisation, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
 ) -> list[Screened]:
     left, share = best_scales(seen, [one for one, _ in every], changes)

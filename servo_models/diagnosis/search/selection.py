@@ -29,7 +29,7 @@ from servo_models.diagnosis.search.forward import forward_selection
 from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
 from servo_models.diagnosis.search.pairing import LESS, ambiguous, singles_of
 from servo_models.diagnosis.search.preselection import preselect
-from servo_models.diagnosis.search.screening import Screened, promising, sights_of
+from servo_models.diagnosis.search.screening import Screened, promising, screening_results
 
 TOLERANCE = 2.0
 """Gap in noise floors that counts as none."""
@@ -114,14 +114,14 @@ def select_effects(
     if not settled(retuned):
         nominal = {free.name: free.nominal for free in fitter.nominal}
         plain.insert(0, fitter.unfit((), (), nominal))
-    sights = sights_of([it.linearised for it in plain], every)
-    reach = reaches(sights, every)
-    tried = _tried(fitter, retuned, promising(sights), every, say)
+    results = screening_results([it.linearised for it in plain], every)
+    reach = reaches(results, every)
+    tried = _tried(fitter, retuned, promising(results), every, say)
     couples, more, taken = _explained(fitter, retuned, tried, say)
     masked: Sequence[MaskedEffect] = ()
     if taken is retuned:
         say("looking for what re-tuned parameters imitate")
-        masked = masked_effects(fitter, retuned, sights, max(tolerance, LEAST))
+        masked = masked_effects(fitter, retuned, results, max(tolerance, LEAST))
     else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = fitter.finish(taken)
@@ -131,16 +131,16 @@ def select_effects(
 def _tried(
     fitter: Fitter,
     retuned: FittedModel,
-    sights: Sequence[Screened],
+    results: Sequence[Screened],
     every: Sequence[Candidate],
     say: Teller,
 ) -> FirstFits:
     """Fits of one and of two effects, those to the end that leave least."""
     if settled(retuned):
-        few = beside_each(fitter, retuned, starts_of(sights, QUIET), say)
-        found = FirstFits(few, [], preselect(every, sights))
+        few = beside_each(fitter, retuned, starts_of(results, QUIET), say)
+        found = FirstFits(few, [], preselect(every, results))
     else:
-        found = first_fits(fitter, retuned, sights, every, say)
+        found = first_fits(fitter, retuned, results, every, say)
     singles, couples, near = found
     better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
     singles = best_of_each([*singles, *singles_of(fitter, better)])
@@ -185,9 +185,9 @@ def _taken(
     best = singles[0] if singles and passes_entry_test(singles[0], retuned) else retuned
     lost: float | None = None
     for couple in couples:
-        halves = [one for one in singles if set(one.effects) <= set(couple.effects)]
+        parts = [one for one in singles if set(one.effects) <= set(couple.effects)]
         if passes_entry_test(couple, best) and all(
-            passes_entry_test(couple, half) for half in halves
+            passes_entry_test(couple, part) for part in parts
         ):
             lost = leave_one_condition_out(fitter, best) if lost is None else lost
             if leave_one_condition_out(fitter, couple) <= lost:

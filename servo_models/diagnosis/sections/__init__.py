@@ -35,7 +35,7 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
             _errors(diagnosis),
             _where(diagnosis),
             _effects(diagnosis),
-            _detectors(diagnosis),
+            _signatures(diagnosis),
             _ruled_out(diagnosis),
             _masked(diagnosis),
             _parameters(diagnosis),
@@ -74,24 +74,24 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
         if lines:
             yield Card("re-tuned most", "\n".join(lines), None, PARAMETER)
         return
-    named = [claim for claim in diagnosis.ranking if claim.taken or claim.in_set]
+    named = [effect for effect in diagnosis.ranking if effect.taken or effect.in_set]
     if not named:
         return
-    lines = [_cause(diagnosis, claim) for claim in named[: FEW + 1]]
+    lines = [_cause(diagnosis, effect) for effect in named[: FEW + 1]]
     more = [f"and {len(named) - len(lines)} more"] if len(named) > len(lines) else []
     title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(diagnosis.verdict.kind, "cause")
     yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
 
 
-def _cause(diagnosis: Diagnosis, claim: RankedEffect) -> str:
-    rival = not claim.taken and any(one.taken for one in diagnosis.ranking)
+def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
+    rival = not effect.taken and any(one.taken for one in diagnosis.ranking)
     sizes = ", ".join(
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
-        for value in claim.parameters
+        for value in effect.parameters
     )
     told = diagnosis.verdict.weights and diagnosis.verdict.kind != OUTSIDE
-    chance = f", {tables.probability(claim)}" if told else ""
-    return f"{'or ' * rival}{claim.name} on '{claim.wire}'{chance}: {sizes}"
+    chance = f", {tables.probability(effect)}" if told else ""
+    return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {sizes}"
 
 
 def _moved(diagnosis: Diagnosis, value: Value) -> str:
@@ -210,13 +210,13 @@ def _refined(diagnosis: Diagnosis) -> str:
     )
 
 
-def _detectors(diagnosis: Diagnosis) -> Section:
+def _signatures(diagnosis: Diagnosis) -> Section:
     return Section(
         "Codes and ticks",
         "A quantiser leaves codes in its reading, and a hold answers commands on its ticks. Both"
         " show, or do not, whatever error a fit leaves.",
         tables=(tables.detected(diagnosis),),
-        pictures=pictures.detectors(diagnosis),
+        pictures=pictures.signatures(diagnosis),
         folded=True,
     )
 

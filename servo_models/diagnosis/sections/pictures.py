@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.diagnosis.clock import Answers
-from servo_models.diagnosis.detectors import Codes, Detection, sentence
 from servo_models.diagnosis.experiments.experiment import Experiment
 from servo_models.diagnosis.experiments.experiment_search import played
 from servo_models.diagnosis.fitting.fitted_model import FittedModel
@@ -19,6 +17,7 @@ from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import tables
+from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentence
 from servo_models.identification.readings import (
     Reading,
     axis_label,
@@ -154,9 +153,9 @@ def _draw_fits(
     _without_scale(panel)
 
 
-def detectors(diagnosis: Diagnosis) -> tuple[Picture, ...]:
-    """Return what each detector of a believed effect sees."""
-    seen = [claim.detected for claim in diagnosis.ranking if claim.detected is not None]
+def signatures(diagnosis: Diagnosis) -> tuple[Picture, ...]:
+    """Return the signature of each believed effect that has one."""
+    seen = [effect.detected for effect in diagnosis.ranking if effect.detected is not None]
     return tuple(_codes(it) if isinstance(it, Codes) else _ticks(it) for it in seen)
 
 
@@ -164,8 +163,8 @@ def _codes(seen: Codes) -> Picture:
     return Picture(
         f"{seen.reading.name}, folded at the step",
         partial(_draw_codes, seen),
-        f"{_said(seen)} A quantiser makes a peak, as wide as the noise after it; without one, the"
-        " bars are level.",
+        f"{_caption(seen)} A quantiser makes a peak, as wide as the noise after it; without one,"
+        " the bars are level.",
         height=2.4,
     )
 
@@ -182,8 +181,8 @@ def _ticks(seen: Answers) -> Picture:
     return Picture(
         f"When steps of the command are answered, period {1e3 * seen.period:.3g} ms",
         partial(_draw_ticks, seen),
-        f"{_said(seen)} On the line: a step waits for the next tick. Level: all are late alike, as"
-        " by a delay. Anywhere: no clock.",
+        f"{_caption(seen)} On the line: a step waits for the next tick. Level: all are late alike,"
+        " as by a delay. Anywhere: no clock.",
         height=2.8,
     )
 
@@ -197,7 +196,7 @@ def _draw_ticks(seen: Answers, axes: Sequence[Axes]) -> None:
     axes[0].legend(frameon=False)
 
 
-def _said(seen: Detection) -> str:
+def _caption(seen: Signature) -> str:
     return f"{seen.effect}: {sentence(seen)}."
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.diagnosis import summary
-from servo_models.diagnosis.detectors import sentence
 from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import DRAWS, Gap
 from servo_models.diagnosis.localisation import Bin, Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.signatures import sentence
 from servo_models.diagnosis.verdict import weights_of
 from servo_models.identification.readings import error_table
 from servo_models.report.numbers import Quantity, number, percent, prefix
@@ -48,9 +48,9 @@ def size(diagnosis: Diagnosis, value: Value) -> Quantity:
     )
 
 
-def probability(claim: RankedEffect) -> str:
+def probability(effect: RankedEffect) -> str:
     """Return how likely an effect is."""
-    return _chance(claim.probability)
+    return _chance(effect.probability)
 
 
 def _chance(chance: float) -> str:
@@ -174,23 +174,23 @@ def _percent(share: float | None) -> Quantity:
 def effects(diagnosis: Diagnosis) -> Table:
     """Every effect that was fitted, most likely first."""
     columns = ("effect", "on", "probability", "size", f"left [{FLOORS}]", "closes", "")
-    rows = tuple(_effect(diagnosis, claim) for claim in diagnosis.ranking)
+    rows = tuple(_effect(diagnosis, effect) for effect in diagnosis.ranking)
     return Table("Effects, most likely first", columns, rows)
 
 
-def _effect(diagnosis: Diagnosis, claim: RankedEffect) -> tuple[Cell, ...]:
+def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> tuple[Cell, ...]:
     fitted = diagnosis.selection.fitted
-    marks = ["taken"] if claim.taken else ["cannot be told apart"] if claim.in_set else []
-    if claim.name in fitted and not claim.taken:
-        marks += [f"beside {summary.listed(claim.beside)}"] if claim.beside else []
-        marks += summary.marks(diagnosis, fitted[claim.name])
+    marks = ["taken"] if effect.taken else ["cannot be told apart"] if effect.in_set else []
+    if effect.name in fitted and not effect.taken:
+        marks += [f"beside {summary.listed(effect.beside)}"] if effect.beside else []
+        marks += summary.marks(diagnosis, fitted[effect.name])
     return (
-        claim.name,
-        claim.wire,
-        probability(claim) if diagnosis.verdict.weights else "",
-        ", ".join(f"{v.name.rpartition('.')[2]} {size(diagnosis, v)}" for v in claim.parameters),
-        Quantity(claim.gap_after, digits=3),
-        percent(claim.closed),
+        effect.name,
+        effect.wire,
+        probability(effect) if diagnosis.verdict.weights else "",
+        ", ".join(f"{v.name.rpartition('.')[2]} {size(diagnosis, v)}" for v in effect.parameters),
+        Quantity(effect.gap_after, digits=3),
+        percent(effect.closed),
         ", ".join(marks),
     )
 
@@ -252,7 +252,7 @@ def detected(diagnosis: Diagnosis) -> Table:
 
 def reasons(diagnosis: Diagnosis) -> Table:
     """Why effects were not fitted, those of one reason in one row."""
-    fitted = {claim.name for claim in diagnosis.ranking}
+    fitted = {effect.name for effect in diagnosis.ranking}
     rows: dict[str, list[str]] = {}
     for name, reason in summary.ruled_out(diagnosis).items():
         if name not in fitted:

@@ -1,0 +1,297 @@
+"""What speaks for an effect apart from any error: codes of a quantiser, ticks of a hold.
+
+Both fold something at the size that a fit has found, and ask how bunched it is: readings at the
+step, and the times at which commands are answered at the period.
+
+A step of the command waits for the next tick.  By how much each one is late follows from when it
+comes and from the period alone; a delay or a lag makes all of them late alike, and other effects
+make them late in ways that know no clock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.analysis.experiment import display
+from servo_models.core.block import DeadTime
+from servo_models.core.plant import Placement, Wire
+from servo_models.core.types import Array
+from servo_models.data.log import Log
+from servo_models.diagnosis.codes import FEWEST_CODES, MOST_CODES, NOISE_MEMORY_SAMPLES
+from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.identification.simulation import prepared
+
+DOUBTFUL_PROBABILITY = 0.05
+"""Probability of as much by chance, above which a detector confirms nothing."""
+LEAST_TOLD_PROBABILITY = 1e-3
+"""Probability below which the number itself says no more."""
+ROUNDING_IN_STEPS = 1e-6
+"""Part of a step that is none, where a reading moves by exactly one."""
+LEAST_ROWS_AT_REST = 5
+"""Of a command, before a step of it and after."""
+LEAST_STEPS = 4
+"""Of a command, to tell a clock from chance."""
+MOVES_IN_A_PERIOD = 12
+"""By which commands are moved, to find when they are answered."""
+PERIODS_SOONER = 0.5
+PERIODS_LATER = 1.5
+RANDOM_ORDERS = 1999
+"""That answers are compared with."""
+HEIGHT_ROUNDING = 1e-9
+"""What rounding makes of equal heights."""
+LEAST_ROWS_IN_A_PERIOD = 2.0
+"""With less, a log is too coarse to tell when a step is answered."""
+
+
+@dataclass(frozen=True)
+class Codes:
+    """Readings of a quantised signal, folded at its step.
+
+    Attributes:
+        effect: the quantiser, and the wire ``reading`` that it quantises.
+        step: [SI].
+        phases: of the readings on the step [steps], -0.5 to 0.5 about the codes, shape (n,).
+        stays: of each reading, shape (n,): from 0, the next one where it has moved by a step.
+    """
+
+    effect: str
+    reading: Wire
+    step: float
+    phases: Array
+    stays: NDArray[np.int64]
+
+    @property
+    def bunched(self) -> float:
+        """Length of the mean of the phases: 1 on codes, 0 anywhere.
+
+        Stays count alike, however long they are: where a reading rests a few times, any step has
+        most of its samples near codes.
+        """
+        return float(np.abs(_mean_of_stays(np.exp(2j * np.pi * self.phases), self.stays)))
+
+    @property
+    def chance(self) -> float:
+        """Probability that readings that know no codes are as bunched at any step at all
+        (Rayleigh): the step was not known beforehand (Bonferroni's bound)."""
+        independent = min(int(self.stays[-1]) + 1, len(self.phases) / NOISE_MEMORY_SAMPLES)
+        at_one_step = math.exp(-independent * self.bunched**2)
+        return min(1.0, (MOST_CODES - FEWEST_CODES) * at_one_step)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """When steps of a command were answered, and when a clock would have them answered.
+
+    Attributes:
+        effect: the hold, and its ``period`` [s].
+        due: lateness [s] by the clock, shape (k,).
+        late: measured lateness [s], shape (k,), and its standard error ``error``.
+    """
+
+    effect: str
+    period: float
+    due: Array
+    late: Array
+    error: Array
+
+    @property
+    def bunched(self) -> float:
+        """Length of the mean of the phases of the answers on the clock: 1 on ticks, 0 anywhere."""
+        return float(_length_of_mean((self.late - self.due) / self.period))
+
+    @property
+    def chance(self) -> float:
+        """Probability that answers that know no clock are as bunched: in any order (permutation
+        test).  Where a clock would have all late alike, as steps at one phase of it, no order
+        differs."""
+        orders = np.random.default_rng(0).permuted(np.tile(self.late, (RANDOM_ORDERS, 1)), axis=1)
+        heights = _length_of_mean((orders - self.due) / self.period)
+        as_high = np.count_nonzero(heights >= self.bunched - HEIGHT_ROUNDING)
+        return float((1.0 + as_high) / (1.0 + RANDOM_ORDERS))
+
+
+Signature = Codes | Answers
+
+
+def signature(fitted: FittedModel, name: str) -> Signature | None:
+    """Return the signature of an effect in the logs, None where it has none or they cannot show it.
+
+    Args:
+        fitted: with the effect on.
+        name: of the effect.
+    """
+    place = fitted.problem.model.plant.main(name)
+    if place.effect.hints.signature == "clock":
+        return _answers(fitted, name)
+    if place.effect.hints.signature == "codes":
+        return _codes(fitted, place)
+    return None
+
+
+def sentence(seen: Signature) -> str:
+    """Return a signature in words."""
+    if isinstance(seen, Codes):
+        scale, unit = display(seen.reading)
+        said = f"{seen.reading.name} bunches at codes {scale * seen.step:.3g} {unit}".rstrip()
+        said = f"{said} apart"
+    else:
+        low, high = 1e3 * float(seen.late.min()), 1e3 * float(seen.late.max())
+        said = (
+            f"{len(seen.late)} steps of the command are answered {low:.3g} to {high:.3g} ms late,"
+            f" bunched at ticks every {1e3 * seen.period:.3g} ms"
+        )
+    chance = "below 0.001" if seen.chance < LEAST_TOLD_PROBABILITY else f"{seen.chance:.1g}"
+    doubtful = ", which confirms nothing" if seen.chance > DOUBTFUL_PROBABILITY else ""
+    return f"{said}: {seen.bunched:.2f} of 1, by chance {chance}{doubtful}"
+
+
+def _codes(fitted: FittedModel, place: Placement) -> Codes | None:
+    """All readings of the quantised signal on the fitted step, None where no log has any."""
+    wire = place.on[0]
+    records = [log.outputs[wire] for log in fitted.problem.logs if wire in log.outputs]
+    if not records:
+        return None
+    step = fitted.values[place.switch]
+    turns = np.concatenate(records) / step
+    stays = _stays(turns)
+    middle = float(np.angle(_mean_of_stays(np.exp(2j * np.pi * turns), stays))) / (2.0 * np.pi)
+    phases = turns - middle - np.round(turns - middle)
+    return Codes(place.name, fitted.problem.model.plant.wire[wire], step, phases, stays)
+
+
+def _stays(turns: Array) -> NDArray[np.int64]:
+    """Number of the stay of each reading [steps]: it ends where one is a step from its first."""
+    stays, first, number = np.empty(len(turns), dtype=np.int64), turns[0], 0
+    for i, value in enumerate(turns):
+        if abs(value - first) >= 1.0 - ROUNDING_IN_STEPS:
+            first, number = value, number + 1
+        stays[i] = number
+    return stays
+
+
+def _mean_of_stays(phasors: NDArray[np.complex128], stays: NDArray[np.int64]) -> complex:
+    """Mean over stays of the mean in each."""
+    counts = np.bincount(stays)
+    sums = np.bincount(stays, phasors.real) + 1j * np.bincount(stays, phasors.imag)
+    return complex(np.mean(sums / counts))
+
+
+def _answers(fitted: FittedModel, effect: str) -> Answers | None:
+    """When steps of the command are answered beside the other effects of a fitted model.
+
+    None where the hold does not act on a command, or too few steps of it, or rows, tell.
+    """
+    problem = fitted.problem
+    plant = problem.model.plant
+    wire, switch = plant.main_wire(effect), plant.main(effect).switch
+    period = fitted.values[switch]
+    if wire not in {it.name for it in plant.inputs}:
+        return None
+    values = {**fitted.values, switch: 0.0}
+    before = _delay_before(fitted, effect, wire)
+    parts = [_of_log(fitted, log, wire, values, (period, before)) for log in problem.logs]
+    due, late, error = (np.concatenate(part) for part in zip(*parts))
+    if len(due) < LEAST_STEPS:
+        return None
+    return Answers(effect, period, due, late, error)
+
+
+def _length_of_mean(turns: Array) -> Array:
+    """Length of the mean of phases [turns] along the last axis: 1 if all are one."""
+    return np.asarray(np.abs(np.mean(np.exp(2j * np.pi * turns), axis=-1)))
+
+
+def _delay_before(fitted: FittedModel, effect: str, wire: str) -> float:
+    """Transport delay [s] of a command before it comes to a hold."""
+    plant, total = fitted.problem.model.plant, 0.0
+    values = {**fitted.problem.model.values, **fitted.values}
+    for name in plant.placements:
+        if name == effect:
+            break
+        linear = plant.main(name).effect.hints.small_signal
+        if isinstance(linear, DeadTime) and plant.main_wire(name) == wire:
+            total += values[f"{name}.{linear.time}"]
+    return total
+
+
+def _of_log(
+    fitted: FittedModel,
+    log: Log,
+    wire: str,
+    values: dict[str, float],
+    clock: tuple[float, float],
+) -> tuple[Array, Array, Array]:
+    """Lateness by the clock, measured lateness and its standard error for each step of a log.
+
+    ``clock`` is its period [s] and by how much a command comes to it later than it was given.
+    """
+    none = np.empty(0), np.empty(0), np.empty(0)
+    period, before = clock
+    interval = float(np.median(np.diff(log.times)))
+    windows = _steps(log, wire)
+    if not windows or period < LEAST_ROWS_IN_A_PERIOD * interval:
+        return none
+    moves = _moves(period, interval)
+    squares = np.array([_squares(fitted, _moved(log, wire, k), values) for k in moves])
+    times = np.asarray(moves * interval)
+    rows = []
+    for begin, end in windows:
+        cost = squares[:, begin:end].sum(axis=1)
+        best = int(np.argmin(cost))
+        if 0 < best < len(moves) - 1:
+            late, curvature = _vertex(times[best - 1 : best + 2], cost[best - 1 : best + 2])
+            dispersion = max(cost[best] / (end - begin), 1.0)
+            now = log.times[begin] + log.settle + before
+            due = np.ceil(now / period - 1e-9) * period - now
+            rows.append((due, late, np.sqrt(2.0 * dispersion / curvature)))
+    return tuple(np.array(rows).T) if rows else none
+
+
+def _steps(log: Log, wire: str) -> list[tuple[int, int]]:
+    """Rows from a step of a command to its next change, where it rests before and after."""
+    if wire not in log.inputs:
+        return []
+    changes = 1 + np.flatnonzero(np.diff(log.inputs[wire]))
+    edges = np.concatenate([[0], changes, [len(log.times)]])
+    return [
+        (int(edge), int(after))
+        for before, edge, after in zip(edges, edges[1:], edges[2:])
+        if edge - before >= LEAST_ROWS_AT_REST and after - edge >= LEAST_ROWS_AT_REST
+    ]
+
+
+def _moves(period: float, interval: float) -> NDArray[np.int_]:
+    """By how many rows commands are moved."""
+    rows = period / interval
+    apart = max(int(rows / MOVES_IN_A_PERIOD), 1)
+    return np.arange(
+        -int(np.ceil(PERIODS_SOONER * rows)), int(np.ceil(PERIODS_LATER * rows)) + apart, apart
+    )
+
+
+def _moved(log: Log, wire: str, rows: int) -> Log:
+    """A log whose command comes so many rows later."""
+    command = log.inputs[wire]
+    places = np.clip(np.arange(len(command)) - rows, 0, len(command) - 1)
+    return replace(log, inputs={**log.inputs, wire: command[places]})
+
+
+def _squares(fitted: FittedModel, log: Log, values: dict[str, float]) -> Array:
+    """Squared errors of each row of a log [noise floors^2], all outputs together, shape (n,)."""
+    problem = fitted.problem
+    run = prepared(problem.model, log)
+    errors = (run.outputs(values) - np.column_stack(list(log.outputs.values()))) / np.array(
+        [problem.sigma[name] for name in log.outputs]
+    )
+    return np.asarray(np.sum(errors**2, axis=1))
+
+
+def _vertex(at: Array, cost: Array) -> tuple[float, float]:
+    """Where a parabola through three points is least, and its second derivative."""
+    second, first, _ = np.polyfit(at - at[1], cost, 2)
+    second = max(second, 1e-300)
+    return float(at[1] - 0.5 * first / second), float(2.0 * second)

@@ -1,0 +1,182 @@
+"""Codes and ticks: what speaks for a quantiser or a hold apart from any error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from servo_models.core.simulate import model
+from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.sections import pictures
+from servo_models.diagnosis.signatures import (
+    DOUBTFUL_PROBABILITY,
+    Answers,
+    Codes,
+    sentence,
+    signature,
+)
+from servo_models.identification.problem import free_parameter
+from servo_models.report.style import figure
+from tests.support.diagnoses import HOLD, _values, made, with_hold
+from tests.support.logs import measured
+
+STEP, NOISE = 4e-3, 5e-4
+QUANTISER = "sensor_quantisation"
+
+
+def with_codes(truth: dict[str, float], step: float) -> FittedModel:
+    fitter, every = made(truth, NOISE)
+    values = {free.name: free.nominal for free in fitter.nominal} | {f"{QUANTISER}.step": step}
+    return fitter.unfit((QUANTISER,), every[QUANTISER].free, values)
+
+
+def test_codes_are_as_bunched_as_the_noise_after_them_allows() -> None:
+    """The characteristic function of normal noise (Widrow, Kollar 2008)."""
+    seen = signature(with_codes({f"{QUANTISER}.step": STEP}, STEP), QUANTISER)
+    assert isinstance(seen, Codes)
+    expected = math.exp(-2.0 * (math.pi * NOISE / STEP) ** 2)
+    assert seen.bunched == pytest.approx(expected, abs=0.03)
+    assert seen.chance < 1e-3
+    assert np.max(np.abs(seen.phases)) <= 0.5
+    assert "angle bunches at codes 0.229 deg apart" in sentence(seen)
+    assert "by chance below 0.001" in sentence(seen)
+
+
+def test_another_step_than_the_true_one_is_not_confirmed() -> None:
+    seen = signature(with_codes({f"{QUANTISER}.step": STEP}, 0.618 * STEP), QUANTISER)
+    assert seen is not None
+    assert seen.chance > DOUBTFUL_PROBABILITY
+    assert sentence(seen).endswith("which confirms nothing")
+
+
+def test_a_hold_is_asked_by_its_clock_and_other_effects_not_at_all() -> None:
+    found = with_hold({f"{HOLD}.period": 2.43e-3}, 2.43e-3)
+    seen = signature(found, HOLD)
+    assert isinstance(seen, Answers)
+    assert "5 steps of the command are answered" in sentence(seen)
+    assert "bunched at ticks every 2.43 ms" in sentence(seen)
+    assert signature(found, "command_quantisation") is None  # no output of that name
+    assert signature(found, "transport_delay") is None
+
+
+def test_the_page_draws_every_signature() -> None:
+    codes = signature(with_codes({f"{QUANTISER}.step": STEP}, STEP), QUANTISER)
+    ticks = signature(with_hold({f"{HOLD}.period": 2.43e-3}, 2.43e-3), HOLD)
+    found: Any = SimpleNamespace(
+        ranking=[SimpleNamespace(detected=it) for it in (codes, ticks, None)]
+    )
+    shown = pictures.signatures(found)
+    assert [it.title for it in shown] == [
+        "angle, folded at the step",
+        "When steps of the command are answered, period 2.43 ms",
+    ]
+    for drawn, seen in zip(shown, (codes, ticks)):
+        assert seen is not None
+        assert sentence(seen) in drawn.text
+        assert figure(drawn).axes[0].has_data()
+    found.ranking = [SimpleNamespace(detected=None)]
+    assert pictures.signatures(found) == ()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_a_reading_rests_is_no_code(seed: int) -> None:
+    """Eight levels anywhere, each for 150 samples, with noise: some step bunches most."""
+    random = np.random.default_rng(seed)
+    levels = np.repeat(random.uniform(-0.02, 0.02, 8), 150) + 4e-5 * random.standard_normal(1200)
+    fitter, every = made({})
+    (log,) = fitter.logs
+    still = replace(log, outputs={"angle": levels})
+    fitter = replace(fitter, logs=[still])
+    steps = np.geomspace(8e-4, 1e-2, 60)
+    nominal = {free.name: free.nominal for free in fitter.nominal}
+    seen = [
+        signature(fitter.unfit((QUANTISER,), every[QUANTISER].free, {**nominal, **size}), QUANTISER)
+        for size in ({f"{QUANTISER}.step": step} for step in steps)
+    ]
+    assert max(it.bunched for it in seen if it) > 0.5
+    assert min(it.chance for it in seen if it) > DOUBTFUL_PROBABILITY
+
+
+def answered(fitted: FittedModel) -> Answers:
+    seen = signature(fitted, HOLD)
+    assert isinstance(seen, Answers)
+    return seen
+
+
+@pytest.mark.parametrize("period", [1.7e-3, 2.43e-3, 4.1e-3])
+def test_steps_before_a_hold_are_answered_on_its_ticks(period: float) -> None:
+    found = answered(with_hold({f"{HOLD}.period": period}, period))
+    starts = 0.025 * np.arange(1, 6)
+    assert found.due == pytest.approx(np.ceil(starts / period) * period - starts, abs=1e-12)
+    assert found.late == pytest.approx(found.due, abs=0.08 * period)
+    assert found.bunched > 0.97
+    assert found.chance < 0.03  # of five steps there are 120 orders
+
+
+def test_a_delay_before_the_hold_is_waited_for_first() -> None:
+    truth = {f"{HOLD}.period": 4.1e-3, "transport_delay.time": 1.3e-3}
+    fitter, every = made(truth, 2e-5)
+    free = [*every[HOLD].free, *every["transport_delay"].free]
+    values = {**_values(4.1e-3), "transport_delay.time": 1.3e-3}
+    found = answered(fitter.unfit((HOLD, "transport_delay"), free, values))
+    assert found.late == pytest.approx(found.due, abs=0.3e-3)
+
+
+@pytest.mark.parametrize(
+    "truth", [{"transport_delay.time": 1.2e-3}, {"sensor_lag.time_constant": 1e-3}]
+)
+def test_what_makes_all_steps_late_alike_knows_no_clock(truth: dict[str, float]) -> None:
+    """Of many periods a clock may fit by chance, as often as that is said to happen."""
+    periods = 1e-3 * np.array([1.57, 1.83, 2.11, 2.43, 2.77, 3.19, 3.61, 4.13, 4.57, 5.21])
+    found = [signature(with_hold(truth, period), HOLD) for period in periods]
+    assert np.median([it.chance for it in found if it]) > 0.1
+
+
+@pytest.mark.thorough
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1), st.integers(4, 40))
+def test_answers_at_any_time_are_hardly_ever_bunched(seed: int, count: int) -> None:
+    random = np.random.default_rng(seed)
+    due, late = random.uniform(0.0, 1.0, (2, 100, count))
+    chances = [Answers(HOLD, 1.0, *pair, np.ones(count)).chance for pair in zip(due, late)]
+    assert np.mean(np.array(chances) < 0.05) <= 0.15  # 0.05 and four standard errors and a half
+
+
+@given(st.integers(8, 60), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_steps_at_one_phase_of_a_clock_say_nothing_of_it(
+    count: int, due: float, late: float
+) -> None:
+    """Whatever makes them late makes them all late alike."""
+    one = np.ones(count)
+    assert Answers(HOLD, 1.0, due * one, late * one, one).chance > 0.99
+
+
+def test_without_steps_of_the_command_nothing_is_told() -> None:
+    found = with_hold({f"{HOLD}.period": 2.43e-3}, 2.43e-3)
+    (log,) = found.problem.logs
+    late = slice(600, None)
+    chirp = replace(
+        log, times=log.times[:600], rows=log.rows[:600], held_out=log.held_out[:600],
+        inputs={"voltage": log.inputs["voltage"][late]},
+        outputs={"angle": log.outputs["angle"][late]},
+    )  # fmt: skip
+    problem = replace(found.problem, logs=[chirp])
+    assert signature(replace(found, problem=problem), HOLD) is None
+
+
+def test_a_hold_of_an_inner_signal_is_not_judged_by_commands() -> None:
+    """The clock of a firmware holds the duty."""
+    chosen = model("smart_servo")
+    times = 5e-3 * np.arange(400.0)
+    goal = {"goal": np.repeat([0.0, 0.2, -0.1, 0.3], 100)}
+    fitter = Fitter(chosen, [measured(chosen, times, goal, {"angle": 0.0})], (), {"angle": 1e-3})
+    hold = free_parameter(chosen.plant.parameters[f"{HOLD}.period"], 0.0, None)
+    found = fitter.unfit((HOLD,), [hold], {hold.name: 0.02})
+    assert signature(found, HOLD) is None

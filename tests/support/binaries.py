@@ -1,0 +1,185 @@
+"""What the headers of shared libraries tell: ELF, PE and Mach-O, read by hand.
+
+Nothing here knows how a library was built.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+ELF_MACHINES = {62: "x86_64", 183: "aarch64"}
+PE_MACHINES = {0x8664: "x86_64", 0xAA64: "aarch64"}
+MACH_MACHINES = {0x01000007: "x86_64", 0x0100000C: "aarch64"}
+
+
+@dataclass
+class Binary:
+    """A shared library for one processor."""
+
+    kind: str
+    machine: str
+    exports: set[str] = field(default_factory=set)
+    needs: set[str] = field(default_factory=set)
+    """Libraries that are loaded with it."""
+    imports: set[str] = field(default_factory=set)
+    newest_glibc: tuple[int, ...] = ()
+    """Of the symbol versions that an ELF file asks for."""
+    oldest_macos: tuple[int, ...] = ()
+    has_local_symbols: bool = False
+    """Whether names are left in it that nobody needs who loads it."""
+    signed: bool = False
+    """Whether a Mach-O file has a code signature, without which macOS runs nothing on ARM."""
+
+
+def read_binary(content: bytes) -> Binary:
+    """Return what a library for one processor tells of itself."""
+    if content[:4] == b"\x7fELF":
+        return _elf(content)
+    if content[:2] == b"MZ":
+        return _pe(content)
+    if content[:4] == b"\xcf\xfa\xed\xfe":
+        return _mach(content)
+    raise AssertionError(f"no shared library: {content[:8]!r}")
+
+
+def slices(content: bytes) -> list[bytes]:
+    """Return the parts of a Mach-O file for several processors; each begins at its page."""
+    magic, count = struct.unpack_from(">II", content)
+    assert magic == 0xCAFEBABE
+    parts, end = [], 8 + 20 * count
+    for index in range(count):
+        cpu, _, start, size, align = struct.unpack_from(">IIIII", content, 8 + 20 * index)
+        assert start % (1 << align) == 0
+        assert start >= end
+        end = start + size
+        parts.append(content[start:end])
+        assert struct.unpack_from("<I", parts[-1], 4) == (cpu,)
+    assert end == len(content)
+    return parts
+
+
+def _text(content: bytes, start: int) -> str:
+    return content[start : content.index(b"\0", start)].decode()
+
+
+SYMTAB, DYNSYM, DYNAMIC, VERNEED = 2, 11, 6, 0x6FFFFFFE
+DT_NEEDED, DT_RPATH, DT_RUNPATH = 1, 15, 29
+
+
+def _elf(content: bytes) -> Binary:
+    assert content[4:6] == b"\x02\x01", "64 bits, little-endian"
+    kind, machine = struct.unpack_from("<HH", content, 16)
+    assert kind == 3, "a shared object"
+    found = Binary("ELF", ELF_MACHINES[machine])
+    table = struct.unpack_from("<Q", content, 40)[0]
+    size, count = struct.unpack_from("<HH", content, 58)
+    sections = [
+        struct.unpack_from("<IIQQQQIIQQ", content, table + size * index) for index in range(count)
+    ]
+    for _, kind, _, _, start, length, link, info, _, _ in sections:
+        names = sections[link][4]
+        if kind == SYMTAB:
+            found.has_local_symbols = True
+        elif kind == DYNSYM:
+            for at in range(start + 24, start + length, 24):
+                name, _, _, section = struct.unpack_from("<IBBH", content, at)
+                (found.exports if section else found.imports).add(_text(content, names + name))
+        elif kind == DYNAMIC:
+            for tag, value in struct.iter_unpack("<QQ", content[start : start + length]):
+                assert tag not in (DT_RPATH, DT_RUNPATH), "a search path"
+                if tag == DT_NEEDED:
+                    found.needs.add(_text(content, names + value))
+        elif kind == VERNEED:
+            found.newest_glibc = max(_versions(content, start, info, names))
+    return found
+
+
+def _versions(content: bytes, start: int, count: int, names: int) -> list[tuple[int, ...]]:
+    """Symbol versions that an ELF file asks for, all of them glibc's."""
+    versions = []
+    for _ in range(count):
+        _, several, _, first, following = struct.unpack_from("<HHIII", content, start)
+        at = start + first
+        for _ in range(several):
+            _, _, _, name, after = struct.unpack_from("<IHHII", content, at)
+            library, _, numbers = _text(content, names + name).partition("_")
+            assert library == "GLIBC"
+            versions.append(tuple(int(number) for number in numbers.split(".")))
+            at += after
+        start += following
+    return versions
+
+
+DLL = 0x2000
+EXPORTS, IMPORTS, DEBUG = 0, 1, 6
+REPRODUCIBLE = 16
+
+
+def _pe(content: bytes) -> Binary:
+    head = struct.unpack_from("<I", content, 60)[0]
+    assert content[head : head + 4] == b"PE\0\0"
+    fields = struct.unpack_from("<HHIIIHH", content, head + 4)
+    machine, count, stamp, symbols, _, size, flags = fields
+    assert flags & DLL
+    found = Binary("PE", PE_MACHINES[machine], has_local_symbols=symbols != 0)
+    option = head + 24
+    assert struct.unpack_from("<H", content, option) == (0x20B,), "64 bits"
+    sections = [
+        struct.unpack_from("<8sIIII", content, option + size + 40 * index) for index in range(count)
+    ]
+
+    def at(address: int) -> int:
+        """Where in the file an address of the loaded library is."""
+        for _, _, start, length, offset in sections:
+            if start <= address < start + length:
+                return int(address - start + offset)
+        raise AssertionError(f"no section has {address:#x}")
+
+    def directory(index: int) -> tuple[int, int]:
+        address, length = struct.unpack_from("<II", content, option + 112 + 8 * index)
+        return (at(address) if address else 0), length
+
+    start, _ = directory(EXPORTS)
+    amount, _, names = struct.unpack_from("<III", content, start + 24)
+    for address in struct.unpack_from(f"<{amount}I", content, at(names)):
+        found.exports.add(_text(content, at(address)))
+    start, _ = directory(IMPORTS)
+    while name := struct.unpack_from("<I", content, start + 12)[0]:
+        found.needs.add(_text(content, at(name)))
+        start += 20
+    start, length = directory(DEBUG)
+    kinds = [struct.unpack_from("<I", content, start + at + 12)[0] for at in range(0, length, 28)]
+    assert stamp == 0 or REPRODUCIBLE in kinds, "a date, where a digest of the content may be"
+    return found
+
+
+SYMBOLS, LIBRARY, SIGNATURE, OLDEST, OLDEST_MAC = 0x2, 0xC, 0x1D, 0x32, 0x24
+DEBUGGING, PRIVATE, DEFINED, EXTERNAL = 0xE0, 0x10, 0xE, 0x1
+
+
+def _mach(content: bytes) -> Binary:
+    _, cpu, _, kind, count = struct.unpack_from("<IIIII", content)
+    assert kind == 6, "a dynamic library"
+    found = Binary("Mach-O", MACH_MACHINES[cpu])
+    start = 32
+    for _ in range(count):
+        command, size = struct.unpack_from("<II", content, start)
+        if command == SYMBOLS:
+            first, amount, names, _ = struct.unpack_from("<IIII", content, start + 8)
+            for at in range(first, first + 16 * amount, 16):
+                name, sort = struct.unpack_from("<IB", content, at)
+                found.has_local_symbols |= bool(sort & DEBUGGING)
+                if sort & EXTERNAL and not sort & (DEBUGGING | PRIVATE):
+                    names_of = found.exports if sort & DEFINED else found.imports
+                    names_of.add(_text(content, names + name).removeprefix("_"))
+        elif command == LIBRARY:
+            where = struct.unpack_from("<I", content, start + 8)[0]
+            found.needs.add(_text(content, start + where))
+        elif command == SIGNATURE:
+            found.signed = True
+        elif command in (OLDEST, OLDEST_MAC):
+            version = struct.unpack_from("<I", content, start + (12 if command == OLDEST else 8))[0]
+            found.oldest_macos = (version >> 16, version >> 8 & 0xFF)
+        start += size
+    return found
