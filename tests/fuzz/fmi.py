@@ -173,9 +173,9 @@ class Expected3(Expected):
     Until then the host keeps them; see ``fmu_host.Calls3``.
     """
 
-    def __init__(self, chosen: Model) -> None:
-        self.experiment: tuple[float, float | None] = (0.0, None)
-        super().__init__(chosen)
+    def reset(self) -> None:
+        super().reset()
+        self.setup(0.0, None)
 
     def setup(self, start: float, stop: float | None) -> None:
         self.experiment = start, stop

@@ -62,6 +62,10 @@ class Calls3:
     def enterInitializationMode(self) -> None:  # noqa: N802
         self.slave.enterInitializationMode(**self.times)
 
+    def reset(self) -> None:
+        self.setupExperiment()
+        self.slave.reset()
+
 
 class Host:
     """One instance of the FMU extracted in ``folder``.
