@@ -1,10 +1,10 @@
 """What a native FMU costs beside one written by hand in C; all ratios within one run.
 
 The yardstick is ``hand_written.c``: the equations of an actuator without effects and nothing else,
-compiled here with the compiler and flags of the native FMU, whose effects are all off.
+compiled by the compiler and with the flags of the native FMU, whose effects are all off.
 
-Run: ``python benchmarks/bench_native.py`` (Linux with a C compiler, extra ``benchmark``; about a
-minute).
+Run: ``python benchmarks/bench_native.py`` (Linux on x86-64 with a C compiler; MuJoCo with the extra
+``benchmark``; about half a minute).
 """
 
 from __future__ import annotations
@@ -20,14 +20,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import fmpy
+import numpy as np
 from bench_fmu import Instance
+from bench_simulation import mujoco_servo
 
 import servo_models as sm
+from fmu_src.native.archive import headers
+from fmu_src.native.compilers import TARGETS, compile_library, needed_compiler
 
 HERE = Path(__file__).parent
-FLAGS = ("-O2", "-ffp-contract=off", "-std=c99", "-fPIC", "-shared")
-ROUNDS = 9
-STEPS = 20_000
+(LINUX,) = (target for target in TARGETS if target.name == "linux-x86_64")
+STEPS = 2000  # about a millisecond, so that some repeat of many is left undisturbed
+REPEATS = 20
+ROUNDS = 15
+SWITCHED = 64  # steps between two jumps of the main input, in step_time.c as well
 AGREEMENT = 1e-9  # of the summed outputs; with more it is another model, and no yardstick
 
 
@@ -61,37 +67,56 @@ class Subject:
         return [v for v in every if v.causality == causality and v.type == "Real"]
 
     def in_c(
-        self, host: Path, size: float, steps: int = STEPS, instances: int = 1, repeats: int = 5
+        self,
+        host: Path,
+        size: float,
+        steps: int = STEPS,
+        instances: int = 1,
+        repeats: int = REPEATS,
     ) -> Cost:
-        """Step it from the C host, the main input between rest and its standard step."""
-        inputs, outputs = self.reals("input"), self.reals("output")
-        listed = [",".join(str(v.valueReference) for v in of) for of in (inputs, outputs)]
+        """Step it from the C host."""
+        wanted = self.reals("input"), self.reals("output")
+        listed = [",".join(str(v.valueReference) for v in some) for some in wanted]
         run = [self.about.guid, instances, steps, repeats, size, self.low, self.high, *listed]
         command = list(map(str, [host, self.library, *run]))
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         return Cost(*map(float, done.stdout.split()))
 
-
-def compiled(source: Path, target: Path, *flags: str) -> Path:
-    """Compile one C file against fmpy's copy of the FMI headers and return ``target``."""
-    headers = Path(fmpy.__file__).parent / "c-code"
-    files = ["-I", headers, source, "-o", target, "-lm", "-ldl"]
-    subprocess.run(["cc", *flags, *map(str, files)], check=True)
-    return target
+    def seconds_in_c(self, host: Path, size: float) -> float:
+        return 1e-9 * self.in_c(host, size).ns
 
 
 def effects_off(name: str) -> sm.Model:
     """The default variant of an actuator with every switch at 0."""
     parameters = sm.model(name).plant.parameters.items()
-    return sm.model(name, parameters={name: 0.0 for name, p in parameters if p.param.switch})
+    return sm.model(name, parameters={key: 0.0 for key, p in parameters if p.param.switch})
 
 
-def hand_written(other: Subject, name: str, work: Path) -> Subject:
-    """A copy of an FMU with the yardstick for its binary: the same description and references."""
-    made = replace(other, folder=shutil.copytree(other.folder, work / f"{name}_by_hand"))
-    equations = f'-DMODEL="hand_written_{name}.h"'
-    compiled(HERE / "hand_written.c", made.library, *FLAGS, equations)
+def built(chosen: sm.Model, work: Path, kind: str) -> Subject:
+    """Build an FMU and extract it."""
+    path = sm.build(chosen, work / "built.fmu", kind)
+    rest, step = float(chosen.plant.inputs[0].rest), chosen.actuator.step[1]
+    return Subject(fmpy.extract(str(path), str(Path(tempfile.mkdtemp(dir=work)))), rest, step)
+
+
+def by_hand(native: Subject, name: str, work: Path) -> Subject:
+    """A copy of a native FMU with the yardstick for its library: the same description."""
+    made = replace(native, folder=shutil.copytree(native.folder, work / f"{name}_by_hand"))
+    sources = {
+        "hand_written.c": (HERE / "hand_written.c").read_bytes(),
+        "equations.h": (HERE / f"hand_written_{name}.h").read_bytes(),
+    }
+    library = compile_library(needed_compiler(), LINUX, sources, "hand_written.c", [headers()])
+    made.library.write_bytes(library)
     return made
+
+
+def c_host(work: Path) -> Path:
+    host = work / "step_time"
+    files = ["-I", headers(), HERE / "step_time.c", "-o", host, "-ldl"]
+    command = [*needed_compiler().command, "-O2", "-std=c99", *map(str, files)]
+    subprocess.run(command, check=True)
+    return host
 
 
 def fmpy_step(instance: Instance, values: list[float], size: float) -> float:
@@ -121,7 +146,7 @@ def rows(head: str, seconds: dict[str, float]) -> None:
     print(f"\n{head:40}{'us':>9}{'ratio':>8}")
     yardstick = next(iter(seconds.values()))
     for name, spent in seconds.items():
-        print(f"{name:40}{spent * 1e6:9.3f}{spent / yardstick:8.2f}")
+        print(f"{name:40}{spent * 1e6:9.3f}{spent / yardstick:8.2f}", flush=True)
 
 
 def steps_in_c(host: Path, name: str, subjects: dict[str, Subject], size: float) -> None:
@@ -129,12 +154,8 @@ def steps_in_c(host: Path, name: str, subjects: dict[str, Subject], size: float)
     summed = {how: subject.in_c(host, size).summed for how, subject in subjects.items()}
     least, most = min(summed.values()), max(summed.values())
     assert most - least <= AGREEMENT * abs(most), summed
-    calls = {how: partial(seconds_in_c, subject, host, size) for how, subject in subjects.items()}
+    calls = {how: partial(subject.seconds_in_c, host, size) for how, subject in subjects.items()}
     rows(f"C host: {name}, step of {size * 1e3:g} ms", best(calls))
-
-
-def seconds_in_c(subject: Subject, host: Path, size: float) -> float:
-    return 1e-9 * subject.in_c(host, size).ns
 
 
 def steps_in_fmpy(name: str, subjects: dict[str, Subject], size: float) -> None:
@@ -147,26 +168,54 @@ def steps_in_fmpy(name: str, subjects: dict[str, Subject], size: float) -> None:
         instance.free()
 
 
-def many(host: Path, subjects: dict[str, Subject]) -> None:
+def many(host: Path, name: str, subjects: dict[str, Subject]) -> None:
     """Print what a thousand instances cost, each stepped 10 000 times."""
-    print(f"\n{'1000 instances, 10 000 steps each':40}{'us':>9}{'kB each':>9}{'growth kB':>11}")
+    print(f"\n{f'{name}: 1000 instances, 10 000 steps':40}{'us':>9}{'kB each':>9}{'growth kB':>11}")
     for how, subject in subjects.items():
-        cost = subject.in_c(host, 1e-3, steps=1000, instances=1000, repeats=10)
-        print(f"{how:40}{cost.ns / 1e3:9.3f}{cost.kb_each:9.1f}{cost.kb_growth:11.0f}")
+        cost = subject.in_c(host, 1e-3, steps=100, instances=1000, repeats=100)
+        print(f"{how:40}{cost.ns / 1e3:9.3f}{cost.kb_each:9.1f}{cost.kb_growth:11.0f}", flush=True)
+
+
+def simulations(host: Path, name: str, work: Path) -> None:
+    """Print the cost of STEPS steps of 1 ms of the default variant, which has some effects on."""
+    chosen = sm.model(name)
+    native = built(chosen, work, "native")
+    times = 1e-3 * np.arange(STEPS + 1)
+    inputs = np.tile([float(wire.rest) for wire in chosen.plant.inputs], (len(times), 1))
+    inputs[np.arange(len(times)) // SWITCHED % 2 == 0, 0] = native.high
+    flags = [chosen.plant.wire[output].flag for output in chosen.plant.outputs]
+    summed = float(chosen.run(times, inputs)[1:, np.logical_not(flags)].sum())
+    told = native.in_c(host, 1e-3, repeats=1).summed
+    assert abs(told - summed) <= AGREEMENT * abs(summed), (told, summed)
+
+    def numba() -> float:
+        start = chosen.start()
+        begin = time.perf_counter()
+        chosen.run(times, inputs, start)
+        return (time.perf_counter() - begin) / STEPS
+
+    calls = {"native in the C host": partial(native.seconds_in_c, host, 1e-3), "numba": numba}
+    seconds = best(calls)
+    spent = mujoco_servo(STEPS)
+    rows(
+        f"simulation: {name}, steps of 1 ms",
+        {**seconds, **({"MuJoCo's servo": spent / STEPS} if spent else {})},
+    )
 
 
 def main() -> None:
     work = Path(tempfile.mkdtemp())
-    host = compiled(HERE / "step_time.c", work / "step_time", "-O2", "-std=c99")
+    host = c_host(work)
+    print(needed_compiler().version.splitlines()[0])
     for name, sizes in (("torque_motor", (1e-3, 1e-4)), ("sg90", (1e-3,))):
         chosen = effects_off(name)
-        swing = chosen.plant.inputs[0].rest, chosen.actuator.step[1]
-        python = Subject(fmpy.extract(str(sm.build(chosen, work / f"{name}.fmu"))), *swing)
-        in_c = {"by hand": hand_written(python, name, work)}
+        native = built(chosen, work, "native")
+        in_c = {"by hand": by_hand(native, name, work), "native": native}
         for size in sizes:
             steps_in_c(host, name, in_c, size)
-        steps_in_fmpy(name, {**in_c, "Python FMU": python}, 1e-3)
-        many(host, in_c)
+        steps_in_fmpy(name, {**in_c, "Python FMU": built(chosen, work, "python")}, 1e-3)
+        many(host, name, in_c)
+        simulations(host, name, work)
     shutil.rmtree(work)
 
 

@@ -184,6 +184,8 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
     @guarded
     def do_step(self, current_time: float, step_size: float) -> bool:
         end = current_time + step_size
+        if self.stale and self.phase == RUNNING and not self.trouble:
+            self.retune()  # first, since it says how long a step may be
         if not (
             abs(current_time - self.time) <= SLACK * (1.0 + abs(current_time))
             and 0.0 < step_size <= self.longest
@@ -191,8 +193,6 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             and end < math.inf
         ):
             self.refuse_step(current_time, step_size)
-        if self.stale:
-            self.retune()
         self.advance(self.x, current_time, step_size)
         self.time = end
         return True

@@ -304,12 +304,12 @@ static int refuse_step(Instance *I, const char *call, double time, double size)
 static int do_step(Instance *I, const char *call, double time, double size)
 {
     const double end = time + size;
+    if (I->stale && I->now.phase == RUNNING && !I->now.trouble[0] && !retune(I))
+        return 0; /* first, since it says how long a step may be */
     if (!(fabs(time - I->now.time) <= SLACK * (1.0 + fabs(time)) && size > 0.0
           && size <= I->longest && end <= I->now.last && end <= MOST
           && I->now.phase == RUNNING))
         return refuse_step(I, call, time, size);
-    if (I->stale && !retune(I))
-        return 0;
     if (!advance(I, I->now.x, time, size))
         return 0;
     I->now.time = end;

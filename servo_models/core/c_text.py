@@ -115,8 +115,9 @@ def _step(
     yield "    double v__t, double v__size, double *restrict v__y)"
     yield "{"
     yield "    int failed = 0;"
-    places = max(1, int(ast.unparse(ahead.value.right)))  # C has no empty array
-    yield f"    double v__ahead[{places}] = {{0.0}};"
+    places = int(ast.unparse(ahead.value.right))
+    if places:  # C has no empty array
+        yield f"    double v__ahead[{places}] = {{0.0}};"
     lines = write.block(body)
     yield from indent(write.declared(body, ()))
     yield from indent(lines)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
 from jinja2.environment import TemplateModule
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from servo_models.report import style
 from servo_models.report.sections import Mark, Picture, Report
@@ -15,6 +16,8 @@ from servo_models.report.sections import Mark, Picture, Report
 MARKS = {True: "✓", False: "✗", None: "○"}
 """A sign beside each verdict, so that it does not hang on colour."""
 JUDGEMENTS = {True: "pass", False: "fail", None: "open"}
+OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
+"""Of a command, as ``--out``: a browser would end a line after its first hyphens."""
 
 
 def page(report: Report) -> str:
@@ -33,10 +36,16 @@ def notebook(report: Report) -> str:
     return str(_template(report).notebook(report.pictures[:1], tables))  # type: ignore[attr-defined]
 
 
+def _unbroken(text: str) -> Markup:
+    """A text in which no line ends inside an option of a command."""
+    return Markup(OPTION.sub(r'<span class="option">\g<0></span>', str(escape(text))))
+
+
 def _template(report: Report) -> TemplateModule:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["unbroken"] = _unbroken
     environment.tests["mark"] = lambda cell: isinstance(cell, Mark)
     text = files("servo_models.report").joinpath("report.html").read_text("utf-8")
     drawn = {id(picture): k for k, picture in enumerate(report.pictures)}

@@ -144,7 +144,8 @@ def test_page_is_whole_and_stands_alone(found: Diagnosis, text: str) -> None:
 
 def test_the_answer_is_told_before_anything_else(found: Diagnosis, text: str) -> None:
     """Cause with its size, what was, what is left, what to do: above the first picture."""
-    top = " ".join(Page(f"{text.partition('</header>')[0]}</header></body></html>").text)
+    page = Page(f"{text.partition('</header>')[0]}</header></body></html>")
+    top = " ".join("".join(page.text).split())
     for said in ("transport_delay on 'voltage'", "before", "left"):
         assert said in top
     (size,) = re.findall(rf"time {NUMBER} {ERROR} {NUMBER} ms", top)

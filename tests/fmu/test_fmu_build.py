@@ -19,7 +19,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from servo_models.analysis.experiment import step
-from servo_models.build import build
+from servo_models.build import NATIVE, build
 from servo_models.core.simulate import Model, model
 from servo_models.errors import UserError
 from tests.conftest import MODELS
@@ -262,4 +262,13 @@ def test_archive_holds_no_cache_and_no_path_of_the_machine(fmu_file: Files) -> N
 def test_a_name_without_fmu_is_refused_with_the_cure(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"let it end in \.fmu"):
         build(model("sg90"), tmp_path / "sg90.zip")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_compiler_the_cure_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fmu_src.native.compilers.compiler", lambda: None)
+    with pytest.raises(UserError, match=r"no C compiler.*pip install"):
+        build(model("sg90"), tmp_path / "sg90.fmu", NATIVE)
     assert list(tmp_path.iterdir()) == []

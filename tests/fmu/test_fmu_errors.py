@@ -336,6 +336,15 @@ def test_internal_steps_are_counted_as_an_effect_shortens_them(fmu_folder: Files
         refused(host, lambda: host.fmu.doStep(0.0, 99.0), f"that is {longest:g} s")
 
 
+def test_and_as_a_parameter_shortens_them_in_the_run(fmu_folder: Files) -> None:
+    own = model("torque_motor").values["rotor_inertia"]
+    longest = 1e6 * 0.13 * math.sqrt(1e-2 / (1.0 / 1e-5 + 50.0 / own))
+    with Host(fmu_folder("torque_motor")) as host:
+        host.start({"gear_compliance.compliance": 1e-2, "gear_compliance.inertia": 1e-5})
+        host.set({"rotor_inertia": own / 50.0})
+        refused(host, lambda: host.fmu.doStep(0.0, 1.01 * longest), f"that is {longest:g} s")
+
+
 Damage = Callable[[dict[str, Any]], object]
 DAMAGED: dict[str, Damage] = {
     "no values": lambda state: state.pop("values"),

@@ -49,7 +49,7 @@ SCARCE = ("-Dmalloc=scarce_malloc", "-Dcalloc=scarce_calloc")
 """The driver lets memory run out."""
 VALGRIND = (
     *("valgrind", "-q", f"--error-exitcode={REPORTED}", "--exit-on-first-error=yes"),
-    *("--leak-check=full", "--show-leak-kinds=all", "--errors-for-leak-kinds=all"),
+    *("--leak-check=full", "--errors-for-leak-kinds=definite,indirect,possible"),
 )
 
 
@@ -112,21 +112,33 @@ def variables_of(fmu: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def compiled(source: Path, variables: str, mode: str, folder: Path, *flags: str) -> Subject:
-    """Compile the main source of an FMU and the driver in a folder of their own."""
-    folder.mkdir()
-    subject = Subject(folder / "fmi_calls", folder / "fmu.so", folder / "variables.txt", mode)
-    subject.variables.write_text(variables)
-    common = [*FLAGS, *MODE_FLAGS.get(mode, ()), f"-I{headers()}", f"-I{SUPPORT}"]
-    _compile("-std=c99", *common, *SCARCE, *flags, source, "-shared", "-o", subject.library, "-lm")
-    rest = ("-rdynamic", "-o", subject.driver, "-ldl", "-lm", "-lpthread")
-    _compile("-std=c11", *common, HERE / "fmi_calls.c", *rest)
-    return subject
+def compiled_driver(mode: str, folder: Path) -> Path:
+    driver = folder / f"fmi_calls_{mode}"
+    libraries = ("-rdynamic", "-o", driver, "-ldl", "-lm", "-lpthread")
+    _compile(mode, "-std=c11", f"-I{SUPPORT}", HERE / "fmi_calls.c", *libraries)
+    return driver
 
 
-def _compile(*words: str | Path) -> None:
-    done = subprocess.run(["cc", *words], capture_output=True, text=True, check=False)
+def compiled_library(fmu: Path, mode: str, folder: Path) -> Path:
+    """Compile the sources of an unpacked FMU."""
+    library = folder / f"fmu_{mode}.so"
+    source = fmu / "sources" / "fmi2.c"
+    _compile(mode, "-std=c99", *SCARCE, source, "-shared", "-o", library, "-lm")
+    return library
+
+
+def _compile(mode: str, *words: str | Path) -> None:
+    flags = (*FLAGS, *MODE_FLAGS.get(mode, ()), f"-I{headers()}")
+    done = subprocess.run(["cc", *flags, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def subject_of(fmu: Path, mode: str, driver: Path, folder: Path) -> Subject:
+    """Prepare an unpacked FMU for a driver of the same mode, in a folder of its own."""
+    folder.mkdir()
+    variables = folder / "variables.txt"
+    variables.write_text(variables_of(fmu))
+    return Subject(driver, compiled_library(fmu, mode, folder), variables, mode)
 
 
 def run(subject: Subject, seeds: range, threads: int = 0) -> Outcome:
@@ -193,17 +205,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     name = next((n for n in ("sanitize", "valgrind", "threads") if getattr(chosen, n)), "plain")
     failed = False
-    for actuator in chosen.actuators:
-        with tempfile.TemporaryDirectory() as scratch:
-            fmu = unpacked(model(actuator), Path(scratch))
-            source = fmu / "sources" / "fmi2.c"
-            subject = compiled(source, variables_of(fmu), name, Path(scratch) / "compiled")
+    with tempfile.TemporaryDirectory() as scratch:
+        driver = compiled_driver(name, Path(scratch))
+        for actuator in chosen.actuators:
+            folder = Path(scratch) / actuator
+            folder.mkdir()
+            subject = subject_of(unpacked(model(actuator), folder), name, driver, folder / name)
             seeds = range(chosen.seed, chosen.seed + chosen.sequences)
             found = run(subject, seeds, chosen.threads)
-        counted = ", ".join(f"{count} {what}" for what, count in found.counts.items())
-        print(f"{actuator}, {name}: {counted}: {len(found.faults)} faults", flush=True)
-        print(*found.faults[:5], sep="\n\n", end="\n" if found.faults else "")
-        failed = failed or bool(found.faults)
+            counted = ", ".join(f"{count} {what}" for what, count in found.counts.items())
+            print(f"{actuator}, {name}: {counted}: {len(found.faults)} faults", flush=True)
+            print(*found.faults[:5], sep="\n\n", end="\n" if found.faults else "")
+            failed = failed or bool(found.faults)
     return int(failed)
 
 

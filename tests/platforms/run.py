@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -26,17 +26,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-import fmpy
-
-from fmu_src.description import model_description
-from fmu_src.native.compilers import TARGETS, Target, compile_library, zig
-from fmu_src.native.source import identity_header, native_sources
+from fmu_src.native.archive import headers, native_entries
+from fmu_src.native.compilers import TARGETS, Target, zig
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import Model, model
 from servo_models.files import cache_folder
 from tests.support.sources import ROOT
 
-HEADERS = Path(fmpy.__file__).parent / "c-code"
 ARM_LIBRARIES = "/usr/aarch64-linux-gnu"
 RUNNERS = {
     "linux-x86_64": [[]],
@@ -62,15 +58,15 @@ def build_all(chosen: Model, host: Path, target: Target, folder: Path) -> list[s
     made_by = zig()
     if made_by is None:
         raise SystemExit('no ziglang: pip install ".[native]"')
-    xml = model_description(chosen, chosen.actuator.name, "tests/platforms")
-    (guid,) = re.findall(rb'guid="([^"]*)"', xml)
-    identity, sources = native_sources(chosen, "fmi2.c")
-    sources["identity.h"] = identity_header(identity, guid.decode())
+    entries = native_entries(chosen, made_by, [target])
+    (binary,) = (name for name in entries if name.startswith("binaries/"))
     library = f"library{target.suffix}"
-    (folder / library).write_bytes(compile_library(made_by, target, sources, "fmi2.c", [HEADERS]))
-    (folder / "modelDescription.xml").write_bytes(xml)
+    (folder / library).write_bytes(entries[binary])
+    (folder / "modelDescription.xml").write_bytes(entries["modelDescription.xml"])
     program = "host.exe" if target.suffix == ".dll" else "host"
-    words = ["-target", target.zig_triple, "-O2", "-s", f"-I{HEADERS}", str(host), "-o", program]
+    # without contraction, since the host computes its communication steps
+    flags = ["-target", target.zig_triple, "-O2", "-s", "-ffp-contract=off", f"-I{headers()}"]
+    words = [*flags, str(host), "-o", program]
     words += [] if target.suffix == ".dll" else ["-ldl", "-lm"]
     caches = {
         "ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / "zig"),
@@ -96,18 +92,20 @@ def run(words: list[str], chosen: Model, values: Mapping[str, float], folder: Pa
     environment = {**os.environ, "WINEPREFIX": str(folder.parent / "wine"), "WINEDEBUG": "-all"}
     numbers = [repr(chosen.stop_time), repr(chosen.step_size)]
     starts = [f"{name}={value!r}" for name, value in values.items()]
-    done = subprocess.run(
-        [*words, *numbers, *starts],
-        cwd=folder,
-        env=environment,
-        timeout=SECONDS,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    printed, told = folder / "printed.csv", folder / "told.txt"
+    with printed.open("w") as out, told.open("w") as err:  # wine's servers keep a pipe open
+        done = subprocess.run(
+            [*words, *numbers, *starts],
+            cwd=folder,
+            env=environment,
+            timeout=SECONDS,
+            stdout=out,
+            stderr=err,
+            check=False,
+        )
     if done.returncode:
-        raise SystemExit(f"{words[0]} ended with {done.returncode}: {done.stderr[-1000:]}")
-    head, *rows = csv.reader(done.stdout.splitlines())
+        raise SystemExit(f"{words[0]} ended with {done.returncode}: {told.read_text()[-1000:]}")
+    head, *rows = csv.reader(printed.read_text().splitlines())
     assert len(rows) == round(chosen.stop_time / chosen.step_size) + 1
     return {name: [float(row[i]) for row in rows] for i, name in enumerate(head)}
 
@@ -118,6 +116,7 @@ def difference(found: Columns, wanted: Columns) -> tuple[float, str]:
     assert found["time"] == wanted["time"]
     shares = []
     for name, values in wanted.items():
+        assert all(map(math.isfinite, [*values, *found[name]]))
         scale = max(map(abs, values)) or 1.0
         shares.append((max(abs(a - b) for a, b in zip(found[name], values)) / scale, name))
     return max(shares)
@@ -139,16 +138,23 @@ def compare(name: str, host: Path, folder: Path) -> None:
         place.mkdir()
         program = [*words, *build_all(chosen, host, target, place)]
         found = {case: run(program, chosen, set_, place) for case, set_ in cases(chosen).items()}
-        wanted = wanted or found
+        if not wanted:
+            wanted = found
+            print(f"{name:13} {target.name:15} {len(found)} runs, with which others are compared")
+            continue
         shares = {case: (*difference(found[case], wanted[case]), case) for case in wanted}
         worst = max(shares.values())
         equal = sum(share == 0.0 for share, *_ in shares.values())
-        print(
-            f"{name:13} {target.name:15} {len(found)} runs, {equal} equal;"
-            f" no effect {shares['no effect'][0]:.1e}, all effects {shares['all effects'][0]:.1e},"
-            f" largest {worst[0]:.1e} ({worst[1]}, {worst[2]})",
-            flush=True,
+        told = (
+            "every number equal"
+            if worst[0] == 0.0
+            else (
+                f"{equal} equal; no effect {shares['no effect'][0]:.1e},"
+                f" all effects {shares['all effects'][0]:.1e}, largest {worst[0]:.1e}"
+                f" ({worst[1]}, {worst[2]})"
+            )
         )
+        print(f"{name:13} {target.name:15} {len(found)} runs, {told}", flush=True)
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -114,6 +115,19 @@ def test_a_page_escapes_texts_and_folds_details() -> None:
     assert "Empty" not in text
     page.assert_stands_alone()
     assert html.page(REPORT) == text
+
+
+def test_nothing_on_a_page_is_out_of_its_flow() -> None:
+    """Headings that were hidden that way made a page of tables wider than a phone."""
+    assert not re.search(r"position:\s*(absolute|fixed)", html.page(REPORT))
+
+
+def test_no_line_of_a_page_ends_inside_an_option() -> None:
+    card = Card("do next", "<b>: servo-models build --params A.toml --no-x --")
+    text = html.page(replace(REPORT, cards=(card,)))
+    assert "&lt;b&gt;: servo-models build " in text
+    assert re.findall(r'<span class="option">(.*?)</span>', text) == ["--params", "--no-x"]
+    assert re.search(r"\.option {[^}]*white-space: nowrap", text)
 
 
 def test_a_result_shows_itself() -> None:

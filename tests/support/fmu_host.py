@@ -30,13 +30,13 @@ _messages: dict[bytes, Messages] = {}
 
 def _log(_: Any, name: bytes, status: int, category: bytes, text: bytes) -> None:
     """The text is a printf format without arguments, to be expanded as a C host does."""
-    _messages[name].append((status, text.decode() % ()))
+    _messages.setdefault(name, []).append((status, text.decode() % ()))
 
 
-_CALLBACKS = fmi2CallbackFunctions()
-_CALLBACKS.logger = fmi2CallbackLoggerTYPE(_log)
-_CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-_CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+CALLBACKS = fmi2CallbackFunctions()
+CALLBACKS.logger = fmi2CallbackLoggerTYPE(_log)
+CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
 
 
 class Calls3:
@@ -99,7 +99,7 @@ class Host:
         else:
             self.prefix = "fmi2"
             self.fmu = FMU2Slave(**about)
-            self.fmu.instantiate(callbacks=_CALLBACKS, loggingOn=True)
+            self.fmu.instantiate(callbacks=CALLBACKS, loggingOn=True)
 
     def _hear(self, _: Any, status: int, category: bytes, text: bytes) -> None:
         self.messages.append((status, text.decode()))
