@@ -92,7 +92,10 @@ def needed_compiler() -> Compiler:
     """
     found = compiler()
     if found is None:
-        raise UserError(f"no C compiler on the PATH: {INSTALL}, or set CC to one")
+        named = f"; it is '{os.environ['CC']}'" if os.environ.get("CC") else ""
+        raise UserError(
+            f"no C compiler was found: {INSTALL}, or set CC to one for a platform of FMI{named}"
+        )
     return found
 
 
@@ -167,7 +170,12 @@ def compile_library(
     def make(folder: Path) -> None:
         (folder / library).write_bytes(_compile(compiler, words, files, library, target.name))
 
-    made_of = [compiler.version, words, {n: _sha256(c) for n, c in sorted(files.items())}]
+    made_of = [
+        compiler.version,
+        compiler.command,
+        words,
+        {n: _sha256(c) for n, c in sorted(files.items())},
+    ]
     digest = _sha256(json.dumps(made_of).encode())
     return (cached(f"native-{target.name}-{digest[:32]}", make) / library).read_bytes()
 
@@ -177,13 +185,20 @@ def _compile(
 ) -> bytes:
     """Run the compiler in a folder that holds the files alone, so that no path gets into a
     library."""
+    zig_cache = cache_folder() / "zig"
+    if compiler.is_zig and not zig_cache.exists():
+        print(
+            "servo-models: zig first builds the C library of each platform: this takes minutes,"
+            " once",
+            file=sys.stderr,
+        )
     with scratch() as folder:
         for file, content in files.items():
             (folder / file).write_bytes(content)
         environment = {
             **os.environ,
             "LC_ALL": "C",
-            "ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / "zig"),
+            "ZIG_GLOBAL_CACHE_DIR": str(zig_cache),
             "ZIG_LOCAL_CACHE_DIR": str(folder / "zig"),
         }
         try:

@@ -93,7 +93,7 @@ def test_the_python_of_the_readme(
     exec(of_model, names)
     assert names["response"]["angle"].shape == (1000,)
     (tmp_path / "fmus").mkdir()
-    shutil.copy(fmu_file("torque_motor"), tmp_path / "fmus")
+    shutil.copy(fmu_file("torque_motor"), tmp_path / "fmus" / "torque_motor.native.fmu")
     monkeypatch.chdir(tmp_path)
     exec(of_fmu, names)
     assert set(names["result"].dtype.names) == {"time", "angle", "current"}

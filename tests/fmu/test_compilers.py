@@ -261,6 +261,45 @@ def test_a_second_build_is_read_from_the_cache(
 
 
 @with_host
+def test_the_words_in_cc_count(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert HOST is not None
+    target = native(HOST)
+    text = EXPORT.encode() + b"EXPORT int number(void) { return NUMBER; }"
+    for number in (3, 4):
+        monkeypatch.setenv("CC", f"{HOST.command[0]} -DNUMBER={number}")
+        found = host()
+        assert found is not None
+        path = tmp_path / f"{number}{target.suffix}"
+        path.write_bytes(compile_library(found, target, {"main.c": text}, "main.c"))
+        assert ctypes.CDLL(str(path)).number() == number
+
+
+def test_the_first_build_of_zig_says_that_it_takes_minutes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A script stands for zig, which fills its cache."""
+    script = tmp_path / "zig.py"
+    script.write_text(
+        "import os, pathlib, sys\n"
+        "pathlib.Path(os.environ['ZIG_GLOBAL_CACHE_DIR'], 'libc').mkdir(parents=True)\n"
+        "pathlib.Path(sys.argv[sys.argv.index('-o') + 1]).write_text('a library')\n"
+    )
+    slow = Compiler((sys.executable, str(script)), "zig", TARGETS, is_zig=True)
+    monkeypatch.setenv("SERVO_MODELS_CACHE", str(tmp_path / "cache"))
+    cache_folder.cache_clear()
+    try:
+        assert compile_library(slow, TARGETS[0], SOURCES, "main.c") == b"a library"
+        assert "minutes" in capsys.readouterr().err
+        script.write_text(script.read_text().replace("parents=True", "exist_ok=True"))
+        compile_library(slow, TARGETS[1], SOURCES, "main.c")
+        assert capsys.readouterr().err == ""
+    finally:
+        cache_folder.cache_clear()
+
+
+@with_host
 def test_the_hosts_compiler_is_refused_for_other_platforms() -> None:
     assert HOST is not None
     other = next(target for target in TARGETS if target not in HOST.targets)
@@ -270,10 +309,10 @@ def test_the_hosts_compiler_is_refused_for_other_platforms() -> None:
 
 def test_no_compiler_is_told_with_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("CC", "no-such-cc")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert compiler() is None
-    with pytest.raises(UserError, match=r'pip install "\.\[native\]"'):
+    with pytest.raises(UserError, match=r'pip install "\.\[native\]", or set CC.*no-such-cc'):
         needed_compiler()
 
 
