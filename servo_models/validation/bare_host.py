@@ -100,8 +100,9 @@ class Instance:
     What FMI 3.0 calls otherwise, or gives other arguments, is a method or a name of ``Instance3``.
     """
 
-    prefix, number, flag = "fmi2", "Real", ctypes.c_int
+    prefix, number = "fmi2", "Real"
     state, deserialise = "FMUstate", "DeSerialize"
+    flag: Any = ctypes.c_int
 
     def __init__(
         self, fmu: Fmu, values: Sequence[tuple[int, float]], begin: float, inputs: Sequence[float]
@@ -239,8 +240,9 @@ class Instance:
 class Instance3(Instance):
     """One instance by the calls of FMI 3.0."""
 
-    prefix, number, flag = "fmi3", "Float64", ctypes.c_bool
+    prefix, number = "fmi3", "Float64"
     state, deserialise = "FMUState", "Deserialize"
+    flag = ctypes.c_bool
 
     def _made(self) -> int | None:
         self.logger = _LOGGER3(self._hear3)

@@ -28,6 +28,7 @@ from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model, model
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.implementation import implementation_rows
+from tests.conftest import Run
 from tests.support.archives import with_description
 from tests.support.fmu_host import Host
 from tests.support.kinds import fmi3_only
@@ -132,6 +133,21 @@ def test_one_fmu_has_a_folder_for_every_platform(monkeypatch: pytest.MonkeyPatch
         "binaries/x86_64-darwin/sg90.dylib",
         "binaries/aarch64-darwin/sg90.dylib",
     }
+
+
+def test_build_names_it_and_needs_a_compiler(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build_it = ("build", "torque_motor", "--fmi", "3", "--out", tmp_path)
+    code, out, _ = run(*build_it)
+    assert (code, out.strip()) == (0, str(tmp_path / "torque_motor.fmi3.fmu"))
+    assert [it.name for it in tmp_path.iterdir()] == ["torque_motor.fmi3.fmu"]
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    code, out, err = run(*build_it)
+    assert (code, out) == (2, "")
+    assert 'no C compiler was found: pip install ".[native]"' in err
 
 
 @pytest.mark.parametrize("name", actuators())
