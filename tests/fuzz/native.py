@@ -44,7 +44,7 @@ LAST_CALLS = 40
 """Lines shown of a sequence at fault."""
 REPORTED = 99
 """Exit code of valgrind and the sanitizers, after a report."""
-FLAGS = ("-O2", "-g", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
+FLAGS = ("-O1", "-g", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
 MODE_FLAGS = {
     "sanitize": ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"),
     "threads": ("-fsanitize=thread",),
