@@ -6,7 +6,7 @@ import ctypes
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -56,15 +56,6 @@ TERMINALS = {
         "supply": ["supply"],
     },
 }
-
-
-@pytest.fixture
-def host(fmu_folder: Files) -> Iterator[Host]:
-    """A torque motor that has made one step of 1 ms."""
-    with Host(fmu_folder("torque_motor")) as made:
-        made.start({"voltage": 10.0})
-        made.fmu.doStep(0.0, 1e-3)
-        yield made
 
 
 def refused(host: Host, call: Callable[[], object], *parts: str) -> None:
