@@ -2,6 +2,15 @@
 #ifndef ARITHMETIC_H
 #define ARITHMETIC_H
 
+/* A product and a sum that a compiler contracts into one operation round once, not twice. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif
+
 #include <math.h>
 
 static inline double divided(double a, double b, int *failed)
