@@ -14,6 +14,7 @@ import bootstrap
 EXAMPLES = """examples:
   python build_fmu.py
   python build_fmu.py --native
+  python build_fmu.py --fmi 3
   python build_fmu.py --actuator sg90 --variant linear --set feedback_coefficient=0.18
   python build_fmu.py --params identified.toml
 
@@ -33,6 +34,9 @@ def options() -> argparse.Namespace:
     )
     parser.add_argument(
         "--native", action="store_true", help="native FMUs alone; refused without a C compiler"
+    )
+    parser.add_argument(
+        "--fmi", type=int, choices=(2, 3), default=2, help="version of FMI; what is of 3 is native"
     )
     parser.add_argument("--actuator", metavar="NAME", help="build this one only")
     parser.add_argument("--variant", metavar="NAME", help="parameter set of that actuator")
@@ -70,6 +74,7 @@ def main() -> int:
     build += ["--params", chosen.params] if chosen.params else []
     build += ["--trust"] if chosen.trust else []
     build += ["--native"] if chosen.native else []
+    build += ["--fmi", str(chosen.fmi)]
     for setting in chosen.set:
         build += ["--set", setting]
     if code := command(build):
@@ -84,7 +89,7 @@ def main() -> int:
         models = [model(name) for name in actuators()]
         own = []
         report = Path(chosen.out) / "report.html"
-    kinds = [kind for kind in kinds_for(chosen.out, chosen.native) if kind != NATIVE_ARM]
+    kinds = [k for k in kinds_for(chosen.out, chosen.native, chosen.fmi) if k != NATIVE_ARM]
     fmus = [path_of(one, chosen.out, kind) for one in models for kind in kinds]
     code = command(["validate", *map(str, fmus), *own, "--brief", "--report", str(report)])
     if code != bootstrap.COULD_NOT_RUN:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pythonfmu
 
-from fmu_src.description import BUILT, Form, model_description
+from fmu_src.description import BUILT, FMI2, Form, model_description
 from fmu_src.documentation import index_html
 from fmu_src.slave import Servo
 from fmu_src.source import slave_source
@@ -18,6 +18,7 @@ from servo_models.core.simulate import Model
 ICON = Path(__file__).with_name("model.png")
 
 PYTHON = Form(
+    version=FMI2,
     directional_derivatives=False,
     log_categories=Servo.log_categories,
     sources=(),

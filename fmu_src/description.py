@@ -1,10 +1,11 @@
-"""Write modelDescription.xml (FMI 2.0.4, sections 2.2 and 4.3)."""
+"""Write modelDescription.xml: what all versions share, and FMI 2.0.4, sections 2.2 and 4.3."""
 
 from __future__ import annotations
 
 import copy
+import re
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -31,16 +32,37 @@ CAPABILITIES = {
 
 
 @dataclass(frozen=True)
+class Version:
+    """What one version of FMI writes in its own way.
+
+    Attributes:
+        name: of the version.
+        token: attribute that tells which library a description belongs to.
+        add_interface: writes the element of co-simulation, with what the FMU can do.
+        add_variables: writes the variables.
+        add_structure: writes which of them depend on which.
+    """
+
+    name: str
+    token: str
+    add_interface: Callable[[ET.Element, Model, Form], None]
+    add_variables: Callable[[ET.Element, list[Variable]], None]
+    add_structure: Callable[[ET.Element, Model], None]
+
+
+@dataclass(frozen=True)
 class Form:
     """What tells a Python FMU from a native one, for its description.
 
     Attributes:
+        version: of FMI.
         directional_derivatives: whether it has them.
         log_categories: with what each is for.
         sources: C files to compile.
         needs: what the host has to bring, in a sentence.
     """
 
+    version: Version
     directional_derivatives: bool
     log_categories: Mapping[str, str]
     sources: tuple[str, ...]
@@ -52,27 +74,22 @@ def model_description(model: Model, form: Form, identity: str, tool: str) -> byt
 
     Args:
         model: what the FMU simulates.
-        form: Python or native.
+        form: Python or native, and the version of FMI.
         identity: of its code: a text with the hash of it.
         tool: name and version of what built it.
 
-    The GUID is a hash of everything else in the file, and of the identity.
+    The token is a hash of everything else in the file, and of the identity.
     """
     actuator = model.actuator
     every = variables(model)
-    root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=actuator.name)
-    root.set("guid", identity)
+    version = form.version
+    root = ET.Element("fmiModelDescription", fmiVersion=version.name, modelName=actuator.name)
+    root.set(version.token, identity)
     root.set("description", described(model))
     root.set("generationTool", tool)
     root.set("generationDateAndTime", "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z".format(*BUILT))
     root.set("variableNamingConvention", "structured")
-    derivatives = {"providesDirectionalDerivative": str(form.directional_derivatives).lower()}
-    attributes = {"modelIdentifier": actuator.name, **CAPABILITIES, **derivatives}
-    interface = ET.SubElement(root, "CoSimulation", attributes)
-    if form.sources:
-        files = ET.SubElement(interface, "SourceFiles")
-        for name in form.sources:
-            ET.SubElement(files, "File", name=name)
+    version.add_interface(root, model, form)
     _add_units(root, every)
     categories = ET.SubElement(root, "LogCategories")
     for name, about in form.log_categories.items():
@@ -84,33 +101,35 @@ def model_description(model: Model, form: Form, identity: str, tool: str) -> byt
         stopTime=repr(model.stop_time),
         stepSize=repr(model.step_size),
     )
-    _add_variables(root, every)
-    _add_structure(root, model)
-    root.set("guid", guid_of(root, identity))
+    version.add_variables(root, every)
+    version.add_structure(root, model)
+    root.set(version.token, token_of(root, identity, version))
     ET.indent(root)
     text: bytes = ET.tostring(root, "UTF-8", xml_declaration=True)
     return text + b"\n"
 
 
-def guid_of(description: ET.Element, identity: str) -> str:
-    """Return the GUID of a description, indented or not: a hash of everything else in it."""
+def token_of(description: ET.Element, identity: str, version: Version) -> str:
+    """Return the token of a description, indented or not: a hash of everything else in it."""
     root = copy.deepcopy(description)
-    root.set("guid", identity)
+    root.set(version.token, identity)
     for element in root.iter():
-        element.text = element.tail = None  # FMI 2.0 descriptions have attributes only
+        element.text = element.tail = None  # our descriptions have attributes only
     return "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, ET.tostring(root, "unicode"))) + "}"
 
 
-def direct_inputs(flat: Flat) -> list[list[int]]:
-    """Return for every output the indices of the inputs that it depends on within zero time.
+def direct(flat: Flat, known: Mapping[str, int]) -> list[list[int]]:
+    """Return for every output the numbers of the known that it depends on within zero time.
 
-    An input reaches whatever a chain of blocks computes from it; integrators break the
-    chain.  Memory does not: an effect with memory is the identity while it is neutral, and
-    a sample taken now is passed on now.
+    An input or a parameter, ``known`` by its name in the text, reaches whatever a chain of blocks
+    computes from it; integrators break the chain.  Memory does not: an effect with memory is the
+    identity while it is neutral, and a sample taken now is passed on now.
     """
-    reach = {name: {i} for i, name in enumerate(flat.inputs)}
+    reach = {name: {number} for name, number in known.items()}
     for chunk in (*flat.setup, *flat.held, *flat.stage):
-        found = {i for name in chunk.reads for i in reach.get(name, ())}
+        words = {*re.findall(r"\w+", " ".join(chunk.lines)), *flat.switches.get(chunk.owner, ())}
+        read = words.intersection(flat.params).union(chunk.reads)
+        found = {i for name in read for i in reach.get(name, ())}
         for name in chunk.writes:
             # an effect that is switched off leaves its wire as it was
             reach[name] = found | (reach.get(name, set()) if chunk.owner else set())
@@ -142,32 +161,22 @@ def _add_units(root: ET.Element, every: list[Variable]) -> None:
             ET.SubElement(unit, "DisplayUnit", name=display, factor=repr(factor(name, display)))
 
 
-def _add_variables(root: ET.Element, every: list[Variable]) -> None:
-    parent = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(every):
-        scalar = ET.SubElement(
-            parent,
-            "ScalarVariable",
-            name=variable.name,
-            valueReference=str(reference),
-            description=variable.about,
-            causality=variable.causality,
-            variability=_variability(variable),
-            initial="calculated" if variable.causality == "output" else "exact",
-        )
-        if variable.causality == "input":
-            del scalar.attrib["initial"]  # FMI: an input must not have it
-        ET.SubElement(scalar, "Boolean" if variable.flag else "Real", _attributes(variable))
+def attributes_of(variable: Variable, reference: int) -> dict[str, str]:
+    """Return what every version of FMI says about a variable, but for its type."""
+    found = {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "description": variable.about,
+        "causality": variable.causality,
+        "variability": _variability(variable),
+    }
+    if variable.causality != "input":  # which must not have it
+        found["initial"] = "calculated" if variable.causality == "output" else "exact"
+    return found
 
 
-def _variability(variable: Variable) -> str:
-    if variable.causality == "parameter":
-        return "fixed" if variable.fixed else "tunable"
-    return "discrete" if variable.flag else "continuous"
-
-
-def _attributes(variable: Variable) -> dict[str, str]:
-    """Attributes of the type element; ``repr`` keeps all 17 digits."""
+def type_attributes(variable: Variable) -> dict[str, str]:
+    """Return what belongs to the type; ``repr`` keeps all 17 digits."""
     if variable.flag:
         return {}
     numbers = {"min": variable.low, "max": variable.high, "nominal": variable.nominal}
@@ -177,13 +186,40 @@ def _attributes(variable: Variable) -> dict[str, str]:
     return {"unit": variable.unit, **shown, **found}
 
 
+def _add_interface(root: ET.Element, model: Model, form: Form) -> None:
+    derivatives = {"providesDirectionalDerivative": str(form.directional_derivatives).lower()}
+    attributes = {"modelIdentifier": model.actuator.name, **CAPABILITIES, **derivatives}
+    interface = ET.SubElement(root, "CoSimulation", attributes)
+    if form.sources:
+        files = ET.SubElement(interface, "SourceFiles")
+        for name in form.sources:
+            ET.SubElement(files, "File", name=name)
+
+
+def _add_variables(root: ET.Element, every: list[Variable]) -> None:
+    parent = ET.SubElement(root, "ModelVariables")
+    for reference, variable in enumerate(every):
+        scalar = ET.SubElement(parent, "ScalarVariable", attributes_of(variable, reference))
+        ET.SubElement(scalar, "Boolean" if variable.flag else "Real", type_attributes(variable))
+
+
+def _variability(variable: Variable) -> str:
+    if variable.causality == "parameter":
+        return "fixed" if variable.fixed else "tunable"
+    return "discrete" if variable.flag else "continuous"
+
+
 def _add_structure(root: ET.Element, model: Model) -> None:
     """Declare what depends on what; initial unknowns may depend on anything known."""
     structure = ET.SubElement(root, "ModelStructure")
     outputs = ET.SubElement(structure, "Outputs")
     unknowns = ET.SubElement(structure, "InitialUnknowns")
-    first = len(model.plant.inputs) + 1
-    for index, inputs in enumerate(direct_inputs(model.flat), start=first):
-        depends = " ".join(str(i + 1) for i in inputs)
+    flat = model.flat
+    inputs = {name: index for index, name in enumerate(flat.inputs, start=1)}
+    for index, indices in enumerate(direct(flat, inputs), start=len(flat.inputs) + 1):
+        depends = " ".join(map(str, indices))
         ET.SubElement(outputs, "Unknown", index=str(index), dependencies=depends)
         ET.SubElement(unknowns, "Unknown", index=str(index))
+
+
+FMI2 = Version("2.0", "guid", _add_interface, _add_variables, _add_structure)

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fmu_src.archive import python_entries, write_archive
-from fmu_src.native.archive import native_entries
+from fmu_src.native.archive import NATIVE as NATIVE_FORM
+from fmu_src.native.archive import NATIVE3, native_entries
 from fmu_src.native.compilers import TARGETS, Target, compiler, needed_compiler
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_with
 
-PYTHON, NATIVE, NATIVE_ARM = KINDS = ("python", "native", "native-arm")
+PYTHON, NATIVE, NATIVE_ARM, FMI3 = KINDS = ("python", "native", "native-arm", "fmi3")
 """Kinds of FMUs; ARM Linux has one of its own, since FMI 2.0 has no second folder for Linux."""
 (ARM_LINUX,) = (target for target in TARGETS if target.name == "linux-aarch64")
 
@@ -29,7 +30,8 @@ def build(model: Model, path: str | Path, kind: str = PYTHON) -> Path:
         path: file to write, ending in ``.fmu``; its folder is made.
         kind: ``python``, for hosts with a Python library; ``native``, compiled C for any host, on
             every platform where the extra ``native`` is installed, else on this one;
-            ``native-arm``, the same for Linux on 64-bit ARM.
+            ``native-arm``, the same for Linux on 64-bit ARM; ``fmi3``, native for FMI 3.0, all of
+            these platforms in one.
 
     Raises:
         UserError: a path without ``.fmu``, a folder that cannot be written, an unknown kind, or
@@ -49,27 +51,37 @@ def build(model: Model, path: str | Path, kind: str = PYTHON) -> Path:
         entries = python_entries(model)
     else:
         found = needed_compiler()
-        entries = native_entries(model, found, _platforms(found.targets, kind))
+        form = NATIVE3 if kind == FMI3 else NATIVE_FORM
+        entries = native_entries(model, form, found, _platforms(found.targets, kind))
     write_with(target, lambda part: write_archive(entries, part))
     return target
 
 
 def _platforms(targets: Sequence[Target], kind: str) -> Sequence[Target]:
     """What goes into one native FMU, of what the compiler builds for."""
+    if kind == FMI3:
+        return targets
     others = [target for target in targets if target != ARM_LINUX]
     return others if kind == NATIVE and others else [ARM_LINUX]
 
 
-def kinds_for(out: str | Path, native: bool) -> tuple[str, ...]:
+def kinds_for(out: str | Path, native: bool, fmi: int = 2) -> tuple[str, ...]:
     """Return the kinds to build: every one that this machine can, or the native ones alone.
 
-    Where ``out`` is one file it is one kind.  Without a compiler ``native`` is asked for all the
+    Where ``out`` is one file it is one kind.  Without a compiler a native one is asked for all the
     same, and ``build`` says what is missing.
+
+    Args:
+        out: folder or file of the FMUs.
+        native: leave the Python FMU out.
+        fmi: version of FMI, 2 or 3; what is of version 3 is native.
     """
+    if fmi == 3:
+        return (FMI3,)
     found = compiler()
     natives: tuple[str, ...] = ()
     if native or found:
-        natives = KINDS[1:] if found and {ARM_LINUX} < {*found.targets} else (NATIVE,)
+        natives = (NATIVE, NATIVE_ARM) if found and {ARM_LINUX} < {*found.targets} else (NATIVE,)
     kinds = natives if native else (PYTHON, *natives)
     return kinds[:1] if Path(out).suffix == ".fmu" else kinds
 
@@ -78,7 +90,8 @@ def path_of(model: Model, out: str | Path, kind: str = PYTHON) -> Path:
     """Return where the FMU of ``model`` goes: the file ``out``, or one in the folder ``out``.
 
     In a folder it is called like the actuator, and like the variant too unless that is the default
-    one: variants stand beside each other.  So do kinds: ``sg90.fmu``, ``sg90.native.fmu``.
+    one: variants stand beside each other.  So do kinds: ``sg90.fmu``, ``sg90.native.fmu``,
+    ``sg90.fmi3.fmu``.
     """
     if Path(out).suffix == ".fmu":
         return Path(out)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
 from fmu_src.archive import ICON, PYTHON, tool_name
-from fmu_src.description import Form, model_description
+from fmu_src.description import FMI2, Form, model_description
 from fmu_src.documentation import index_html
 from fmu_src.native.compilers import Compiler, Target, compile_library, universal
+from fmu_src.native.description3 import FMI3, build_description, terminals_and_icons
 from fmu_src.native.source import IDENTITY_HEADER, identity_header, identity_of, native_sources
 from servo_models.core.simulate import Model
 
@@ -25,6 +27,7 @@ def headers() -> Path:
 
 
 NATIVE = Form(
+    version=FMI2,
     directional_derivatives=True,
     log_categories={
         "logStatusError": "What was refused, why, and what to do.",
@@ -35,28 +38,38 @@ NATIVE = Form(
 )
 
 
-def native_entries(model: Model, compiler: Compiler, targets: Sequence[Target]) -> dict[str, bytes]:
-    """Return the files of a native FMU for FMI 2.0.
+NATIVE3 = replace(NATIVE, version=FMI3, sources=("fmi3.c",))
+
+
+def native_entries(
+    model: Model, form: Form, compiler: Compiler, targets: Sequence[Target]
+) -> dict[str, bytes]:
+    """Return the files of a native FMU, of the form ``NATIVE`` or ``NATIVE3``.
 
     Raises:
         UserError: the compiler is not for one of the targets, or fails.
     """
     name = model.actuator.name
-    (main,) = NATIVE.sources
-    identity, sources = native_sources(model, main)
-    description = model_description(model, NATIVE, identity, tool_name())
-    guid = ElementTree.fromstring(description).attrib["guid"]
-    sources[IDENTITY_HEADER] = identity_header(identity, guid)
+    (main,) = form.sources
+    is_fmi3 = form.version == FMI3
+    build = {"buildDescription.xml": build_description(model, form)} if is_fmi3 else {}
+    identity, sources = native_sources(model, main, build)
+    description = model_description(model, form, identity, tool_name())
+    token = ElementTree.fromstring(description).attrib[form.version.token]
+    sources[IDENTITY_HEADER] = identity_header(identity, token)
     entries = {
         "modelDescription.xml": description,
-        "documentation/index.html": index_html(model, NATIVE).encode(),
-        "model.png": ICON.read_bytes(),
+        "documentation/index.html": index_html(model, form).encode(),
+        "terminalsAndIcons/icon.png" if is_fmi3 else "model.png": ICON.read_bytes(),
         **{f"sources/{file}": content for file, content in sources.items()},
     }
+    if is_fmi3:
+        entries["terminalsAndIcons/terminalsAndIcons.xml"] = terminals_and_icons(model, form)
     libraries: dict[str, list[bytes]] = {}
     for target in targets:
         library = compile_library(compiler, target, sources, main, [headers()])
-        libraries.setdefault(f"{target.fmi2_folder}/{name}{target.suffix}", []).append(library)
+        folder = target.fmi3_folder if is_fmi3 else target.fmi2_folder
+        libraries.setdefault(f"{folder}/{name}{target.suffix}", []).append(library)
     for place, slices in libraries.items():
         entries[f"binaries/{place}"] = slices[0] if len(slices) == 1 else universal(slices)
     return entries
@@ -66,7 +79,9 @@ def form_of(folder: Path) -> tuple[Form, str]:
     """Return the form of an unpacked FMU and the identity of its code, "" where it has none."""
     files = [file for file in (folder / "sources").glob("*") if file.is_file()]
     if files:
-        return NATIVE, identity_of({file.name: file.read_bytes() for file in files})
+        sources = {file.name: file.read_bytes() for file in files}
+        is_fmi3 = NATIVE3.sources[0] in sources
+        return NATIVE3 if is_fmi3 else NATIVE, identity_of(sources)
     named = folder / "resources" / "slavemodule.txt"
     text = named.read_text(encoding="utf-8", errors="replace")[:200] if named.is_file() else ""
     return PYTHON, text

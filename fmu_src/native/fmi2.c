@@ -10,14 +10,14 @@
 #include "arithmetic.h"
 #include "identity.h"
 #include "model.c"
+
+#define NUMBER "Real"
+#define LAST_REFERENCE (VARIABLES - 1)
 #include "instance.c"
 
 #if defined(__FAST_MATH__)
 #error "compile without -ffast-math: results would differ"
 #endif
-
-static const char *const categories[] = {"logStatusError", "logAll"};
-enum { CATEGORIES = sizeof categories / sizeof *categories };
 
 /* An instance and how its host is told. */
 typedef struct {
@@ -83,17 +83,9 @@ const char *fmi2GetVersion(void)
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count,
                                const fmi2String names[])
 {
-    size_t i;
-    int k;
     CORE(!count || names);
-    for (i = 0; i < count; i++) {
-        for (k = 0; k < CATEGORIES; k++)
-            if (names[i] && strcmp(names[i], categories[k]) == 0)
-                break;
-        if (k == CATEGORIES)
-            return status(refuse(I, "no log category '%.100s': there are logStatusError and logAll",
-                                 names[i] ? names[i] : "NULL"));
-    }
+    if (!are_categories(I, names, count))
+        return fmi2Error;
     ((Component *)c)->logging = on;
     return fmi2OK;
 }
@@ -231,8 +223,8 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
                                         fmi2Real result[])
 {
     CORE((!count || (unknowns && result)) && (!directions || (knowns && seed)));
-    switch (derive(I, "fmi2GetDirectionalDerivative", unknowns, count, knowns, directions, seed,
-                   result)) {
+    switch (derive(I, "fmi2GetDirectionalDerivative", unknowns, count, knowns, directions, 0,
+                   seed, result)) {
     case DERIVED:
         return fmi2OK;
     case NOT_SMOOTH:
@@ -300,7 +292,7 @@ NO_STATUS(fmi2GetStringStatus, fmi2String)
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
 {
     CORE(value);
-    if (kind != fmi2LastSuccessfulTime || I->now.time != I->now.time)
+    if (kind != fmi2LastSuccessfulTime || I->now.phase != RUNNING || I->now.trouble[0])
         return no_answer(I, __func__, kind);
     *value = I->now.time;
     return fmi2OK;
@@ -320,13 +312,7 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     CORE(state);
-    if (!*state)
-        *state = malloc(sizeof(Saved));
-    if (!*state)
-        return status(refuse(I, "no memory for a state of %lu bytes",
-                             (unsigned long)sizeof(Saved)));
-    save(I, *state);
-    return fmi2OK;
+    return status(keep(I, state));
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
@@ -356,23 +342,12 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
                                  size_t size)
 {
     CORE(state && bytes);
-    if (size < sizeof(Saved))
-        return status(fail(I, "a state has %lu bytes, and there is room for %lu",
-                           (unsigned long)sizeof(Saved), (unsigned long)size));
-    memcpy(bytes, state, sizeof(Saved));
-    return fmi2OK;
+    return status(serialise(I, state, bytes, size));
 }
 
-/* Damaged bytes are refused here already. */
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *state)
 {
-    Saved *saved;
     CORE(bytes && state);
-    saved = from_bytes(I, bytes, size);
-    if (!saved)
-        return fmi2Error;
-    free(*state);
-    *state = saved;
-    return fmi2OK;
+    return status(deserialise(I, bytes, size, state));
 }

@@ -1,6 +1,7 @@
 /* One instance of the FMU, whatever the version of FMI: what slave.py is to the Python FMU.
  *
- * model.c comes before: the tables of variables, effects and messages, and the model's text.
+ * model.c comes before: the tables of variables, effects and messages, and the model's text.  So do
+ * two words of the FMI version: NUMBER, what it calls a double, and LAST_REFERENCE.
  * Every function that can be refused returns 1, or 0 after it has told why.  After a failure only
  * a reset or a restored state helps: an instance that went on with the old value of a refused
  * input would give wrong numbers.  There are no globals, so instances may run in threads.
@@ -23,9 +24,12 @@
 #define MESSAGE 512
 #define FIRST_PARAMETER (INPUTS + OUTPUTS)
 
+static const char *const categories[] = {"logStatusError", "logAll"};
+enum { CATEGORIES = sizeof categories / sizeof *categories };
+
 typedef enum { INSTANTIATED, INITIALISING, RUNNING, TERMINATED } Phase;
 
-/* Where an instance is in the state machine of FMI 2.0 (fig. 11), as messages say it. */
+/* Where an instance is in the state machine of FMI, as messages say it. */
 static const char *const phases[] = {
     "before initialisation", "in initialisation", "between communication steps",
     "after termination"};
@@ -34,7 +38,7 @@ static const char *const phases[] = {
 typedef struct {
     double begins;
     double last;
-    double time;             /* NaN: no step may begin */
+    double time;             /* that the last step reached; NaN before the run and after a failure */
     double values[VARIABLES]; /* by value reference: inputs, outputs, parameters */
     double x[SIZE];
     int32_t phase;
@@ -103,6 +107,22 @@ static int fail(Instance *I, const char *format, ...)
         memcpy(I->now.trouble, message, strlen(message) + 1);
     say(I, message);
     return 0;
+}
+
+/* Whether every name is that of a log category. */
+static int are_categories(Instance *I, const char *const *names, size_t count)
+{
+    size_t i;
+    int k;
+    for (i = 0; i < count; i++) {
+        for (k = 0; k < CATEGORIES; k++)
+            if (names[i] && strcmp(names[i], categories[k]) == 0)
+                break;
+        if (k == CATEGORIES)
+            return refuse(I, "no log category '%.100s': there are logStatusError and logAll",
+                          names[i] ? names[i] : "NULL");
+    }
+    return 1;
 }
 
 static int is_finite(double value)
@@ -287,7 +307,8 @@ static int do_step(Instance *I, const char *call, double time, double size)
     if (I->stale && I->now.phase == RUNNING && !I->now.trouble[0] && !retune(I))
         return 0; /* first, since it says how long a step may be */
     if (!(fabs(time - I->now.time) <= SLACK * (1.0 + fabs(time)) && size > 0.0
-          && size <= I->longest && end <= I->now.last && end <= MOST))
+          && size <= I->longest && end <= I->now.last && end <= MOST
+          && I->now.phase == RUNNING))
         return refuse_step(I, call, time, size);
     if (!advance(I, I->now.x, time, size))
         return 0;
@@ -302,7 +323,6 @@ static int terminate(Instance *I, const char *call)
     if (!only(I, call, RUNNING))
         return 0;
     I->now.phase = TERMINATED;
-    I->now.time = NAN;
     return 1;
 }
 
@@ -312,10 +332,10 @@ static int known(Instance *I, uint32_t reference, int flag)
 {
     if (reference >= VARIABLES)
         return fail(I, "value reference %lu: this FMU has 0 to %d only", (unsigned long)reference,
-                    VARIABLES - 1);
+                    LAST_REFERENCE);
     if (variables[reference].flag != flag)
         return fail(I, "value reference %lu: '%s' is a %s", (unsigned long)reference,
-                    variables[reference].name, flag ? "Real" : "Boolean");
+                    variables[reference].name, flag ? NUMBER : "Boolean");
     return 1;
 }
 
@@ -431,9 +451,10 @@ static int slopes(const Instance *I, Instance probe[3], const uint32_t *unknowns
 /* What a call for derivatives came to. */
 typedef enum { WRONG_CALL, NOT_SMOOTH, DERIVED } Derived;
 
-/* Add the directional derivative of "count" outputs to "result", which begins at 0. */
+/* Directional derivatives of outputs by a seed for each known, or adjoint ones of the knowns by a
+ * seed for each unknown: Jacobian times seed, or seed times Jacobian. */
 static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, size_t count,
-                      const uint32_t *knowns, size_t directions, const double *seed,
+                      const uint32_t *knowns, size_t directions, int adjoint, const double *seed,
                       double *result)
 {
     size_t i, j;
@@ -453,7 +474,6 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
             fail(I, "'%s' is no output: it has no derivative", variables[unknowns[i]].name);
             return WRONG_CALL;
         }
-        result[i] = 0.0;
     }
     for (j = 0; j < directions; j++) {
         if (!known(I, knowns[j], 0))
@@ -464,6 +484,8 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
             return WRONG_CALL;
         }
     }
+    for (i = 0; i < (adjoint ? directions : count); i++)
+        result[i] = 0.0;
     slope = malloc((count + 1) * sizeof *slope);
     probe = malloc(3 * sizeof *probe);
     if (!slope || !probe) {
@@ -477,7 +499,7 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
             outcome = NOT_SMOOTH;
         }
         for (i = 0; outcome == DERIVED && i < count; i++)
-            result[i] += slope[i] * seed[j];
+            result[adjoint ? j : i] += slope[i] * seed[adjoint ? i : j];
     }
     free(slope);
     free(probe);
@@ -565,18 +587,38 @@ static int restore(Instance *I, const char *call, const Saved *saved)
     return begun(I) && !I->now.trouble[0] ? retune(I) : 1;
 }
 
-/* Return a copy of the bytes of a saved state, or NULL where they are none. */
-static Saved *from_bytes(Instance *I, const void *content, size_t bytes)
+/* Save into "saved", which is made where it is NULL. */
+static int keep(Instance *I, void **saved)
 {
-    Saved *saved = calloc(1, sizeof *saved);
-    if (!saved) {
-        refuse(I, "no memory for a state of %lu bytes", (unsigned long)sizeof *saved);
-        return NULL;
+    if (!*saved)
+        *saved = malloc(sizeof(Saved));
+    if (!*saved)
+        return refuse(I, "no memory for a state of %lu bytes", (unsigned long)sizeof(Saved));
+    save(I, *saved);
+    return 1;
+}
+
+static int serialise(Instance *I, const void *saved, void *bytes, size_t size)
+{
+    if (size < sizeof(Saved))
+        return fail(I, "a state has %lu bytes, and there is room for %lu",
+                    (unsigned long)sizeof(Saved), (unsigned long)size);
+    memcpy(bytes, saved, sizeof(Saved));
+    return 1;
+}
+
+/* Make "saved" of bytes; damaged ones are refused here already.  Where the handle is to go may hold
+ * anything before, so nothing is freed. */
+static int deserialise(Instance *I, const void *bytes, size_t size, void **saved)
+{
+    Saved *made = calloc(1, sizeof *made);
+    if (!made)
+        return refuse(I, "no memory for a state of %lu bytes", (unsigned long)sizeof *made);
+    memcpy(made, bytes, size < sizeof *made ? size : sizeof *made);
+    if (!can_restore(I, made, size)) {
+        free(made);
+        return 0;
     }
-    memcpy(saved, content, bytes < sizeof *saved ? bytes : sizeof *saved);
-    if (!can_restore(I, saved, bytes)) {
-        free(saved);
-        return NULL;
-    }
-    return saved;
+    *saved = made;
+    return 1;
 }

@@ -14,19 +14,22 @@ from servo_models.core.simulate import Model
 
 SHELL = Path(__file__).parent
 SHARED = ("arithmetic.h", "model.h", "instance.c")
-"""Files of the shell that every version of FMI has; ``fmi2.c`` is the one of FMI 2.0."""
+"""Files of the shell that every version of FMI has; ``fmi2.c`` and ``fmi3.c`` are those of one."""
 
 IDENTITY_HEADER = "identity.h"
 
 
-def native_sources(model: Model, main: str) -> tuple[str, dict[str, bytes]]:
+def native_sources(
+    model: Model, main: str, others: Mapping[str, bytes] | None = None
+) -> tuple[str, dict[str, bytes]]:
     """Return the identity of the sources, and the sources by name, without ``IDENTITY_HEADER``.
 
     Args:
         model: what the FMU simulates.
-        main: the file to compile, which takes in the others: ``fmi2.c``.
+        main: the file to compile, which takes in the others: ``fmi2.c`` or ``fmi3.c``.
+        others: files to stand beside them.
     """
-    sources = {name: (SHELL / name).read_bytes() for name in (*SHARED, main)}
+    sources = {name: (SHELL / name).read_bytes() for name in (*SHARED, main)} | {**(others or {})}
     sources["model.c"] = _model(model).encode()
     return identity_of(sources), sources
 

@@ -35,12 +35,17 @@ def build(
     native: Annotated[
         bool, typer.Option("--native", help="Native FMUs alone; refused without a C compiler.")
     ] = False,
+    fmi: Annotated[
+        int,
+        typer.Option(min=2, max=3, metavar="2|3", help="Version of FMI; what is of 3 is native."),
+    ] = 2,
 ) -> None:
-    """Build FMUs (FMI 2.0 co-simulation).
+    """Build FMUs for co-simulation.
 
     sg90.fmu is a Python FMU; sg90.native.fmu beside it runs in hosts without Python, and needs a C
     compiler here: the machine's own for this platform, or pip install ".[native]" for all. sg90
-    stands for the default variant, sg90_printed for another one.
+    stands for the default variant, sg90_printed for another one. --fmi 3 builds sg90.fmi3.fmu,
+    native for FMI 3.0.
 
     Examples:
 
@@ -51,6 +56,8 @@ def build(
     servo-models build --params identified.toml
 
     servo-models build sg90 --native --out sg90.fmu
+
+    servo-models build --fmi 3
     """
     from servo_models.build import build as write
     from servo_models.build import kinds_for, path_of
@@ -66,7 +73,7 @@ def build(
         raise UserError(f"'{out}' is the file of one actuator: name it, or give a folder")
     else:
         models = [model(name) for name in actuators()]
-    jobs = [(chosen, kind) for chosen in models for kind in kinds_for(out, native)]
+    jobs = [(chosen, kind) for chosen in models for kind in kinds_for(out, native, fmi)]
     with progress("building") as report:
         for done, (chosen, kind) in enumerate(jobs):
             report(done, len(jobs), f"building {chosen.actuator.name}")

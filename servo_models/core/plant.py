@@ -189,9 +189,12 @@ class Plant:
             first is the one that pictures and figures are about.
         constants: parameters of the plant that no block's signature declares; one of them is
             ``internal_step``, see there.
+        terminals: inputs and outputs by what hosts of FMI 3.0 connect them to as one, such as
+            ``shaft`` and ``supply``; the main input alone is ``command``, unless that is given.
 
     Raises:
-        ValueError: a wire or a parameter has a name that none can have.
+        ValueError: a wire or a parameter has a name that none can have, or a terminal a member
+            that is no input and no output.
     """
 
     inputs: tuple[Wire, ...]
@@ -201,6 +204,7 @@ class Plant:
     outputs: tuple[str, ...]
     projection: Block | None = None
     constants: Mapping[str, Param] = field(default_factory=dict)
+    terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in self.constants:
@@ -208,6 +212,14 @@ class Plant:
         for wire in (*self.inputs, *self.wires, *(state.wire for state in self.states)):
             if wire.name in (*RESERVED, TIME_AXIS):
                 raise ValueError(f"'{wire.name}' is time itself: give the wire another name")
+        outside = dict.fromkeys([*(wire.name for wire in self.inputs), *self.outputs])
+        for terminal, members in self.terminals.items():
+            check_name(terminal, f"terminal '{terminal}'")
+            for name in members:
+                if name not in outside:
+                    raise ValueError(
+                        unknown("input or output", name, outside, f"terminal '{terminal}'")
+                    )
 
     @cached_property
     def wire(self) -> dict[str, Wire]:

@@ -1,4 +1,4 @@
-"""A bare FMI 2.0 host: ctypes and the standard library, a script for a process of its own.
+"""A bare host, FMI 2.0 and 3.0: ctypes and the standard library, for a process of its own.
 
 ``fmu_subject.py`` starts it with ``python -I -S``: the slave finds the standard library and
 what lies in its FMU, as in a host without pythonfmu, and nothing that is installed here.  It
@@ -15,6 +15,7 @@ import ctypes
 import json
 import math
 import os
+import platform
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ if sys.platform != "win32":
     import resource
 
 WARNING, ERROR = 1, 3
-"""fmi2Status: more than a warning is a failed call; messages from an error on are kept."""
+"""Status of a call: more than a warning is a failed one; messages from an error on are kept."""
 CO_SIMULATION = 1
 LARGEST_FILE = 1 << 28
 """Bytes that a slave may write to one file."""
@@ -34,11 +35,15 @@ PLATFORMS = {
     "linux": ("linux64", ".so"),
     "darwin": ("darwin64", ".dylib"),
 }
-"""Folder and suffix of an FMU's library, by ``sys.platform``."""
+"""Folder of FMI 2.0 and suffix of an FMU's library, by ``sys.platform``."""
+SYSTEMS = {"win32": "windows", "linux": "linux", "darwin": "darwin"}
+PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
+"""What FMI 3.0 calls them in the names of its folders."""
 
 _LOGGER = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p
 )
+_LOGGER3 = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
 _ALLOCATE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t, ctypes.c_size_t)
 _FREE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
@@ -61,36 +66,59 @@ class Fmu:
     """The library of an unpacked FMU.
 
     Args:
-        about: ``folder``, ``guid``, ``identifier``; value references ``inputs`` and
-            ``outputs``, and ``flags``: which of the outputs are Boolean.
+        about: ``fmi``, the version; ``folder``, ``guid``, ``identifier``; value references
+            ``inputs`` and ``outputs``, and ``flags``: which of the outputs are Boolean.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
+        self.is_fmi3: bool = about["fmi"].startswith("3.")
         self.guid: str = about["guid"]
         self.inputs: list[int] = about["inputs"]
         self.outputs: list[int] = about["outputs"]
         self.flags: list[bool] = about["flags"]
         self.folder = Path(about["folder"])
         folder, suffix = PLATFORMS.get(sys.platform, ("linux64", ".so"))
+        if self.is_fmi3:
+            processor = platform.machine().lower()
+            system = SYSTEMS.get(sys.platform, "linux")
+            folder = f"{PROCESSORS.get(processor, processor)}-{system}"
+        instantiate = "fmi3InstantiateCoSimulation" if self.is_fmi3 else "fmi2Instantiate"
         path = self.folder / "binaries" / folder / (about["identifier"] + suffix)
         if not path.is_file():
             raise RefusedError(f"has no library {path.relative_to(self.folder).as_posix()}")
         try:
             self.library = ctypes.CDLL(str(path))
-            self.library.fmi2Instantiate.restype = ctypes.c_void_p
+            getattr(self.library, instantiate).restype = ctypes.c_void_p
         except (OSError, AttributeError) as error:
             reason = str(error).replace(str(self.folder), "").strip("/: ")
             raise RefusedError(f"has a library that cannot be loaded: {reason}") from error
 
 
 class Instance:
-    """One instance: initialised with ``values`` by reference, at time ``begin`` [s]."""
+    """One instance: initialised with ``values`` by reference, at time ``begin`` [s].
+
+    What FMI 3.0 calls otherwise, or gives other arguments, is a method or a name of ``Instance3``.
+    """
+
+    prefix, number = "fmi2", "Real"
+    state, deserialise = "FMUstate", "DeSerialize"
+    flag: Any = ctypes.c_int
 
     def __init__(
         self, fmu: Fmu, values: Sequence[tuple[int, float]], begin: float, inputs: Sequence[float]
     ) -> None:
         self.fmu = fmu
         self.heard: list[str] = []
+        made = self._made()
+        if not made:
+            raise RefusedError(self.heard[0] if self.heard else "no instance, and no reason")
+        self.component = ctypes.c_void_p(made)
+        self._enter(ctypes.c_double(begin))
+        self.set([reference for reference, _ in values], [value for _, value in values])
+        self.set(fmu.inputs, inputs)
+        self.call("ExitInitializationMode")
+
+    def _made(self) -> int | None:
         libc = ctypes.CDLL(None) if sys.platform != "win32" else ctypes.cdll.msvcrt
         libc.calloc.restype = ctypes.c_void_p
         libc.calloc.argtypes = (ctypes.c_size_t, ctypes.c_size_t)
@@ -98,48 +126,54 @@ class Instance:
         self.callbacks = _Callbacks(
             _LOGGER(self._hear), _ALLOCATE(libc.calloc), _FREE(libc.free), None, None
         )
-        made = fmu.library.fmi2Instantiate(
+        made: int | None = self.fmu.library.fmi2Instantiate(
             b"validated",
             CO_SIMULATION,
-            fmu.guid.encode(),
-            (fmu.folder / "resources").as_uri().encode(),
+            self.fmu.guid.encode(),
+            (self.fmu.folder / "resources").as_uri().encode(),
             ctypes.byref(self.callbacks),
             0,
             1,
         )
-        if not made:
-            raise RefusedError(self.heard[0] if self.heard else "no instance, and no reason")
-        self.component = ctypes.c_void_p(made)
+        return made
+
+    def _enter(self, begin: ctypes.c_double) -> None:
+        """Go on to initialisation."""
         zero = ctypes.c_double(0.0)
-        self.call("SetupExperiment", 0, zero, ctypes.c_double(begin), 0, zero)
+        self.call("SetupExperiment", 0, zero, begin, 0, zero)
         self.call("EnterInitializationMode")
-        self.set([reference for reference, _ in values], [value for _, value in values])
-        self.set(fmu.inputs, inputs)
-        self.call("ExitInitializationMode")
+
+    def _call_with(self, name: str, references: Sequence[int], values: Any) -> None:
+        """Call a function that takes value references and an array of values."""
+        count = len(references)
+        self.call(name, (ctypes.c_uint * count)(*references), ctypes.c_size_t(count), values)
+
+    def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
+        self.call("DoStep", time, size, 1)
 
     def call(self, name: str, *args: Any) -> None:
         """Call ``fmi2<name>``; raise ``RefusedError`` where its status says that it failed."""
-        status = getattr(self.fmu.library, f"fmi2{name}")(self.component, *args)
+        function = f"{self.prefix}{name}"
+        status = getattr(self.fmu.library, function)(self.component, *args)
         if status > WARNING:
-            raise RefusedError(self._reason(f"fmi2{name} gives status {status}"))
+            raise RefusedError(self._reason(f"{function} gives status {status}"))
 
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        count = len(references)
-        reals = (ctypes.c_double * count)(*values)
-        self.call("SetReal", (ctypes.c_uint * count)(*references), ctypes.c_size_t(count), reals)
+        reals = (ctypes.c_double * len(values))(*values)
+        self._call_with(f"Set{self.number}", references, reals)
 
     def step(self, time: float, size: float, inputs: Sequence[float]) -> None:
         """Hold the inputs and advance by ``size`` [s]."""
         try:
             self.set(self.fmu.inputs, inputs)
-            self.call("DoStep", ctypes.c_double(time), ctypes.c_double(size), 1)
+            self._do_step(ctypes.c_double(time), ctypes.c_double(size))
         except RefusedError as error:
             raise RefusedError(f"stops at t = {time:g} s: {error}") from error
 
     def outputs(self) -> list[float]:
         out = [math.nan] * len(self.fmu.outputs)
-        self._get("GetReal", ctypes.c_double, False, out)
-        self._get("GetBoolean", ctypes.c_int, True, out)
+        self._get(f"Get{self.number}", ctypes.c_double, False, out)
+        self._get("GetBoolean", self.flag, True, out)
         return out
 
     def drive(
@@ -155,13 +189,13 @@ class Instance:
     def saved(self) -> str:
         """The complete state, in base64."""
         state, size = ctypes.c_void_p(), ctypes.c_size_t()
-        self.call("GetFMUstate", ctypes.byref(state))
+        self.call(f"Get{self.state}", ctypes.byref(state))
         try:
-            self.call("SerializedFMUstateSize", state, ctypes.byref(size))
+            self.call(f"Serialized{self.state}Size", state, ctypes.byref(size))
             content = ctypes.create_string_buffer(size.value)
-            self.call("SerializeFMUstate", state, content, size)
+            self.call(f"Serialize{self.state}", state, content, size)
         finally:
-            self.call("FreeFMUstate", ctypes.byref(state))
+            self.call(f"Free{self.state}", ctypes.byref(state))
         return base64.b64encode(content.raw).decode()
 
     def restore(self, saved: str) -> None:
@@ -169,17 +203,17 @@ class Instance:
         content, state = base64.b64decode(saved), ctypes.c_void_p()
         buffer = ctypes.create_string_buffer(content, len(content))
         size = ctypes.c_size_t(len(content))
-        self.call("DeSerializeFMUstate", buffer, size, ctypes.byref(state))
+        self.call(f"{self.deserialise}{self.state}", buffer, size, ctypes.byref(state))
         try:
-            self.call("SetFMUstate", state)
+            self.call(f"Set{self.state}", state)
         finally:
-            self.call("FreeFMUstate", ctypes.byref(state))
+            self.call(f"Free{self.state}", ctypes.byref(state))
 
     def free(self) -> None:
         try:
             self.call("Terminate")
         finally:
-            self.fmu.library.fmi2FreeInstance(self.component)
+            getattr(self.fmu.library, f"{self.prefix}FreeInstance")(self.component)
 
     def _reason(self, unsaid: str) -> str:
         """What the FMU said first, without the frame that pythonfmu puts around an exception."""
@@ -191,11 +225,9 @@ class Instance:
 
     def _get(self, name: str, kind: Any, flag: bool, out: list[float]) -> None:
         places = [k for k, is_flag in enumerate(self.fmu.flags) if is_flag == flag]
-        count = len(places)
-        references = (ctypes.c_uint * count)(*(self.fmu.outputs[k] for k in places))
-        values = (kind * count)()
+        values = (kind * len(places))()
         if places:
-            self.call(name, references, ctypes.c_size_t(count), values)
+            self._call_with(name, [self.fmu.outputs[k] for k in places], values)
         for k, value in zip(places, values):
             out[k] = float(value)
 
@@ -203,6 +235,46 @@ class Instance:
         """The text is a printf format without arguments."""
         if status >= ERROR:
             self.heard.append(text.decode(errors="replace").replace("%%", "%"))
+
+
+class Instance3(Instance):
+    """One instance by the calls of FMI 3.0."""
+
+    prefix, number = "fmi3", "Float64"
+    state, deserialise = "FMUState", "Deserialize"
+    flag = ctypes.c_bool
+
+    def _made(self) -> int | None:
+        self.logger = _LOGGER3(self._hear3)
+        no = ctypes.c_bool(False)
+        made: int | None = self.fmu.library.fmi3InstantiateCoSimulation(
+            b"validated",
+            self.fmu.guid.encode(),
+            os.path.join(self.fmu.folder, "resources", "").encode(),
+            *(no, ctypes.c_bool(True), no, no),  # visible, logging, event mode, early return
+            *(None, ctypes.c_size_t(0), None, self.logger, None),
+        )
+        return made
+
+    def _enter(self, begin: ctypes.c_double) -> None:
+        no, zero = ctypes.c_bool(False), ctypes.c_double(0.0)
+        self.call("EnterInitializationMode", no, zero, begin, no, zero)
+
+    def _call_with(self, name: str, references: Sequence[int], values: Any) -> None:
+        count = ctypes.c_size_t(len(references))
+        self.call(name, (ctypes.c_uint * len(references))(*references), count, values, count)
+
+    def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
+        has_event, ends, is_early = (ctypes.byref(ctypes.c_bool()) for _ in range(3))
+        reached, no_way_back = ctypes.c_double(), ctypes.c_bool(True)
+        found = (has_event, ends, is_early, ctypes.byref(reached))
+        self.call("DoStep", time, size, no_way_back, *found)
+        if not math.isclose(reached.value, time.value + size.value, rel_tol=1e-9, abs_tol=1e-9):
+            raise RefusedError(f"says that the step ended at t = {reached.value:g} s")
+
+    def _hear3(self, _: Any, status: int, category: bytes, text: bytes) -> None:
+        if status >= ERROR:
+            self.heard.append(text.decode(errors="replace"))
 
 
 class Session:
@@ -223,7 +295,8 @@ class Session:
         self, number: int, values: list[tuple[int, float]], begin: float, inputs: list[float]
     ) -> None:
         try:
-            self.instances[number] = Instance(self.fmu, values, begin, inputs)
+            kind = Instance3 if self.fmu.is_fmi3 else Instance
+            self.instances[number] = kind(self.fmu, values, begin, inputs)
         except RefusedError as error:
             raise RefusedError(f"cannot be initialised: {error}") from error
 

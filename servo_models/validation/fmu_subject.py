@@ -186,7 +186,8 @@ class Subject:
         """Why it cannot be run, by its description."""
         plant = self.model.plant
         wanted = {wire.name for wire in plant.inputs} | {*plant.outputs, *plant.parameters}
-        if unlike := sorted(wanted ^ self._reference.keys()):
+        found = {v.name for v in self._description.modelVariables if v.causality != "independent"}
+        if unlike := sorted(wanted ^ found):
             names = ", ".join(repr(name[:60]) for name in unlike[:3])
             more = f" and {len(unlike) - 3} more" if len(unlike) > 3 else ""
             return (
@@ -206,6 +207,7 @@ class Subject:
         """What ``bare_host.Fmu`` has to know."""
         plant = self.model.plant
         return {
+            "fmi": self._description.fmiVersion,
             "folder": str(self.folder),
             "guid": self._description.guid,
             "identifier": self._description.coSimulation.modelIdentifier,

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from fmu_src.description import guid_of, model_description
+from fmu_src.description import model_description, token_of
 from fmu_src.native.archive import form_of
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
@@ -76,8 +76,9 @@ def _unlike_ours(subject: Subject) -> list[str]:
     form, identity = form_of(subject.folder)
     wanted = ElementTree.fromstring(model_description(subject.model, form, identity, ""))
     problems = []
-    if found.get("guid") != guid_of(found, identity):
-        problems.append("the GUID is not that of this description and this code")
+    version = form.version
+    if found.get(version.token) != token_of(found, identity, version):
+        problems.append(f"'{version.token}' is not that of this description and this code")
     for part in ("CoSimulation", "UnitDefinitions", "ModelVariables", "ModelStructure"):
         ours, theirs = (_elements(root, part) for root in (wanted, found))
         if ours != theirs:

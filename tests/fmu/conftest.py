@@ -1,4 +1,4 @@
-"""In this folder every test of an FMU is run with both kinds of it, Python and native."""
+"""In this folder a test of an FMU is run with all kinds of it: Python, native, FMI 3.0."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import fmpy
 import pytest
 
 from fmu_src.native.compilers import compiler
-from servo_models.build import NATIVE, PYTHON, build
+from servo_models.build import FMI3, NATIVE, PYTHON, build
 from servo_models.core.simulate import model
 from tests.conftest import MODELS
 
 Files = Callable[[str], Path]
 
 
-@pytest.fixture(scope="session", params=[PYTHON, NATIVE])
+@pytest.fixture(scope="session", params=[PYTHON, NATIVE, FMI3])
 def kind(request: pytest.FixtureRequest) -> str:
-    if request.param == NATIVE and compiler() is None:
+    if request.param != PYTHON and compiler() is None:
         pytest.skip('no C compiler: install one, or pip install ".[native]"')
     return str(request.param)
 

@@ -16,6 +16,7 @@ from servo_models.build import build
 from servo_models.core.simulate import Model, model
 from tests.conftest import MODELS
 from tests.support.fmu_host import Array, Host
+from tests.support.kinds import fmi2_only
 
 Files = Callable[[str], Path]
 
@@ -235,6 +236,7 @@ def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
     assert found["time"][-1] == pytest.approx(actuator.stop_time / 4, rel=1e-12)
 
 
+@fmi2_only
 @pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
 def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
     """A second master, written in C++ by other people; its clock counts nanoseconds."""

@@ -1,4 +1,4 @@
-"""Native FMU = Python FMU = simulation, to the last bit: every effect, and random sets of them.
+"""FMUs of every kind = simulation, to the last bit: every effect, and random sets of them.
 
     python tests/fuzz/equality.py [--sets 500] [--seed 0] [ACTUATOR ...]
 
@@ -6,7 +6,7 @@ For every actuator, and every variant with other equations: each effect alone, a
 effects and parameters (``parameters.vector``).  Inputs jump at random over their range, and
 communication steps vary from a tenth to twelve internal steps.  In mid-run each FMU is saved as
 bytes, and another instance goes on from them.  Some of the native runs are repeated in four threads
-at once.  What one of the three refuses, all have to refuse.  Exit code 1: something differs.
+at once.  What one of them refuses, all have to refuse.  Exit code 1: something differs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
 
-from servo_models.build import NATIVE, PYTHON, build
+from servo_models.build import FMI3, NATIVE, PYTHON, build
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
@@ -151,7 +151,7 @@ def main() -> int:
         if base.actuator.name not in given.actuators:
             continue
         with tempfile.TemporaryDirectory() as scratch:
-            folders = {kind: Path(scratch) / kind for kind in (PYTHON, NATIVE)}
+            folders = {kind: Path(scratch) / kind for kind in (PYTHON, NATIVE, FMI3)}
             for kind, folder in folders.items():
                 fmpy.extract(str(build(base, Path(scratch) / f"{kind}.fmu", kind)), str(folder))
             counts, found = examined(base, folders, given.sets, given.seed)

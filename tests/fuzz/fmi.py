@@ -1,7 +1,7 @@
-"""Random sequences of legal and illegal FMI calls against a model of the FMI 2.0 state machine.
+"""Random sequences of legal and illegal FMI calls against a model of the FMI state machine.
 
-    python tests/fuzz/fmi.py [--sequences 100000] [--states 5000] [--seed 0] [--native]
-                             [ACTUATOR ...]
+    python tests/fuzz/fmi.py [--sequences 100000] [--states 5000] [--seed 0]
+                             [--kind python|native|fmi3] [ACTUATOR ...]
 
 Every call has an expected outcome: it succeeds with the numbers of the printed text, to the last
 bit, or it is refused.  Batches run in processes of their own, so a crash or a hang is counted
@@ -31,7 +31,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 
 from fmu_src.variables import variables
-from servo_models.build import NATIVE, PYTHON, build
+from servo_models.build import FMI3, NATIVE, PYTHON, build
 from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import plain_make
 from servo_models.core.simulate import Model, model
@@ -164,7 +164,32 @@ class Expected:
     def terminate(self) -> None:
         if not self.now["failed"]:
             self.only("running")
-            self.now["phase"], self.now["time"] = "terminated", math.nan
+            self.now["phase"] = "terminated"
+
+
+class Expected3(Expected):
+    """FMI 3.0: start and stop come with the call that enters initialisation; time is a variable.
+
+    Until then the host keeps them; see ``fmu_host.Calls3``.
+    """
+
+    def reset(self) -> None:
+        super().reset()
+        self.setup(0.0, None)
+
+    def setup(self, start: float, stop: float | None) -> None:
+        self.experiment = start, stop
+
+    def enter(self) -> None:
+        super().setup(*self.experiment)
+        super().enter()
+
+    def get(self, references: list[int], flags: bool) -> list[float]:
+        time = len(self.variables)
+        found = iter(super().get([i for i in references if i != time or flags], flags))
+        begun = self.now["phase"] in ("running", "terminated")
+        reached = self.now["time" if begun else "begins"]
+        return [reached if i == time else next(found) for i in references]
 
 
 class Sequence:
@@ -340,12 +365,17 @@ class Sequence:
 
 
 def batch(
-    chosen: Model, folder: Path, seeds: range, damaged: bool, told: Connection | None = None
+    chosen: Model,
+    folder: Path,
+    seeds: range,
+    damaged: bool,
+    kind: str = PYTHON,
+    told: Connection | None = None,
 ) -> list[str]:
     """Play sequences; of each that differs, what differs.  The seed at hand goes to ``told``."""
     wrong: list[str] = []
     host: Host | None = None
-    expected = Expected(chosen)
+    expected = Expected3(chosen) if kind == FMI3 else Expected(chosen)
     for count, seed in enumerate(seeds):
         if told:
             told.send(seed)
@@ -374,10 +404,10 @@ def batch(
 
 
 def _in_a_process(
-    chosen: Model, folder: Path, seeds: range, damaged: bool, told: Connection
+    chosen: Model, folder: Path, seeds: range, damaged: bool, kind: str, told: Connection
 ) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the reasons of thousands of refusals
-    told.send(batch(chosen, folder, seeds, damaged, told))
+    told.send(batch(chosen, folder, seeds, damaged, kind, told))
 
 
 def run(
@@ -395,7 +425,7 @@ def run(
             seeds = range(first, min(first + BATCH, sequences.stop))
             here, there = context.Pipe(duplex=False)
             process = context.Process(
-                target=_in_a_process, args=(chosen, folder, seeds, damaged, there)
+                target=_in_a_process, args=(chosen, folder, seeds, damaged, kind, there)
             )
             process.start()
             there.close()
@@ -424,15 +454,14 @@ def main() -> int:
     parser.add_argument("--sequences", type=int, default=100_000)
     parser.add_argument("--states", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--native", action="store_true", help="the native FMU, not the Python one")
+    parser.add_argument("--kind", choices=(PYTHON, NATIVE, FMI3), default=PYTHON)
     parser.add_argument("actuators", nargs="*", default=list(actuators()))
     chosen = parser.parse_args()
-    kind = NATIVE if chosen.native else PYTHON
     failed = False
     for actuator in chosen.actuators:
         for what, count in (("sequences", chosen.sequences), ("damaged states", chosen.states)):
             seeds = range(chosen.seed, chosen.seed + count)
-            counts, wrong = run(actuator, seeds, what != "sequences", kind)
+            counts, wrong = run(actuator, seeds, what != "sequences", chosen.kind)
             told = ", ".join(f"{counts[k]} {k}" for k in ("crashes", "hangs", "differences"))
             print(f"{actuator}: {counts['played']} {what}: {told}", flush=True)
             print(*wrong[:10], sep="\n", end="\n" if wrong else "")

@@ -1,11 +1,11 @@
-"""A small FMI 2.0 host on fmpy's lowest level, which keeps the messages of the FMU."""
+"""A small host on fmpy's lowest level, which keeps the messages of the FMU."""
 
 from __future__ import annotations
 
 import itertools
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, ClassVar
 
 import fmpy
 import numpy as np
@@ -18,6 +18,7 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
     free,
 )
+from fmpy.fmi3 import FMU3Slave
 
 from servo_models.core.types import Array
 
@@ -38,12 +39,41 @@ CALLBACKS.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
 CALLBACKS.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
 
 
+class Calls3:
+    """The calls of FMI 2.0 by those of FMI 3.0, on fmpy's slave."""
+
+    OTHERWISE: ClassVar = {
+        **{"getReal": "getFloat64", "setReal": "setFloat64", "getInteger": "getInt32"},
+        **{f"{verb}FMUstate": f"{verb}FMUState" for verb in ("get", "set", "free", "serialize")},
+        "deSerializeFMUstate": "deserializeFMUState",
+    }
+
+    def __init__(self, slave: Any) -> None:
+        self.slave = slave
+        self.setupExperiment()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.slave, self.OTHERWISE.get(name, name))
+
+    def setupExperiment(self, startTime: float = 0.0, stopTime: float | None = None) -> None:  # noqa: N802, N803
+        """Keep what the next call takes along: FMI 3.0 has none of its own for it."""
+        self.times = {"startTime": startTime, "stopTime": stopTime}
+
+    def enterInitializationMode(self) -> None:  # noqa: N802
+        self.slave.enterInitializationMode(**self.times)
+
+    def reset(self) -> None:
+        self.setupExperiment()
+        self.slave.reset()
+
+
 class Host:
     """One instance of the FMU extracted in ``folder``.
 
     Attributes:
         messages: (status, text) of every message logged so far.
-        fmu: fmpy's slave, for the calls that need no comfort.
+        prefix: of its calls, in messages: ``fmi2`` or ``fmi3``.
+        fmu: fmpy's slave, for the calls that need no comfort; FMI 3.0 behind those of FMI 2.0.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -55,13 +85,24 @@ class Host:
         self.inputs = [v.name for v in variables if v.causality == "input"]
         name = f"instance {next(_numbers)}"
         self.messages: Messages = _messages.setdefault(name.encode(), [])
-        self.fmu = FMU2Slave(
-            guid=self.description.guid,
-            unzipDirectory=str(folder),
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName=name,
-        )
-        self.fmu.instantiate(callbacks=CALLBACKS, loggingOn=True)
+        about = {
+            "guid": self.description.guid,
+            "unzipDirectory": str(folder),
+            "modelIdentifier": self.description.coSimulation.modelIdentifier,
+            "instanceName": name,
+        }
+        self.fmu: Any
+        if self.description.fmiVersion.startswith("3."):
+            self.prefix = "fmi3"
+            self.fmu = Calls3(FMU3Slave(**about))
+            self.fmu.instantiate(logMessage=self._hear, loggingOn=True)
+        else:
+            self.prefix = "fmi2"
+            self.fmu = FMU2Slave(**about)
+            self.fmu.instantiate(callbacks=CALLBACKS, loggingOn=True)
+
+    def _hear(self, _: Any, status: int, category: bytes, text: bytes) -> None:
+        self.messages.append((status, text.decode()))
 
     def __enter__(self) -> Host:
         return self

@@ -29,7 +29,7 @@ SHARE = {
     "an output scaled by 1.001": "not bit for bit",
     "no pythonfmu in it": "No module named 'pythonfmu'",
     "a renamed output": "has not the variables of actuator 'joint' ('angles', 'reading')",
-    "a wrong GUID": "the GUID is not that of this description",
+    "a wrong GUID": "'guid' is not that of this description",
     "a wrong bound": "Real has max 400.0, not 4.0",
     "a library that is a text": "has a library that cannot be loaded",
     "no library of this system": "has no library binaries/",

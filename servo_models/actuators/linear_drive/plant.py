@@ -98,4 +98,5 @@ PLANT = Plant(
     ),
     projection=shaft_contact,
     outputs=("position", "speed", "drive"),
+    terminals={"shaft": ("load_force", "position", "speed")},
 )

@@ -151,6 +151,7 @@ OUTPUTS = (
     "angle_reading",
     "rate_reading",
 )
+TERMINALS = {"shaft": ("load_torque", "angle", "rate"), "supply": ("supply_voltage",)}
 
 PLANT = Plant(
     inputs=INPUTS,
@@ -160,6 +161,7 @@ PLANT = Plant(
     states=(State(ANGLE, "shaft_rate"), State(SPEED, "acceleration"), *SECOND_MASS),
     projection=shaft_contact,
     outputs=OUTPUTS,
+    terminals=TERMINALS,
 )
 
 PAPER_PLANT = PLANT.rated(scales=dict.fromkeys(("rate", "load_rate"), PAPER_RATE))
@@ -186,4 +188,5 @@ OSCILLATORY_PLANT = Plant(
         *SECOND_MASS,
     ),
     outputs=OUTPUTS,
+    terminals=TERMINALS,
 ).rated(scales=dict.fromkeys(("rate", "load_rate"), PAPER_RATE))

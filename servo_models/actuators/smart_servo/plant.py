@@ -111,6 +111,11 @@ PLANT = Plant(
     ),
     projection=shaft_contact,
     outputs=("angle", "rate", "angle_reading", "duty", "current"),
+    terminals={
+        "command": ("goal", "enabled"),
+        "shaft": ("load_torque", "angle", "rate"),
+        "supply": ("supply",),
+    },
 )
 STS3215_PLANT = PLANT.rated(
     rests=dict.fromkeys(("supply", "bridge_supply"), STS3215_VOLTS),

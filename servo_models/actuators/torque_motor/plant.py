@@ -130,4 +130,5 @@ PLANT = Plant(
     ),
     projection=shaft_contact,
     outputs=("angle", "rate", "current", "motor_torque", "at_stop"),
+    terminals={"shaft": ("load_torque", "angle", "rate")},
 )
