@@ -607,7 +607,8 @@ static int serialise(Instance *I, const void *saved, void *bytes, size_t size)
     return 1;
 }
 
-/* Make "saved" of bytes; damaged ones are refused here already. */
+/* Make "saved" of bytes; damaged ones are refused here already.  Where the handle is to go may hold
+ * anything before, so nothing is freed. */
 static int deserialise(Instance *I, const void *bytes, size_t size, void **saved)
 {
     Saved *made = calloc(1, sizeof *made);
@@ -618,7 +619,6 @@ static int deserialise(Instance *I, const void *bytes, size_t size, void **saved
         free(made);
         return 0;
     }
-    free(*saved);
     *saved = made;
     return 1;
 }

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fmu_src.variables import Variable, variables
 from servo_models.core.c_text import c_text
+from servo_models.core.flat import neutral_effects
 from servo_models.core.simulate import Model
 
 SHELL = Path(__file__).parent
@@ -86,7 +87,7 @@ def _model(model: Model) -> str:
         _table("const int", "owners", map(str, owners)),
         _table("const Switch", "switches", switches or ["{0, 0}"]),
         _table("const char *const", "faults", faults or ["0"]),
-        c_text(flat),
+        c_text(flat, neutral_effects(flat, list(model.values.values()))),
     ]
     return "\n".join(parts)
 

@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
-from servo_models.core.flat import Flat
+from servo_models.core.flat import Flat, kept
 from servo_models.core.printer import indent
 from servo_models.core.stepper import step_text
 
@@ -49,45 +49,72 @@ _CONSTANTS = {"pi": "3.141592653589793", "e": "2.718281828459045", "inf": "HUGE_
 _LARGEST_INT = 2**31 - 1
 
 
-def c_text(flat: Flat) -> str:
+def c_text(flat: Flat, off: Collection[str] = ()) -> str:
     """Return ``Setup``, ``prepare``, ``at_rest`` and ``step`` in C; they need ``arithmetic.h``.
 
     They stand for ``make``, ``start`` and ``step`` of ``step_text`` and give the same bits where
     the compiler does not contract a product and a sum (``-ffp-contract=off``).
 
+    Args:
+        off: the effects that are off in the FMU as built.  While these are off and no others, a
+            text without them runs, which takes 10 to 40 % less time than asking for each.
+
     Raises:
         ValueError: a block uses a function of ``math`` that has no form here.
     """
-    text = step_text(flat, guarded=True)
-    comments = {n: line.strip() for n, line in enumerate(text.split("\n"), 1) if "#" in line}
-    make = next(node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
-    start, step = (node for node in make.body if isinstance(node, ast.FunctionDef))
+    make, comments = _parsed(step_text(flat, guarded=True))
+    start, step = _functions(make)
+    built, comments_built = _parsed(step_text(flat, off))
     setup = make.body[: make.body.index(start)]
     wanted = (_read(start) | _read(step)) - _stored(step.body).keys()
     fields = [name for name in _stored(setup) if name in wanted]
     kinds = _Kinds(setup)
-    prepare = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
+    write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
+    on = {owner: write.of(ast.Name(kept("on", owner))) for owner in flat.switches}
+    as_built = " && ".join(f"!{flag}" if owner in off else flag for owner, flag in on.items())
     lines = [
         "typedef struct {",
         *indent(f"{kinds.of(name)} v_{name};" for name in fields),
+        "    int as_built; /* the effects that are on */",
         "} Setup;",
         "",
         "static int prepare(Setup *s, const double *v__p)",
         "{",
         "    int failed = 0;",
-        *indent(prepare.declared(setup, fields)),
-        *indent(prepare.block(setup)),
+        *indent(write.declared(setup, fields)),
+        *indent(write.block(setup)),
+        f"    s->as_built = {as_built or '1'};",
         "    return failed ? ARITHMETIC : 0;",
         "}",
         "",
         "static void at_rest(const Setup *s, double *v__x)",
         "{",
-        *indent(_at_rest(start, prepare)),
+        *indent(_at_rest(start, write)),
         "}",
         "",
-        *_step(step, fields, kinds, comments),
+        *_step("any_step", step, fields, kinds, comments),
+        "",
+        *_step("step_as_built", _functions(built)[1], fields, kinds, comments_built),
+        "",
+        *_head("step"),
+        "{",
+        "    return (s->as_built ? step_as_built : any_step)(s, v__x, v__u, v__t, v__size, v__y);",
+        "}",
     ]
     return "\n".join([*lines, ""])
+
+
+def _parsed(text: str) -> tuple[ast.FunctionDef, dict[int, str]]:
+    """``make`` of a text, and its comments by line."""
+    comments = {n: line.strip() for n, line in enumerate(text.split("\n"), 1) if "#" in line}
+    make = next(node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
+    return make, comments
+
+
+def _functions(make: ast.FunctionDef) -> tuple[ast.FunctionDef, ast.FunctionDef]:
+    """``start`` and ``step``."""
+    start, step = (node for node in make.body if isinstance(node, ast.FunctionDef))
+    return start, step
 
 
 def _at_rest(function: ast.FunctionDef, write: _Function) -> Iterator[str]:
@@ -102,22 +129,32 @@ def _at_rest(function: ast.FunctionDef, write: _Function) -> Iterator[str]:
     yield "(void)s;"  # which a model with constants alone does not look at
 
 
+def _head(called: str) -> list[str]:
+    return [
+        f"static int {called}(",
+        "    const Setup *restrict s, double *restrict v__x, const double *restrict v__u,",
+        "    double v__t, double v__size, double *restrict v__y)",
+    ]
+
+
 def _step(
-    function: ast.FunctionDef, fields: Sequence[str], setup: _Kinds, comments: dict[int, str]
+    called: str,
+    function: ast.FunctionDef,
+    fields: Sequence[str],
+    setup: _Kinds,
+    comments: dict[int, str],
 ) -> Iterator[str]:
-    ahead, *body = function.body
-    assert isinstance(ahead, ast.Assign)
-    assert isinstance(ahead.value, ast.BinOp)
-    kinds = _Kinds(body, setup)
-    write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
-    yield "static int step("
-    yield "    const Setup *restrict s, double *restrict v__x, const double *restrict v__u,"
-    yield "    double v__t, double v__size, double *restrict v__y)"
+    body = function.body
+    yield from _head(called)
     yield "{"
     yield "    int failed = 0;"
-    places = int(ast.unparse(ahead.value.right))
-    if places:  # C has no empty array
-        yield f"    double v__ahead[{places}] = {{0.0}};"
+    match body[0]:
+        case ast.Assign([ast.Name("_ahead")], ast.BinOp(_, _, ast.Constant(int(places)))):
+            body = body[1:]
+            if places:  # C has no empty array
+                yield f"    double v__ahead[{places}] = {{0.0}};"
+    kinds = _Kinds(body, setup)
+    write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
     lines = write.block(body)
     yield from indent(write.declared(body, ()))
     yield from indent(lines)

@@ -5,7 +5,8 @@
  * Plays the sequences of the seeds FIRST to FIRST + COUNT - 1.  Every sequence has a model of what
  * its instances are to answer (struct expected): a call that the standard and the FMU's bounds
  * allow succeeds, any other is refused with a message, and then nothing but a reset or a restored
- * state helps.  A fault prints its seed and the calls that led to it, and exits with 1.
+ * state helps.  A fault is told with its seed, and the exit code is 1; with FMI_CALLS_TRACE in the
+ * environment every call is printed before it is made.
  *
  * With THREADS each sequence runs alone first and then in that many threads at the same time,
  * where every status, number and message is to be the same.
@@ -255,9 +256,7 @@ static void do_reset(struct sequence *s, struct instance *i)
 static void do_save(struct sequence *s, struct instance *i)
 {
     struct saved *saved = &s->saved[below(s, STATES)];
-    const int was_there = saved->state != NULL;
-    calling(s, "%s: fmi2GetFMUstate %s state %d", i->name, was_there ? "again into" : "into",
-            (int)(saved - s->saved));
+    calling(s, "%s: fmi2GetFMUstate into %p", i->name, saved->state);
     if (is_refused(s, fmu.call.GetFMUstate(i->component, &saved->state))) {
         if (!i->expected.failed)
             fault(s, "refused");
@@ -748,6 +747,7 @@ int main(int count, char **words)
     read_variables(words[2]);
     const uint64_t first = strtoull(words[3], NULL, 10), sequences = strtoull(words[4], NULL, 10);
     fmu.threads = count > 5 ? atoi(words[5]) : 0;
+    fmu.traces = getenv("FMI_CALLS_TRACE") != NULL;
     FILE *messages = tmpfile(); /* without a logger the FMU writes here; see need_message */
     if (!messages || fmu.threads > 64 || !fmu.output_count)
         return 2;

@@ -12,7 +12,8 @@
 enum {
     INSTANCES = 4, /* alive at once */
     STATES = 6,    /* saved at once */
-    VARIABLES = 512 /* of an FMU, at most */
+    VARIABLES = 200, /* of an FMU, at most */
+    OUTPUTS = 40
 };
 
 /* ---- the FMU ---------------------------------------------------------------------------- */
@@ -33,11 +34,12 @@ static struct {
     int has_derivatives;
     struct variable variables[VARIABLES];
     int count;
-    int outputs[VARIABLES]; /* indices of real outputs */
+    int outputs[OUTPUTS]; /* indices of real outputs */
     int output_count;
     int internal_step; /* index, or -1 */
     fmi2ValueReference unknown; /* the first value reference that is none */
     int threads;
+    int traces; /* print every call */
 } fmu;
 
 static void read_variables(const char *path)
@@ -50,9 +52,12 @@ static void read_variables(const char *path)
         exit(2);
     }
     fmu.internal_step = -1;
-    while (fmu.count < VARIABLES
-           && fscanf(file, "%15s %u %lf %lf %lf %lf %255s", kind, &v.reference, &v.low, &v.high,
-                     &v.start, &v.nominal, name) == 7) {
+    while (fscanf(file, "%15s %u %lf %lf %lf %lf %255s", kind, &v.reference, &v.low, &v.high,
+                  &v.start, &v.nominal, name) == 7) {
+        if (fmu.count == VARIABLES || fmu.output_count == OUTPUTS) {
+            fprintf(stderr, "too many variables for this driver\n");
+            exit(2);
+        }
         for (v.kind = INPUT; strcmp(kind, kinds[v.kind]) != 0; v.kind++)
             ;
         if (v.kind == OUTPUT)
@@ -112,7 +117,7 @@ struct instance {
 struct saved {
     fmi2FMUstate state; /* NULL: this place is free */
     struct expected expected;
-    double outputs[VARIABLES];
+    double outputs[OUTPUTS];
 };
 
 struct counts {
@@ -127,9 +132,6 @@ struct sequence {
     int instantiated;
     int messages; /* since the present call began */
     off_t stderr_at;
-    char called[256]; /* the present call */
-    char journal[1 << 16];
-    size_t journal_length;
 };
 
 static uint64_t random_bits(struct sequence *s) /* splitmix64 */
@@ -163,23 +165,12 @@ static void digest(struct sequence *s, const void *bytes, size_t count)
         s->digest = (s->digest ^ byte[i]) * UINT64_C(1099511628211);
 }
 
-static void write_journal(struct sequence *s, const char *format, ...)
+static void fault(const struct sequence *s, const char *format, ...)
 {
-    const size_t room = sizeof s->journal - s->journal_length;
-    va_list values;
-    va_start(values, format);
-    const int length = vsnprintf(s->journal + s->journal_length, room, format, values);
-    va_end(values);
-    if (length > 0 && (size_t)length < room)
-        s->journal_length += (size_t)length;
-}
-
-static void fault(struct sequence *s, const char *format, ...)
-{
-    va_list values;
     static pthread_mutex_t one_at_a_time = PTHREAD_MUTEX_INITIALIZER;
+    va_list values;
     pthread_mutex_lock(&one_at_a_time);
-    printf("%s\nFAULT in sequence %" PRIu64 ": %s: ", s->journal, s->seed, s->called);
+    printf("FAULT in sequence %" PRIu64 ": ", s->seed);
     va_start(values, format);
     vprintf(format, values);
     va_end(values);
@@ -209,7 +200,8 @@ static void logger(void *environment, fmi2String name, fmi2Status status, fmi2St
     if (status < fmi2OK || status > fmi2Fatal)
         fault(s, "a message of status %d: %s", status, text);
     s->messages += *text != '\0';
-    write_journal(s, "        %s\n", text);
+    if (fmu.traces)
+        printf("        %s\n", text);
 }
 
 static off_t length_of_stderr(void)
@@ -220,11 +212,14 @@ static off_t length_of_stderr(void)
 /* Note a call that is about to be made. */
 static void calling(struct sequence *s, const char *format, ...)
 {
-    va_list values;
-    va_start(values, format);
-    vsnprintf(s->called, sizeof s->called, format, values);
-    va_end(values);
-    write_journal(s, "%s\n", s->called);
+    if (fmu.traces) {
+        va_list values;
+        va_start(values, format);
+        vprintf(format, values);
+        va_end(values);
+        printf("\n");
+        fflush(stdout); /* the call may be the last one */
+    }
     s->counts.calls++;
     s->messages = 0;
     s->stderr_at = length_of_stderr();
@@ -240,8 +235,8 @@ static void need_message(struct sequence *s)
 static int is_refused(struct sequence *s, fmi2Status status)
 {
     digest(s, &status, sizeof status);
-    if (status != fmi2OK)
-        write_journal(s, "    -> %d\n", status);
+    if (fmu.traces && status != fmi2OK)
+        printf("    -> %d\n", status);
     if (status == fmi2OK || status == fmi2Warning)
         return 0;
     if (status != fmi2Discard && status != fmi2Error && status != fmi2Fatal)

@@ -38,11 +38,13 @@ BATCH = {"plain": 1000, "sanitize": 500, "valgrind": 100, "threads": 100}
 """Sequences in a process, by mode: some seconds."""
 PATIENCE = 600.0
 """Seconds for a batch; the driver itself gives up a sequence after 60."""
+LAST_CALLS = 40
+"""Lines shown of a sequence at fault."""
 REPORTED = 99
 """Exit code of valgrind and the sanitizers, after a report."""
-FLAGS = ("-O1", "-g", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
+FLAGS = ("-O2", "-g", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
 MODE_FLAGS = {
-    "sanitize": ("-fsanitize=address,undefined", "-fno-sanitize-recover=all"),
+    "sanitize": ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"),
     "threads": ("-fsanitize=thread",),
 }
 SCARCE = ("-Dmalloc=scarce_malloc", "-Dcalloc=scarce_calloc")
@@ -150,13 +152,29 @@ def run(subject: Subject, seeds: range, threads: int = 0) -> Outcome:
         text, fault = _batch(subject, first, count, threads)
         begun = [line for line in text.splitlines() if line.startswith("seed ")]
         if fault:
-            outcome.faults.append(fault)
-            count = int(begun[-1].split()[1]) + 1 - first if begun else count
+            at = int(begun[-1].split()[1]) if begun else None
+            outcome.faults.append(fault if at is None else f"{fault}\n{_calls(subject, at)}")
+            count = count if at is None else at + 1 - first
         else:
             words = text.splitlines()[-1].split()
             outcome.counts.update(dict(zip(words[::2], map(int, words[1::2]))))
         first += count
     return outcome
+
+
+def _calls(subject: Subject, seed: int) -> str:
+    """Return the last calls of a sequence at fault, which is played once more."""
+    words = [subject.driver, subject.library, subject.variables, str(seed), "1"]
+    done = subprocess.run(
+        words,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=PATIENCE,
+        check=False,
+        env={**os.environ, "FMI_CALLS_TRACE": "1"},
+    )
+    return "\n".join(done.stdout.splitlines()[-LAST_CALLS:])
 
 
 def _batch(subject: Subject, first: int, count: int, threads: int) -> tuple[str, str]:
