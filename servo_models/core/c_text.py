@@ -1,6 +1,8 @@
-"""Print a flattened plant as C99: the guarded step text of ``stepper.py``, statement by statement.
+"""Print a flattened plant as C99: the step text of ``stepper.py``, statement by statement.
 
-The text is Python in the small subset of ``inline.py``, so each statement has one C form:
+It stands there twice: guarded, for any effects, and without those that are off in the FMU as built,
+for the runs that leave it so.  The text is Python in the small subset of ``inline.py``, so each
+statement has one C form:
 
 =====================================  ===================================================
 ``a / b``, ``_math.sqrt(a)``, ``% b``  a function of ``arithmetic.h``, which fails where Python

@@ -215,7 +215,6 @@ def test_folders_of_the_standard() -> None:
 
 
 FAULTS = {
-    "a warning": (b"static int unused;", "unused"),
     "a date": (b"const char *when(void) { return __DATE__; }", "__DATE__"),
     "no such file": (b'#include "missing.h"', "missing.h"),
     "no such function": (

@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +28,6 @@ from tests.support.kinds import FAILED, python_only
 Files = Callable[[str], Path]
 Call = Callable[[Host], object]
 ERROR = 3
-
-
-@pytest.fixture
-def host(fmu_folder: Files) -> Iterator[Host]:
-    """A torque motor that has made one step of 1 ms."""
-    with Host(fmu_folder("torque_motor")) as made:
-        made.start({"voltage": 10.0})
-        made.fmu.doStep(0.0, 1e-3)
-        yield made
 
 
 def refused(host: Host, call: Callable[[], object], *parts: str) -> None:

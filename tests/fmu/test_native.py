@@ -8,7 +8,7 @@ import shutil
 import struct
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,15 +31,6 @@ DISCARD, ERROR = 2, 3
 HEADER = struct.Struct("=8s64sQdQ")
 """Of a saved state: magic, identity, bytes, 1.0, digest; the times begins, last and time follow."""
 TIMES = 3
-
-
-@pytest.fixture
-def host(fmu_folder: Files) -> Iterator[Host]:
-    """A torque motor that has made one step of 1 ms."""
-    with Host(fmu_folder("torque_motor")) as made:
-        made.start({"voltage": 10.0})
-        made.fmu.doStep(0.0, 1e-3)
-        yield made
 
 
 def library(folder: Path) -> Any:
