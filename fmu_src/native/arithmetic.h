@@ -11,6 +11,11 @@
 #pragma fp_contract(off)
 #endif
 
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) \
+    || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "compile without -ffast-math, -ffinite-math-only or /fp:fast: NaN would not be seen"
+#endif
+
 #include <math.h>
 
 /* Flags and counters. */

@@ -234,6 +234,17 @@ def test_the_sources_compile_without_warnings(
         assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
+def test_a_compiler_that_would_not_see_nan_is_refused(flag: str, fmu_folder: Files) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc on the PATH")
+    source = fmu_folder("torque_motor") / "sources" / "fmi2.c"
+    command = ["gcc", flag, "-fsyntax-only", f"-I{headers()}", str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "NaN would not be seen" in done.stderr
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["sg90", "torque_motor"])
 def test_what_fmpy_compiles_gives_the_same_bits(
