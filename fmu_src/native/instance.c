@@ -504,7 +504,11 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
         outcome = NOT_SMOOTH;
     }
     for (j = 0; outcome == DERIVED && j < directions; j++) {
-        if (!slopes(I, probe, unknowns, count, knowns[j], slope)) {
+        if (variables[knowns[j]].fixed && begun(I)) {
+            refuse(I, "'%s' is a fixed parameter: derive with respect to it in initialisation",
+                   variables[knowns[j]].name);
+            outcome = NOT_SMOOTH;
+        } else if (!slopes(I, probe, unknowns, count, knowns[j], slope)) {
             refuse(I, "no derivative with respect to '%s' = %g: there is a jump, a kink or a bound",
                    variables[knowns[j]].name, I->now.values[knowns[j]]);
             outcome = NOT_SMOOTH;

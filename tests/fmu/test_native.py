@@ -205,6 +205,13 @@ def test_there_is_no_derivative_at_a_kink_or_a_bound(fmu_folder: Files) -> None:
             derivative(host, ["motor_voltage"], "pulse_width")
 
 
+def test_a_fixed_parameter_is_no_kink(host: Host) -> None:
+    with pytest.raises(FMICallException) as caught:
+        derivative(host, ["angle"], "internal_step")
+    assert caught.value.status == DISCARD
+    assert "'internal_step' is a fixed parameter" in host.messages[-1][1]
+
+
 def derivative(host: Host, outputs: list[str], by: str) -> list[float]:
     unknowns = [host.reference[name] for name in outputs]
     found: list[float] = host.fmu.getDirectionalDerivative(unknowns, [host.reference[by]], [1.0])
