@@ -327,5 +327,15 @@ def test_cc_names_the_compiler_and_the_compiler_its_platform(
     assert found is not None
     assert found.command == (str(script), "-pipe")
     assert [target.name for target in found.targets] == ["macos-aarch64"]
+    monkeypatch.setenv("CC", str(script))  # not split at the space, as paths on Windows would be
+    found = host()
+    assert found is not None
+    assert found.command == (str(script),)
     script.write_text(f"#!{sys.executable}\nprint('riscv64-linux-gnu')\n")
     assert host() is None
+
+
+def test_a_quote_in_cc_without_its_other_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", '"gcc')
+    with pytest.raises(UserError, match='CC = "gcc: No closing quotation'):
+        host()
