@@ -10,7 +10,7 @@ import typer
 
 from servo_models.cli.options import Format, Trust
 from servo_models.errors import UserError
-from servo_models.validation.fmu_subject import LIMITS, Limits
+from servo_models.validation.host_process import LIMITS, Limits
 
 
 def validate(

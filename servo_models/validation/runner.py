@@ -22,7 +22,8 @@ from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.report.interchange import conditions
 from servo_models.validation.cases import Case, all_cases, offered
-from servo_models.validation.fmu_subject import LIMITS, Limits, Subject
+from servo_models.validation.fmu_subject import Subject
+from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.implementation import implementation_rows
 from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
 from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
