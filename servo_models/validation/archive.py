@@ -49,7 +49,7 @@ def unpack(path: Path, megabytes: float) -> Path:
     try:
         with zipfile.ZipFile(path) as archive:
             _extract(archive, folder, limit)
-        _check_description(folder / DESCRIPTION)
+        check_xml(folder / DESCRIPTION)
     except BaseException:
         remove(folder)
         raise
@@ -114,12 +114,16 @@ def _too_large(size: int, limit: int) -> str:
     )
 
 
-def _check_description(path: Path) -> None:
-    """Refuse what makes reading XML costly before anybody builds a tree of it."""
+def check_xml(path: Path) -> None:
+    """Refuse what makes reading XML costly before anybody builds a tree of it.
+
+    Raises:
+        UserError: no such file, or one that no description is like.
+    """
     if not path.is_file():
-        raise UserError(f"it has no {DESCRIPTION}")
+        raise UserError(f"it has no {path.name}")
     if path.stat().st_size > LARGEST_DESCRIPTION:
-        raise UserError(f"{DESCRIPTION} has {path.stat().st_size} bytes, which no description has")
+        raise UserError(f"{path.name} has {path.stat().st_size} bytes, which no description has")
     depth = elements = 0
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -127,16 +131,16 @@ def _check_description(path: Path) -> None:
         depth += 1
         elements += 1
         if len(attributes.get("name", "")) > LONGEST_NAME:
-            raise UserError(f"{DESCRIPTION} has a name of more than {LONGEST_NAME} characters")
+            raise UserError(f"{path.name} has a name of more than {LONGEST_NAME} characters")
         if depth > DEEPEST or elements > MOST_ELEMENTS:
-            raise UserError(f"{DESCRIPTION} has more or deeper elements than a description")
+            raise UserError(f"{path.name} has more or deeper elements than a description")
 
     def end(name: str) -> None:
         nonlocal depth
         depth -= 1
 
     def doctype(*_: object) -> None:
-        raise UserError(f"{DESCRIPTION} has a DOCTYPE, which FMI does not know")
+        raise UserError(f"{path.name} has a DOCTYPE, which FMI does not know")
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = begin
@@ -145,4 +149,4 @@ def _check_description(path: Path) -> None:
     try:
         parser.Parse(path.read_bytes(), True)
     except (expat.ExpatError, ValueError, LookupError) as error:
-        raise UserError(f"{DESCRIPTION} is no XML: {error}") from error
+        raise UserError(f"{path.name} is no XML: {error}") from error

@@ -304,8 +304,8 @@ class Instance3(Instance):
     def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
         has_event, ends, is_early = (ctypes.c_bool() for _ in range(3))
         reached, no_way_back = ctypes.c_double(), ctypes.c_bool(True)
-        found = map(ctypes.byref, (has_event, ends, is_early, reached))
-        self.call("DoStep", time, size, no_way_back, *found)
+        flags = (ctypes.byref(has_event), ctypes.byref(ends), ctypes.byref(is_early))
+        self.call("DoStep", time, size, no_way_back, *flags, ctypes.byref(reached))
         if ends.value:
             raise RefusedError("asks to end the simulation")
         if not math.isclose(reached.value, time.value + size.value, rel_tol=1e-9, abs_tol=1e-9):

@@ -45,6 +45,10 @@ class OpenFmu(ABC):
         over: why it cannot be run, or cannot any more; "" while it can.
     """
 
+    strict = True
+    """Whether a description that breaks rules of FMI is refused."""
+    cure = "build it again with servo-models build"
+
     def __init__(self, path: str | Path, limits: Limits = LIMITS) -> None:
         """Unpack and read an FMU.
 
@@ -60,13 +64,15 @@ class OpenFmu(ABC):
         self._started = 0
         self.over = ""
         if not os.path.isfile(self.path):
-            raise UserError(f"no FMU '{path}': build it with servo-models build")
+            raise UserError(
+                f"no FMU '{path}': build it with servo-models build, or correct the name"
+            )
         try:
             self.folder = unpack(self.path, limits.unpacked_megabytes)
         except Exception as error:  # zip and XML errors of many kinds
             raise self._unreadable(error) from error
         try:
-            self.description: Any = read_model_description(str(self.folder))
+            self.description: Any = read_model_description(str(self.folder), validate=self.strict)
             self._understand()
         except Exception as error:  # fmpy raises many kinds
             self.close()
@@ -143,9 +149,7 @@ class OpenFmu(ABC):
 
     def _unreadable(self, error: Exception) -> UserError:
         cause = _one_line(str(error)) or type(error).__name__
-        return UserError(
-            f"cannot read FMU '{self.path}' ({cause}): build it again with servo-models build"
-        )
+        return UserError(f"cannot read FMU '{self.path}' ({cause}): {self.cure}")
 
 
 class Subject(OpenFmu):
@@ -179,7 +183,7 @@ class Subject(OpenFmu):
         self._starts = {
             v.name: float(v.start)
             for v in self.description.modelVariables
-            if v.causality == "parameter"
+            if v.causality == "parameter" and v.type in ("Real", "Float64")
         }
 
     def run(self, chosen: Model, times: Array, inputs: Array) -> Array:
