@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from servo_models.report.numbers import Quantity, number, percent, with_unit
 from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
 from servo_models.report.style import SERIES, colour
-from servo_models.validation.any_fmu.sections import curves, faults
+from servo_models.validation.any_fmu.sections import curves, faults, notes
 from servo_models.validation.cases import offered
 from servo_models.validation.rows import (
     FILES,
@@ -98,8 +98,9 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
         every: a terminal prints every figure.
     """
     examined = dict.fromkeys(row.actuator for row in validation.rows)
+    how = "by files alone" if validation.claims == (FILES,) else "against references"
     return Report(
-        f"{', '.join(examined) or 'nothing'} against references",
+        f"{', '.join(examined) or 'nothing'} {how}",
         sentence(validation),
         None if not any(row.passed is not None for row in validation.rows) else validation.passed,
         cards=cards(validation),
@@ -107,6 +108,7 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
         sections=(
             faults(validation),
             curves(validation.compared),
+            notes(validation),
             _failures(validation),
             _counts(validation),
             *(_claim(claim, validation.of(claim), every) for claim in validation.claims),
@@ -125,7 +127,12 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
 
 def summary(validation: Validation) -> Report:
     """Return the verdict, how many figures of each actuator pass, and what failed."""
-    sections = (faults(validation), _counts(validation), _failures(validation))
+    sections = (
+        faults(validation),
+        _counts(validation),
+        _failures(validation),
+        notes(validation),
+    )
     return Report(sentence(validation), "", sections=sections)
 
 
@@ -210,7 +217,8 @@ def _failures(validation: Validation) -> Section:
         )
         for row in validation.failures
     )
-    return Section(FAILED, tables=(Table("", (*PLACE, "value", "limit", "note"), rows),))
+    heads = (_what(validation), *PLACE[1:], "value", "limit", "note")
+    return Section(FAILED, tables=(Table("", heads, rows),))
 
 
 def _counts(validation: Validation) -> Section:
@@ -219,9 +227,13 @@ def _counts(validation: Validation) -> Section:
         (name, *(_count(validation.of(claim), name) for claim in validation.claims))
         for name in names
     )
-    what = "actuator" if OWN_CLAIMS[0] in validation.claims else "model"
-    heads = (what, *(BRIEF[claim] for claim in validation.claims))
+    heads = (_what(validation), *(BRIEF[claim] for claim in validation.claims))
     return Section(COUNTS, tables=(Table("", heads, rows),))
+
+
+def _what(validation: Validation) -> str:
+    """Heading of a column of names."""
+    return "actuator" if OWN_CLAIMS[0] in validation.claims else "model"
 
 
 def _count(rows: Sequence[Row], actuator: str) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import subprocess
-import sys
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -89,7 +88,7 @@ class Foreign:
         with zipfile.ZipFile(path, "w") as archive:
             describe = _description3 if three else _description2
             archive.writestr("modelDescription.xml", describe(self, guid))
-            archive.write(library(three), f"binaries/{binaries}/{self.model}.so")
+            archive.writestr(f"binaries/{binaries}/{self.model}.so", library(three))
         return path
 
     def files(self, folder: Path) -> tuple[Path | None, Path, Path | None]:
@@ -106,14 +105,15 @@ class Foreign:
 
 
 @functools.cache
-def library(three: bool) -> Path:
+def library(three: bool) -> bytes:
     """Compile all models, for FMI 3.0 or 2.0."""
-    path = Path(tempfile.mkdtemp(prefix="foreign")) / "foreign.so"
     version = ["-DFMI3"] if three else []
-    subprocess.run(
-        ["cc", *FLAGS, *version, f"-I{headers()}", SOURCE, "-o", path, "-lm"], check=True
-    )
-    return path
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "foreign.so"
+        subprocess.run(
+            ["cc", *FLAGS, *version, f"-I{headers()}", SOURCE, "-o", path, "-lm"], check=True
+        )
+        return path.read_bytes()
 
 
 def table(path: Path, times: Array, columns: Curves) -> Path:
@@ -175,7 +175,8 @@ def _variable3(v: Var) -> str:
         inner, start = f'<Start value="{v.start}"/>', ""
     return (
         f'<{v.kind} name={quoteattr(v.name)} valueReference="{v.reference}"'
-        f' causality="{v.causality}" variability="{_variability(v)}"{start}{unit}>{inner}</{v.kind}>'
+        f' causality="{v.causality}" variability="{_variability(v)}"{start}{unit}>'
+        f"{inner}</{v.kind}>"
     )
 
 
@@ -489,4 +490,3 @@ FOREIGN: dict[str, Foreign] = {
     ),
     "constant": Foreign("constant", "2.0", out("Real", "y"), 1.0, 1e-2, constant),
 }
-HAS_COMPILER = sys.platform == "linux"

@@ -301,7 +301,7 @@ class _Look:
         delay, _ = self.delay()
         slope = _rms(np.gradient(self.right, self.times))
         longest = max(self.limits.time, self.limits.value / slope if slope else math.inf)
-        gain, _ = self.gain()
+        gain, _ = self.gain(self.right + self.beyond)
         yield Figure("gain error", abs(gain - 1.0), self.limits.value / spread, "1")
         yield Figure("delay", abs(delay), longest, "s")
         drift = float(np.polyfit(self._part(), self.beyond, 1)[0])
@@ -352,12 +352,12 @@ class _Look:
             return 0.0, left(0.0)
         return float(found.x), float(found.fun)
 
-    def gain(self) -> tuple[float, float]:
-        """Return the slope of the response over the aligned reference, and what is left."""
+    def gain(self, got: Array) -> tuple[float, float]:
+        """Return the slope of a response over the reference, and what is left."""
         middle = self.right - self.right.mean()
         power = float(middle @ middle)
-        slope = float(middle @ (self.got - self.got.mean())) / power if power else 1.0
-        left = self.got - self.got.mean() - slope * middle
+        slope = float(middle @ (got - got.mean())) / power if power else 1.0
+        left = got - got.mean() - slope * middle
         return slope, _rms(left)
 
     def _scaled(self, origin: float) -> tuple[float, float]:
@@ -378,8 +378,8 @@ class _Look:
         """Return what is wrong in words: the cause that explains the difference best."""
         words = self._event_words()
         if self.reference.held:
-            if self.range and self.gain()[0] < -INVERTED:
-                return f"is inverted: its gain is {number(self.gain()[0])}"
+            if self.range and self.gain(self.got)[0] < -INVERTED:
+                return f"is inverted: its gain is {number(self.gain(self.got)[0])}"
             return words or self._worst_words()
         found = self._stands_still() or self._starts() or self._best(bool(words)) or words
         if not found:
@@ -398,7 +398,7 @@ class _Look:
         whole = _rms(self.error)
         single = min(self._single(), key=lambda one: one[0])
         if single[0] > ENOUGH * whole and self.range:
-            gain, left = self.gain()
+            gain, left = self.gain(self.got)
             if left < 0.5 * single[0]:
                 offset = float(self.got.mean() - gain * self.right.mean())
                 words = f"{self._gain_words(gain, 0.0)} and an offset of {self._value(offset)}"

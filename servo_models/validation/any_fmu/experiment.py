@@ -217,9 +217,11 @@ def _table(fmu: AnyFmu, path: Path, role: str) -> dict[str, Trace]:
             continue
         found[name] = Trace(times, scale * columns.numbers(number), not variable.continuous)
     if not found:
-        known = [v.name for v in fmu.variables.values() if v.causality == role.rstrip("s")]
-        named = f"an output of the FMU: {', '.join(known[:8])}" if known else "an output"
-        raise UserError(f"'{path}' has no column for {'an input' if role == 'inputs' else named}")
+        wanted = "input" if role == "inputs" else "output"
+        known = [v.name for v in fmu.variables.values() if v.causality == wanted]
+        raise UserError(
+            f"'{path}' has no column for an {wanted} of the FMU: {', '.join(known[:8]) or 'none'}"
+        )
     return found
 
 
@@ -305,7 +307,7 @@ def write_cross_check(
     given = (
         float(times[0]),
         float(times[-1]),
-        float(np.median(np.diff(times))),
+        float(f"{np.median(np.diff(times)):.12g}"),
         experiment.solver or 1e-4,
     )
     lines = [f"{name},{value!r}" for name, value in zip(OPTIONS, given)]

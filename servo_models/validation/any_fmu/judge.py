@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.report.numbers import number
+from servo_models.report.numbers import number, plain, with_unit
 from servo_models.validation.any_fmu.comparison import (
     Allowed,
     Compared,
@@ -139,9 +139,9 @@ class _Run:
         return rows
 
     def _depends(self, row: Row) -> str:
-        return (
+        return plain(
             f"output '{row.case}' depends on the communication step: {number(self.step)} s and"
-            f" {number(0.5 * self.step)} s differ by {number(row.value)} {_unit(row.unit)}".rstrip()
+            f" {number(0.5 * self.step)} s differ by {with_unit(number(row.value), row.unit)}"
         )
 
     def _rows(self, one: Compared) -> list[Row]:
@@ -191,7 +191,3 @@ def _with_swaps(
             (one.name, other.name), f"outputs '{one.name}' and '{other.name}' are swapped"
         )
     return [replace(one, fault=faults.get(one.name, one.fault)) for one in compared]
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit

@@ -27,6 +27,16 @@ def faults(validation: Validation) -> Section:
     return Section("What is wrong", items=tuple(dict.fromkeys(told)))
 
 
+def notes(validation: Validation) -> Section:
+    """Return what is not judged and worth knowing, a line each."""
+    told = [
+        f"{row.subject}, {row.case}, {row.quantity}: {row.note}"
+        for row in validation.rows
+        if row.claim in (REFERENCE, FILES) and row.passed is None and row.note
+    ]
+    return Section("Worth knowing", items=tuple(told))
+
+
 def curves(compared: Sequence[Compared]) -> Section:
     """Return outputs beside their references; those that failed first."""
     shown = sorted((one for one in compared if len(one.times)), key=lambda one: one.passed)

@@ -291,10 +291,8 @@ def _library(fmu: AnyFmu, platform: str, path: Path) -> Iterator[Found]:
         yield platform, "search paths", sorted(one.search_paths), False
         yield platform, "asks for", _oldest(one), False
         token = str(fmu.description.guid or "").encode()
-        absent = (
-            [] if token in content else ["the token is not in the library: it may not check it"]
-        )
-        yield platform, "token", absent, False
+        unheard = [] if token in content else ["it is not in the library, which may not check it"]
+        yield platform, "token", unheard, False
 
 
 def _needed(fmu: AnyFmu) -> list[str]:
