@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from servo_models.core.types import Array
 from servo_models.errors import UserError
@@ -144,6 +146,19 @@ def test_an_event_may_come_a_sample_late_but_not_always() -> None:
     assert "1 ms late" in beside(late, right, held=True).fault
     once = np.where(np.abs(TIMES - 0.5) < 1e-6, right - 1.0, right)
     assert beside(once, right, held=True).passed
+
+
+@given(st.integers(0, 10**6), st.booleans(), st.integers(1, 400))
+@settings(max_examples=60)
+def test_a_curve_equals_itself(seed: int, held: bool, smooth: int) -> None:
+    """Also one whose steps are just about steps."""
+    draw = np.random.default_rng(seed)
+    steps = draw.standard_normal(1001) * (draw.random(1001) < 1.0 / smooth)
+    drift = draw.random() * np.sin(draw.uniform(1.0, 300.0) * TIMES)
+    right = np.cumsum(steps) + drift
+    found = beside(right, right.copy(), held)
+    assert found.passed
+    assert all(figure.passed for figure in found.figures)
 
 
 def test_tolerances_that_are_asked_for_are_kept() -> None:

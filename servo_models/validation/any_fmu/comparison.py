@@ -548,7 +548,7 @@ class Matched:
 
 
 def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> Matched:
-    """Match events in order, by direction, within half of the time between two of a kind.
+    """Match each event with the nearest one of its direction, within half of the time between two.
 
     Args:
         right, got: times [s] and sizes of the reference and the response.
@@ -559,24 +559,17 @@ def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> M
     gaps = [np.diff(kind).min() for kind in kinds if len(kind) > 1]
     reach = 0.5 * min(gaps) if gaps else math.inf
     found = Matched([], [], [], [])
-    i = j = 0
-    while i < len(times) or j < len(got[0]):
-        if i == len(times):
-            found.extra.append(float(got[0][j]))
-            j += 1
-        elif j == len(got[0]):
-            found.missed.append(float(times[i]))
-            i += 1
-        elif abs(got[0][j] - times[i]) <= reach and sizes[i] * got[1][j] > 0.0:
-            found.right.append(float(times[i]))
-            found.late.append(float(got[0][j] - times[i]))
-            i, j = i + 1, j + 1
-        elif got[0][j] < times[i]:
-            found.extra.append(float(got[0][j]))
-            j += 1
-        else:
-            found.missed.append(float(times[i]))
-            i += 1
+    free = np.ones(len(got[0]), dtype=bool)
+    for time, size in zip(times, sizes):
+        far = np.where(free & (got[1] * size > 0.0), np.abs(got[0] - time), math.inf)
+        nearest = int(np.argmin(far)) if len(far) else 0
+        if not len(far) or not far[nearest] <= reach or math.isinf(far[nearest]):
+            found.missed.append(float(time))
+            continue
+        free[nearest] = False
+        found.right.append(float(time))
+        found.late.append(float(got[0][nearest] - time))
+    found.extra.extend(got[0][free].tolist())
     latest = max(found.late, default=0.0)
     while found.missed and found.missed[-1] + latest > end:  # it comes after the run
         found.missed.pop()
