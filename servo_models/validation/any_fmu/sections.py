@@ -71,7 +71,12 @@ def _draw(one: Compared, panels: Sequence[Axes]) -> None:
     above.legend(loc="best", frameon=False)
     above.set_ylabel(_labelled(one.name, one.unit))
     below.fill_between(
-        times, low - right, high - right, color=colour("grid"), lw=0.0, label="allowed"
+        times,
+        low - right,
+        high - right,
+        step="post" if one.reference.held else None,
+        color=colour("grid"),
+        lw=0.0,
     )
     below.plot(times, got - right, color=colour("orange"), drawstyle=style)
     widest = max(float(np.max(np.abs(got - right))), float(np.median(high - low)))
