@@ -25,7 +25,7 @@ from servo_models.report.interchange import conditions
 from servo_models.validation.any_fmu.comparison import Compared
 from servo_models.validation.any_fmu.experiment import Against, has_its_own
 from servo_models.validation.any_fmu.fmu import AnyFmu
-from servo_models.validation.any_fmu.judge import Judged, judge
+from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
 from servo_models.validation.cases import Case, all_cases, offered
 from servo_models.validation.fmu_subject import Subject
 from servo_models.validation.host_process import LIMITS, Limits
@@ -35,7 +35,7 @@ from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, fail
 
 Progress = Callable[[int, int, str], None]
 """Called with the number of jobs done, the number of all, and the name of the next one."""
-Job = tuple[str, Callable[[], list[Row] | CostCurve | Judged]]
+Job = tuple[str, Callable[[], list[Row] | CostCurve | ReferenceCheck]]
 """What is examined, and how; no rows where the FMU is over, since its first row says why."""
 
 
@@ -101,7 +101,7 @@ def validate(
             *(
                 (
                     f"{path.name}: against the reference",
-                    partial(judge, path, against or Against(), limits),
+                    partial(check_against, path, against or Against(), limits),
                 )
                 for path in compared
             ),
@@ -115,7 +115,7 @@ def validate(
             if isinstance(result, CostCurve):
                 curves.append(result)
                 continue
-            if isinstance(result, Judged):
+            if isinstance(result, ReferenceCheck):
                 outputs += result.compared
                 result = list(result.rows)
             rows += [replace(row, seconds=spent / len(result)) for row in result]
@@ -186,7 +186,7 @@ def _fmu_jobs(subject: Subject) -> list[Job]:
 
 def _reference_jobs(paths: Iterable[Path], against: Against, limits: Limits) -> list[Job]:
     return [
-        (f"{path.name}: against the reference", partial(judge, path, against, limits))
+        (f"{path.name}: against the reference", partial(check_against, path, against, limits))
         for path in paths
     ]
 

@@ -18,7 +18,7 @@ from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.validation.any_fmu.comparison import Compared, Trace, allowed, compare
 from servo_models.validation.any_fmu.experiment import Against
-from servo_models.validation.any_fmu.judge import Judged, judge
+from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
 from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.runner import validate
 from tests.conftest import Run
@@ -35,13 +35,15 @@ QUICK = {
 """Faults of the lag that the quick tests run."""
 
 
-def judged(one: Foreign, folder: Path, fault: str = "", step: float | None = None) -> Judged:
+def judged(
+    one: Foreign, folder: Path, fault: str = "", step: float | None = None
+) -> ReferenceCheck:
     inputs, reference, tolerance = one.files(folder)
     against = Against(inputs, reference, tolerance, step=step)
-    return judge(one.write(folder, fault), against, LIMITS)
+    return check_against(one.write(folder, fault), against, LIMITS)
 
 
-def notes(result: Judged) -> list[str]:
+def notes(result: ReferenceCheck) -> list[str]:
     return [row.note for row in result.rows if row.passed is False and row.note]
 
 
@@ -65,7 +67,7 @@ def test_points_of_the_reference_may_be_others(
     chosen = np.unique([*range(0, len(times), every), len(times) - 1])
     inputs, reference, tolerance = one.files(tmp_path)
     table(reference, times[chosen], {n: values[chosen] for n, values in right.items()})
-    result = judge(
+    result = check_against(
         one.write(tmp_path), Against(inputs, reference, tolerance, step=one.step), LIMITS
     )
     assert notes(result) == []
@@ -204,7 +206,7 @@ def ground(tmp_path: Path) -> Path:
 def test_a_reference_that_says_nothing_is_refused(ground: Path, reference: str, told: str) -> None:
     (ground / "bad.csv").write_text(reference)
     with pytest.raises(UserError) as refused:
-        judge(ground / "lag.fmu", Against(ground / "in.csv", ground / "bad.csv"), LIMITS)
+        check_against(ground / "lag.fmu", Against(ground / "in.csv", ground / "bad.csv"), LIMITS)
     assert told in str(refused.value)
 
 
@@ -228,7 +230,7 @@ def test_a_wrong_tolerance_is_refused_with_the_cure(
     (ground / "tol.toml").write_text(tolerance)
     against = Against(ground / "in.csv", ground / "ref.csv", ground / "tol.toml")
     with pytest.raises(UserError) as refused:
-        judge(ground / "lag.fmu", against, LIMITS)
+        check_against(ground / "lag.fmu", against, LIMITS)
     assert told in str(refused.value)
     assert "tol.toml" in str(refused.value) or "start.gain" in str(refused.value)
 
@@ -238,7 +240,7 @@ def test_tolerances_by_output_have_units(ground: Path) -> None:
     for degrees, passes in ((0.58, True), (0.56, False)):
         (ground / "tol.toml").write_text(f"[outputs.y]\natol = '{degrees} deg'\n")
         against = Against(ground / "in.csv", ground / "ref.csv", ground / "tol.toml")
-        assert all(row.passed for row in judge(fmu, against, LIMITS).rows) == passes
+        assert all(row.passed for row in check_against(fmu, against, LIMITS).rows) == passes
 
 
 def test_units_of_columns_are_converted(ground: Path) -> None:
@@ -246,7 +248,9 @@ def test_units_of_columns_are_converted(ground: Path) -> None:
     table(ground / "deg.csv", 1e3 * LAG.times, {"y [deg]": np.degrees(right)})
     text = (ground / "deg.csv").read_text().replace("time,", "time [ms],")
     (ground / "deg.csv").write_text(text)
-    result = judge(ground / "lag.fmu", Against(ground / "in.csv", ground / "deg.csv"), LIMITS)
+    result = check_against(
+        ground / "lag.fmu", Against(ground / "in.csv", ground / "deg.csv"), LIMITS
+    )
     assert all(row.passed for row in result.rows)
 
 
@@ -255,7 +259,7 @@ def test_outputs_without_a_column_are_named(tmp_path: Path) -> None:
     inputs, reference, _ = one.files(tmp_path)
     right = one.reference(one.times, {"u": np.ones_like(one.times)})
     table(reference, one.times, {"angle": right["angle"]})
-    result = judge(one.write(tmp_path), Against(inputs, reference), LIMITS)
+    result = check_against(one.write(tmp_path), Against(inputs, reference), LIMITS)
     assert [row.case for row in result.rows if row.passed is None] == ["speed", "current"]
 
 
@@ -263,27 +267,27 @@ def test_a_step_that_an_fmu_cannot_take_is_refused(tmp_path: Path) -> None:
     one = FOREIGN["lag of fixed steps"]
     inputs, reference, _ = one.files(tmp_path)
     with pytest.raises(UserError, match=r"no whole number of steps of 0\.4 s"):
-        judge(one.write(tmp_path), Against(inputs, reference, step=0.4), LIMITS)
+        check_against(one.write(tmp_path), Against(inputs, reference, step=0.4), LIMITS)
     uneven = np.array([0.0, 0.1, 0.15, 1.5])
     table(reference, uneven, {"y": np.zeros(4)})
     with pytest.raises(UserError, match="takes steps of one size"):
-        judge(one.write(tmp_path), Against(None, reference), LIMITS)
+        check_against(one.write(tmp_path), Against(None, reference), LIMITS)
 
 
 def test_inputs_have_to_reach_the_start(ground: Path) -> None:
     table(ground / "late.csv", np.array([0.5, 1.0]), {"u": np.ones(2)})
     with pytest.raises(UserError, match=r"input 'u' begins at 0\.5 s, the run at 0 s"):
-        judge(ground / "lag.fmu", Against(ground / "late.csv", ground / "ref.csv"), LIMITS)
+        check_against(ground / "lag.fmu", Against(ground / "late.csv", ground / "ref.csv"), LIMITS)
 
 
 def test_held_inputs_keep_their_value(ground: Path) -> None:
     """Two rows are a ramp to FMI; held, they are a step."""
     table(ground / "in.csv", np.array([0.0, 1.0]), {"u": np.array([1.0, 5.0])})
     (ground / "tol.toml").write_text("hold = true\n")
-    ramp = judge(ground / "lag.fmu", Against(ground / "in.csv", ground / "ref.csv"), LIMITS)
+    ramp = check_against(ground / "lag.fmu", Against(ground / "in.csv", ground / "ref.csv"), LIMITS)
     assert notes(ramp)
     against = Against(ground / "in.csv", ground / "ref.csv", ground / "tol.toml")
-    assert not notes(judge(ground / "lag.fmu", against, LIMITS))
+    assert not notes(check_against(ground / "lag.fmu", against, LIMITS))
 
 
 # Other layouts
@@ -292,27 +296,27 @@ def test_held_inputs_keep_their_value(ground: Path) -> None:
 def test_a_cross_check_is_written_and_read(ground: Path) -> None:
     fmu, folder = ground / "lag.fmu", ground / "cross"
     files = Against(ground / "in.csv", ground / "ref.csv", write_cross_check=folder)
-    first = judge(fmu, files, LIMITS)
+    first = check_against(fmu, files, LIMITS)
     assert {path.name for path in folder.iterdir()} == {
         *("lag_in.csv", "lag_out.csv", "lag_ref.csv", "lag_ref.opt"),
     }
     options = (folder / "lag_ref.opt").read_text().split()
     assert options == ["StartTime,0.0", "StopTime,1.0", "StepSize,0.001", "RelTol,0.0001"]
-    again = judge(fmu, Against(cross_check=folder), LIMITS)
+    again = check_against(fmu, Against(cross_check=folder), LIMITS)
     assert [row.value for row in again.rows] == [row.value for row in first.rows]
 
 
 def test_a_cross_check_has_to_reach_its_stop_time(ground: Path) -> None:
     folder = ground / "cross"
     files = Against(ground / "in.csv", ground / "ref.csv", write_cross_check=folder)
-    judge(ground / "lag.fmu", files, LIMITS)
+    check_against(ground / "lag.fmu", files, LIMITS)
     options = folder / "lag_ref.opt"
     options.write_text(options.read_text().replace("StopTime,1.0", "StopTime,2.0"))
     with pytest.raises(UserError, match="give a reference of the whole run"):
-        judge(ground / "lag.fmu", Against(cross_check=folder), LIMITS)
+        check_against(ground / "lag.fmu", Against(cross_check=folder), LIMITS)
     options.write_text("StopTime,soon\n")
     with pytest.raises(UserError, match="row 1: 'soon' is no number"):
-        judge(ground / "lag.fmu", Against(cross_check=folder), LIMITS)
+        check_against(ground / "lag.fmu", Against(cross_check=folder), LIMITS)
 
 
 OWN = "extra/org.fmi-standard.fmi-ls-ref"
@@ -410,7 +414,7 @@ def test_json_is_whole(ground: Path, run: Run) -> None:
 def test_limits_are_kept(ground: Path) -> None:
     """An FMU that steps for ever is ended, and told once."""
     against = Against(ground / "in.csv", ground / "ref.csv", step=4e-6)
-    rows = judge(ground / "lag.fmu", against, Limits(seconds=0.1)).rows
+    rows = check_against(ground / "lag.fmu", against, Limits(seconds=0.1)).rows
     assert ["does not answer within 0.1 s" in row.note for row in rows] == [True]
 
 

@@ -35,22 +35,22 @@ HALF = "difference at half the communication step"
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ReferenceCheck:
     """What a comparison found: rows, and the curves of each output."""
 
     rows: tuple[Row, ...]
     compared: tuple[Compared, ...] = ()
 
 
-def judge(path: Path, against: Against, limits: Limits) -> Judged:
+def check_against(path: Path, against: Against, limits: Limits) -> ReferenceCheck:
     """Compare an FMU with its reference.
 
     Raises:
         UserError: an FMU that cannot be read, no reference, or files that cannot be used.
     """
     with closing(AnyFmu(path, limits)) as fmu:
-        found = [_Run(fmu, one).judged(against) for one in experiments(fmu, against)]
-    return Judged(
+        found = [_Run(fmu, one).checked(against) for one in experiments(fmu, against)]
+    return ReferenceCheck(
         tuple(row for one in found for row in one.rows),
         tuple(one for each in found for one in each.compared),
     )
@@ -66,11 +66,13 @@ class _Run:
         self.outputs = list(experiment.reference)
         self.inputs = {name: trace.at(self.times) for name, trace in experiment.inputs.items()}
 
-    def judged(self, against: Against) -> Judged:
+    def checked(self, against: Against) -> ReferenceCheck:
         try:
             values = self._run(self.times, self.inputs)
         except FmuError as error:
-            return Judged((failure(REFERENCE, self._where("run"), str(error), self.fmu.name),))
+            return ReferenceCheck(
+                (failure(REFERENCE, self._where("run"), str(error), self.fmu.name),)
+            )
         if folder := against.write_cross_check:
             outputs = dict(zip(self.outputs, values.T))
             write_cross_check(self.fmu, self.experiment, self.times, outputs, folder)
@@ -81,7 +83,7 @@ class _Run:
         compared = _with_swaps(compared, limits, self.step)
         rows = [row for one in compared for row in self._rows(one)]
         rows += self._half(values, limits)
-        return Judged((*rows, *self._not_compared()), tuple(compared))
+        return ReferenceCheck((*rows, *self._not_compared()), tuple(compared))
 
     def _run(self, times: Array, inputs: Mapping[str, Array]) -> Array:
         experiment = self.experiment
