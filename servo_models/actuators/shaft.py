@@ -109,6 +109,12 @@ def external_load(load_torque: float) -> float:
     return load_torque
 
 
+@block("load")
+def unloaded() -> float:
+    """No load [N m] from outside: a physics engine has it."""
+    return 0.0
+
+
 @block("angle", "rate")
 def shaft_output(shaft_angle: float, shaft_rate: float) -> tuple[float, float]:
     """The output is the shaft."""

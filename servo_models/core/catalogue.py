@@ -34,6 +34,14 @@ def actuators() -> dict[str, Actuator]:
 
 
 @functools.cache
+def actuator_forms() -> dict[str, Actuator]:
+    """Every actuator by name, and the other forms of it that its folder defines."""
+    modules = _modules("actuators", packages=True).values()
+    found = [value for module in modules for value in vars(module).values()]
+    return {form.name: form for form in found if isinstance(form, Actuator)}
+
+
+@functools.cache
 def effects() -> dict[str, tuple[Block, ...]]:
     """Every effect by its file's name; an effect may have several functions."""
     return {
@@ -125,9 +133,9 @@ def of_catalogue(name: str) -> Actuator:
     Raises:
         UserError: nobody knows that name.
     """
-    if name not in actuators():
-        raise UserError(unknown("actuator", name, actuators()))
-    return actuators()[name]
+    if name not in actuator_forms():
+        raise UserError(unknown("actuator", name, actuator_forms()))
+    return actuator_forms()[name]
 
 
 def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
