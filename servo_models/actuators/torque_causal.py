@@ -24,9 +24,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from servo_models.actuators.shaft import shaft_acceleration, unloaded
+from servo_models.actuators.shaft import driven_shaft, shaft_acceleration, unloaded
 from servo_models.core.block import Block
-from servo_models.core.plant import Actuator, Placement, Plant, Variant
+from servo_models.core.plant import Actuator, Placement, Plant, State, Variant, Wire
 from servo_models.effects.constant_load import constant_load
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 from servo_models.effects.gravity_load import gravity_load
@@ -43,8 +43,7 @@ OF_THE_ENGINE = (
     compliant_output,
     resonance_step,
 )
-INPUTS = ("shaft_angle", "shaft_speed")
-OUTPUTS = ("torque", "friction", "shaft_inertia", "travel")
+OUTPUTS = ("torque", "impulse", "friction", "shaft_inertia", "travel")
 UNIT_OF_ANGLE = "angle_unit"
 
 
@@ -82,27 +81,40 @@ def torque_causal(actuator: Actuator) -> Actuator:
 
 
 def _plant(plant: Plant) -> Plant:
-    chain = tuple(_for_engine(link) for link in plant.chain if not _is_of_the_engine(link))
-    read = {wire for link in chain for wire in _reads(link)}
-    start = {state.name: replace(state.wire, rest=state.start) for state in plant.states}
+    kept = [_for_engine(link) for link in plant.chain if not _is_of_the_engine(link)]
+    read = {wire for link in kept for wire in _reads(link)}
+    joint = _joint(plant)
     torque = replace(plant.wire["friction"], name="torque", about="for the joint, friction apart")
+    momentum = plant.wire["shaft_inertia"].scale * plant.wire["shaft_speed"].scale
+    impulse = Wire("impulse", f"{torque.unit}.s", "integral of the torque", momentum)
     return replace(
         plant,
-        inputs=(
-            *(wire for wire in plant.inputs if wire.name in read),
-            *(start[name] for name in INPUTS),
-        ),
+        inputs=(*(wire for wire in plant.inputs if wire.name in read), *joint),
         wires=(*plant.wires, torque),
-        chain=chain,
-        states=tuple(
-            state
-            for state in plant.states
-            if state.name not in INPUTS and state.owner != compliant_output.name
+        chain=(driven_shaft, *kept),
+        states=(
+            *(
+                state
+                for state in plant.states
+                if state.name not in driven_shaft.gives and state.owner != compliant_output.name
+            ),
+            State(impulse, rate="torque"),
         ),
         projection=None,
         outputs=(*OUTPUTS, *plant.outputs),
-        terminals={**plant.terminals, "shaft": (*INPUTS, "torque")},
+        terminals={**plant.terminals, "shaft": (*(wire.name for wire in joint), "torque")},
     )
+
+
+def _joint(plant: Plant) -> tuple[Wire, Wire, Wire]:
+    """The inputs by which an engine tells the motion of the joint."""
+    shaft = {state.name: state for state in plant.states}
+    angle, speed = (shaft[name] for name in driven_shaft.gives)
+    position = replace(angle.wire, name="joint_position", rest=angle.start)
+    velocity = replace(speed.wire, name="joint_velocity", rest=speed.start)
+    full = plant.wire["friction"].scale / plant.wire["shaft_inertia"].scale
+    about = "of the engine's last step; 0: not told"
+    return position, velocity, Wire("joint_acceleration", f"{velocity.unit}2", about, full)
 
 
 def _is_of_the_engine(link: Block | Placement) -> bool:
