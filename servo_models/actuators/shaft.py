@@ -113,7 +113,8 @@ def external_load(load_torque: float) -> float:
 def driven_shaft(
     joint_position: float, joint_velocity: float, joint_acceleration: float, input_age: float
 ) -> tuple[float, float]:
-    """A shaft that a physics engine moves, between its points on the parabola that it told."""
+    """Angle and speed of a joint that a physics engine moves, at constant acceleration from its
+    last point on."""
     gained = joint_acceleration * input_age
     angle = joint_position + (joint_velocity + 0.5 * gained) * input_age
     return angle, joint_velocity + gained
