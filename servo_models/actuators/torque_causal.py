@@ -64,8 +64,8 @@ def torque_causal(actuator: Actuator) -> Actuator:
         >>> import servo_models as sm
         >>> servo = sm.torque_causal(sm.actuator("sg90"))
         >>> stalled = sm.simulate(sm.model(servo), [0.0, 0.1], {"pulse_width": 2e-3})
-        >>> round(stalled["torque"][-1], 3)  # N m at 5 V, the joint held
-        0.184
+        >>> print(f"{stalled['torque'][-1]:.3f} N m at 5 V, the joint held")
+        0.184 N m at 5 V, the joint held
     """
     variants = tuple(_variants(actuator))
     if not variants:

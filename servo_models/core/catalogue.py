@@ -34,11 +34,11 @@ def actuators() -> dict[str, Actuator]:
 
 
 @functools.cache
-def actuator_forms() -> dict[str, Actuator]:
-    """Every actuator by name, and the other forms of it that its folder defines."""
+def all_actuators() -> dict[str, Actuator]:
+    """Every actuator by name, and what else its folder defines: its torque-causal form."""
     modules = _modules("actuators", packages=True).values()
     found = [value for module in modules for value in vars(module).values()]
-    return {form.name: form for form in found if isinstance(form, Actuator)}
+    return {value.name: value for value in found if isinstance(value, Actuator)}
 
 
 @functools.cache
@@ -133,9 +133,9 @@ def of_catalogue(name: str) -> Actuator:
     Raises:
         UserError: nobody knows that name.
     """
-    if name not in actuator_forms():
-        raise UserError(unknown("actuator", name, actuator_forms()))
-    return actuator_forms()[name]
+    if name not in all_actuators():
+        raise UserError(unknown("actuator", name, all_actuators()))
+    return all_actuators()[name]
 
 
 def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:
