@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from servo_models.core.simulate import Model, model
 from tests.conftest import MODELS
 from tests.support.fmu_host import Array, Host
 from tests.support.kinds import fmi2_only
+from tests.support.masters import stepped
 
 Files = Callable[[str], Path]
 
@@ -245,21 +245,11 @@ def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
     reason = "libcosimpy, the second master, is not installed: pip install libcosimpy==0.0.6"
     pytest.importorskip("libcosimpy", reason=reason)
     chosen, times = model(*MODELS[name]), np.arange(101) * 1_000_000 / 1e9
-    stepped = dict([chosen.actuator.step])
-    values = [stepped.get(wire.name, float(wire.rest)) for wire in chosen.plant.inputs]
-    known = fmpy.read_model_description(str(fmu_file(name))).modelVariables
-    reference = {v.name: v.valueReference for v in known}
-    inputs = {reference[wire.name]: value for wire, value in zip(chosen.plant.inputs, values)}
-    reals = [v.name for v in known if v.causality == "output" and v.type == "Real"]
-    asked = json.dumps({"inputs": inputs, "outputs": [reference[key] for key in reals]})
-    script = Path(__file__).parents[1] / "support" / "second_master.py"
-    command = [sys.executable, str(script), str(fmu_file(name)), str(len(times) - 1), asked]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout.splitlines()[-1])  # libcosim logs there too
-
-    out = chosen.run(times, np.tile(values, (len(times), 1)))
-    assert found == [out[-1, chosen.plant.outputs.index(key)] for key in reals]
-    assert found[0] != 0.0
+    inputs = commands(chosen, times)
+    columns = dict(zip([wire.name for wire in chosen.plant.inputs], inputs[:-1].T))
+    found = stepped("libcosim", fmu_file(name), 1e-3, columns, chosen.plant.outputs)
+    assert np.ptp(found[:, 0]) > 0.0
+    assert np.array_equal(found, chosen.run(times, inputs)[1:])
 
 
 def test_a_process_that_ran_several_fmus_ends_in_peace(fmu_file: Files) -> None:
