@@ -170,3 +170,19 @@ def test_an_identified_model_has_the_form_by_its_name(tmp_path: Path) -> None:
     loaded = replace(identified, estimates=(Estimate("constant_load.torque", 0.01),))
     with pytest.raises(UserError, match=r"unknown parameter 'constant_load\.torque'"):
         write_parameters(loaded, file)
+
+
+def test_an_own_file_may_derive_the_form_from_another(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import servo_models as sm\nfrom dataclasses import replace\n"
+        'ACTUATOR = replace(sm.actuator("smart_servo"), name="mine")\n'
+    )
+    (tmp_path / "joint.py").write_text(
+        "import servo_models as sm\nfrom pathlib import Path\n"
+        'ACTUATOR = sm.torque_causal(sm.actuator(str(Path(__file__).with_name("mine.py"))))\n'
+    )
+    chosen = model(str(tmp_path / "joint.py"))
+    assert chosen.actuator.name == "mine_torque"
+    times, goal = [0.0, 0.001, 0.1], {"goal": 0.2}
+    own, derived = (simulate(it, times, goal) for it in (chosen, model("smart_servo_torque")))
+    assert np.array_equal(own["torque"], derived["torque"])
