@@ -29,6 +29,8 @@ RUNS = {
     "measured": (0.12, 1.0),
     "linear_drive": (0.12, 1.0),
     "smart_servo": (0.12, 1.0),
+    "sg90_torque": (0.6, 20.0),
+    "torque_motor_torque": (0.12, 1.0),
 }
 
 
