@@ -37,8 +37,8 @@ from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import step_text
 
 SLACK = 1e-9
-"""Rounding allowed in a master's clock, relative to 1 s or to the time; but never half a step,
-which would let a step be repeated or left out."""
+"""Rounding allowed in a master's clock, relative to 1 s or to the time; but never half a step, or
+one could be repeated or left out."""
 
 MOST_SUB_STEPS = 1_000_000
 """Internal steps in a communication step: some ten seconds of work; what is longer never ends."""

@@ -26,7 +26,7 @@ from fmu_src.native.compilers import (
 )
 from servo_models.errors import UserError
 from servo_models.files import cache_folder
-from tests.support.binaries import read_binary, slices
+from servo_models.validation.any_fmu.binaries import read_binary, slices
 
 EXPORT = """
 #ifdef _WIN32
@@ -173,6 +173,8 @@ def test_the_headers_are_those_of_the_platform(target: Target) -> None:
     assert found.machine == machine
     assert found.exports - OF_THE_LINKER == EXPORTS
     assert not found.has_local_symbols
+    assert not found.search_paths
+    assert not found.dated
     if system == "linux":
         assert found.newest_glibc <= (2, 17)
         assert found.needs == {"libm.so.6"}
@@ -204,10 +206,10 @@ def test_a_universal_library_holds_both() -> None:
 
 
 def test_folders_of_the_standard() -> None:
-    folders = {target.name: (target.fmi2_folder, target.fmi3_folder) for target in TARGETS}
+    folders = {target.name: (*target.fmi2_folders, target.fmi3_folder) for target in TARGETS}
     assert folders == {
         "linux-x86_64": ("linux64", "x86_64-linux"),
-        "linux-aarch64": ("linux64", "aarch64-linux"),
+        "linux-aarch64": ("linux64", "aarch64-linux", "aarch64-linux"),
         "windows-x86_64": ("win64", "x86_64-windows"),
         "macos-x86_64": ("darwin64", "x86_64-darwin"),
         "macos-aarch64": ("darwin64", "aarch64-darwin"),

@@ -29,6 +29,8 @@ RUNS = {
     "measured": (0.12, 1.0),
     "linear_drive": (0.12, 1.0),
     "smart_servo": (0.12, 1.0),
+    "sg90_torque": (0.6, 20.0),
+    "torque_motor_torque": (0.12, 1.0),
 }
 
 
@@ -211,7 +213,7 @@ def test_an_effect_that_wakes_up_in_mid_run_begins_at_rest(fmu_folder: Files) ->
 
 
 def test_a_restored_state_is_that_which_was_saved(fmu_folder: Files) -> None:
-    """An effect whose parameter is 0 at that moment, and back before the next step, slept in
+    """An effect whose parameter is 0 at that moment, and back before the next step, sleeps in
     neither run."""
     runs = []
     for restored in (False, True):
