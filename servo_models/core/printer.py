@@ -26,6 +26,9 @@ RUNAWAY = 1e3
 SHORTEST_S = 5e-7
 """Sub-step [s] below which only an internal step that is given goes: 60 communication steps of
 20 ms would take more than seconds."""
+FURTHEST = 2.0**45
+"""Distance from time 0, in internal steps: beyond it numbers lie more than the shortest sub-step of
+1/128 apart, and a sub-step would end where it began."""
 DOUBLED = 1024.0
 """Growth of ``_error`` when a sub-step doubles, 2^8, and a factor of 2 in the error to spare."""
 
