@@ -37,8 +37,8 @@ from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import step_text
 
 SLACK = 1e-9
-"""Rounding allowed in a master's clock, relative to 1 s or to the time; but never half a step, which
-would let a step be repeated or left out."""
+"""Rounding allowed in a master's clock, relative to 1 s or to the time; but never half a step, or
+one could be repeated or left out."""
 
 MOST_SUB_STEPS = 1_000_000
 """Internal steps in a communication step: some ten seconds of work; what is longer never ends."""
@@ -320,8 +320,8 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             self.fail(f"the step to t = {time + size:g} s goes beyond the stop time")
         if abs(time) + size > self.furthest:
             self.fail(
-                f"the step to t = {time + size:g} s ends more than {self.furthest:g} s from 0, where"
-                " numbers are too coarse for the internal step: let time begin nearer to 0"
+                f"the step to t = {time + size:g} s ends more than {self.furthest:g} s from 0,"
+                " where numbers are too coarse for the internal step: let time begin nearer to 0"
             )
         self.fail(
             f"the step begins at t = {time!r} s, but the last one ended at t = {self.time!r} s:"

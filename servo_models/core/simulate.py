@@ -364,8 +364,8 @@ def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step
     furthest = FURTHEST * internal_step
     if max(abs(float(times[0])), abs(float(times[-1]))) > furthest:
         raise UserError(
-            f"the times, {times[0]:g} to {times[-1]:g} s, lie more than {furthest:.3g} s from 0, where"
-            " numbers are too coarse for the internal step: subtract the first one"
+            f"the times, {times[0]:g} to {times[-1]:g} s, lie more than {furthest:.3g} s from 0,"
+            " where numbers are too coarse for the internal step: subtract the first one"
         )
     lasts = float(times[-1]) - float(times[0])
     if lasts > LONGEST_RUN * internal_step:

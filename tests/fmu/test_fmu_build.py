@@ -269,7 +269,7 @@ def test_a_name_without_fmu_is_refused_with_the_cure(tmp_path: Path) -> None:
 def test_a_block_without_a_form_in_c_is_told_with_the_cure(tmp_path: Path) -> None:
     last = "    return (goal - angle) / time_constant\n"
     own = write(tmp_path, changes={last: "    return goal // 0.3 - angle\n"})
-    with pytest.raises(UserError, match="'joint' as C: 'goal // 0.3' has no form in C; .*Python"):
+    with pytest.raises(UserError, match=r"'joint' as C: 'goal // 0.3' has no form in C; .*Python"):
         build(model(str(own)), tmp_path / "joint.fmu", NATIVE)
 
 

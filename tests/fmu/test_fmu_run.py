@@ -213,8 +213,8 @@ def test_an_effect_that_wakes_up_in_mid_run_begins_at_rest(fmu_folder: Files) ->
 
 
 def test_a_restored_state_is_that_which_was_saved(fmu_folder: Files) -> None:
-    """An effect whose parameter is 0 at that moment, and back before the next step, slept in neither
-    run."""
+    """An effect whose parameter is 0 at that moment, and back before the next step, sleeps in
+    neither run."""
     runs = []
     for restored in (False, True):
         with Host(fmu_folder("sg90_linear")) as host:
