@@ -2,7 +2,7 @@
 
 Equations: R. Beard, T. McLain, Small Unmanned Aircraft: Theory and Practice, Princeton University
 Press, 2012, secs. 3.3 (rigid body), 4.2 (aerodynamics) and 5.4 (linear models).  Values: the
-Aerosonde of its appendix E, as the authors revised them in their supplement.
+Aerosonde as its authors revised it later, in their code mavsim_public.
 
 The airspeed is constant and all angles are deviations from trim, in stability axes.  Left out:
 position and height, wind, stall, and the loads of the surfaces on their servos.
@@ -23,7 +23,7 @@ LIFT_ATTACK, LIFT_RATE, LIFT_ELEVATOR = 5.61, 7.95, 0.13
 PITCH_ATTACK, PITCH_RATE, PITCH_ELEVATOR = -2.74, -38.21, -0.99
 SIDE_SLIP, SIDE_AILERON, SIDE_RUDDER = -0.98, 0.075, 0.19
 ROLL_SLIP, ROLL_ROLL, ROLL_YAW, ROLL_AILERON, ROLL_RUDDER = -0.13, -0.51, 0.25, 0.17, 0.0024
-YAW_SLIP, YAW_ROLL, YAW_YAW, YAW_AILERON, YAW_RUDDER = 0.073, -0.069, -0.095, -0.011, -0.069
+YAW_SLIP, YAW_ROLL, YAW_YAW, YAW_AILERON, YAW_RUDDER = 0.073, 0.069, -0.095, -0.011, -0.069
 
 DETERMINANT = JX * JZ - JXZ * JXZ
 G1 = JXZ * (JX - JY + JZ) / DETERMINANT
@@ -158,7 +158,7 @@ ACTUATOR = Actuator(
     name="airframe",
     title="Aerosonde UAV",
     about="Attitude of a small fixed-wing UAV at constant airspeed.",
-    source=f"{SOURCE}: Theory and Practice, 2012, with its supplement",
+    source=f"{SOURCE}: Theory and Practice, 2012; values of their mavsim_public",
     plant=PLANT,
     variants=(Variant("cruise", "trimmed level flight at 25 m/s", {}, SOURCE),),
     stop_time=2.0,

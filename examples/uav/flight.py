@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from margins import Array, Complex, LimitCycle, Margin
+from margins import HERE, Array, Complex, LimitCycle, Margin, own
 from masters import Master, Signal
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from systems import HERE, SPLIT, SURFACES, System, own, uav
+from systems import SPLIT, SURFACES, System, uav
 
 import servo_models as sm
 
@@ -29,7 +29,7 @@ TURNS = 4
 FRAMES, WARM = 500, 2
 """Frames in a period of the test signal, and periods until the loops have settled into it."""
 LINES = {"roll": np.arange(3, 60, 2), "pitch": np.arange(4, 60, 2)}
-"""Sines of the test signal, in turns a period; each loop has its own, so both are tested at once."""
+"""Sines of the test signal, in turns a period: each loop has its own, for one test of both."""
 AMPLITUDE = math.radians(0.1)
 """Of each of them: small, since the margin is one of small signals."""
 
@@ -124,7 +124,7 @@ def fly(case: Case, fmus: Path, axis: str, stop: float) -> Step:
     system = case.system(fmus, {axis: STEPS[axis]})
     with Master(system) as master:
         found = master.simulate(stop, wanted)
-    times = system.step * np.arange(1, len(found[wanted[0]]) + 1)
+    times: Array = system.step * np.arange(1.0, len(found[wanted[0]]) + 1.0)
     return Step(times, found[wanted[0]], found[wanted[1]], STEPS[axis])
 
 
@@ -148,7 +148,8 @@ def measured_loops(case: Case, fmus: Path, frame: float) -> dict[str, tuple[Arra
     for axis, lines in LINES.items():
         given = np.fft.fft(found["autopilot", COMMANDS[axis]][::held][-FRAMES:])[lines]
         back = given - np.fft.fft(tests[axis])[lines]
-        loops[axis] = 2.0 * math.pi * lines / (FRAMES * frame), -back / given
+        frequencies: Array = 2.0 * math.pi * lines / (FRAMES * frame)
+        loops[axis] = frequencies, -back / given
     return loops
 
 
@@ -169,4 +170,5 @@ def _multisine(lines: NDArray[np.int_]) -> Array:
     """
     turns = np.outer(lines, np.arange(FRAMES)) / FRAMES
     phases = 0.5 * np.arange(len(lines)) ** 2 / len(lines)
-    return AMPLITUDE * np.sin(2.0 * math.pi * (turns + phases[:, None])).sum(axis=0)
+    sines: Array = AMPLITUDE * np.sin(2.0 * math.pi * (turns + phases[:, None]))
+    return sines.sum(axis=0)

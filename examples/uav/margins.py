@@ -10,24 +10,30 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import control
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
-from systems import own
 
 import servo_models as sm
 from servo_models.analysis.linear_model import LinearModel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+HERE = Path(__file__).parent
 LOOPS = ("aileron", "elevator", "rudder")
 READINGS = ("roll", "pitch", "roll_rate", "pitch_rate", "yaw_rate")
 SURFACES = {"aileron": {"left_aileron": 1.0, "right_aileron": -1.0}}
 """What a command moves, where it is not the surface of its name."""
 LOWEST, POINTS = 0.3, 4000
 """Frequencies: from there [rad/s] to half a turn a frame."""
+
+
+def own(name: str) -> sm.Model:
+    """Return a model that is declared in a file beside this one."""
+    return sm.model(str(HERE / f"{name}.py"))
 
 
 @dataclass(frozen=True)

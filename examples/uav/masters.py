@@ -10,6 +10,7 @@ prints the values after every step as JSON.  libcosim and ecos need a process of
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -41,7 +42,7 @@ def multiples(step: float, count: int) -> Iterator[tuple[float, float]]:
 def nanoseconds(step: float, count: int) -> Iterator[tuple[float, float]]:
     """The clock of libcosim."""
     points = [k * round(1e9 * step) / 1e9 for k in range(count + 1)]
-    return ((begin, end - begin) for begin, end in zip(points, points[1:]))
+    return ((begin, end - begin) for begin, end in itertools.pairwise(points))
 
 
 def sums(step: float, count: int) -> Iterator[tuple[float, float]]:
@@ -182,8 +183,8 @@ def by_libcosim(package: Path, stop: float, wanted: Sequence[Signal]) -> Signals
         if package.is_dir():
             execution = CosimExecution.from_osp_config_file(str(package))
         else:
-            step = read_ssp(package, Path(folder)).step
-            execution = CosimExecution.from_ssp_file(folder, round(1e9 * step))
+            read_ssp(package, Path(folder))
+            execution = CosimExecution.from_ssp_file(folder)
         observer = CosimObserver.create_last_value()
         execution.add_observer(observer)
         places = []
@@ -191,7 +192,7 @@ def by_libcosim(package: Path, stop: float, wanted: Sequence[Signal]) -> Signals
             slave = execution.slave_index_from_instance_name(owner)
             (found,) = (v for v in execution.slave_variables(slave) if v.name.decode() == name)
             places.append((slave, found.reference))
-        rows = []
+        rows: list[list[float]] = []
         while execution.status().current_time < round(1e9 * stop):
             if not execution.step():
                 raise SystemExit(f"libcosim fails after {len(rows)} steps")
@@ -227,7 +228,7 @@ def apart(master: str, package: Path, stop: float, wanted: Sequence[Signal]) -> 
     """
     names = [".".join(signal) for signal in wanted]
     command = [sys.executable, __file__, master, str(package), repr(stop), *names]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{master} fails on '{package}': {done.stderr[-500:]}")
     columns = json.loads(done.stdout.splitlines()[-1])

@@ -26,10 +26,10 @@ from flight import (
     pilot_inputs,
     ten_servos,
 )
-from margins import Loops
+from margins import Loops, own
 from masters import CLOCKS, Master, Signals, apart, nanoseconds
 from results import Agreement, Flown, report
-from systems import SPLIT, SURFACES, System, own, write_osp, write_ssp
+from systems import SPLIT, SURFACES, System, write_osp, write_ssp
 
 import servo_models as sm
 from servo_models.build import NATIVE
@@ -39,8 +39,8 @@ from servo_models.report.html import page
 MODELS = ("autopilot", "airframe", "ideal_servo")
 STOP, SHORT = 20.0, 3.0
 """Ends of a run [s]: until a limit cycle is steady; enough to compare masters."""
-OPTIONAL = {"ecos": "ecospy"}
-"""Masters that may be missing, by their package."""
+PACKAGES = {"libcosim": "libcosimpy", "ecos": "ecospy"}
+"""Of the other masters, which may be missing."""
 
 
 def main() -> None:
@@ -82,29 +82,29 @@ def examine(case: Case, folder: Path) -> Flown:
     )
 
 
-def compare(system: System, folder: Path) -> Iterator[Agreement]:
-    """Write the packages of a system, and yield how far each master is from our loop."""
+def compare(system: System, folder: Path, stop: float = SHORT) -> Iterator[Agreement]:
+    """Write the packages of a system, and yield how far each installed master is from our loop."""
     archive = write_ssp(system, folder / f"{system.name}.ssp")
     structure = write_osp(system, folder / system.name).parent
     wanted = [*(("airframe", axis) for axis in STEPS), *((s, "angle") for s in MOVES.values())]
     with Master(system) as master:
-        ours = master.simulate(SHORT, wanted)
+        ours = master.simulate(stop, wanted)
         for name, package in (("libcosim", archive), ("libcosim", structure), ("ecos", archive)):
-            if find_spec(OPTIONAL.get(name, "fmpy")):
-                theirs = apart(name, package, SHORT, wanted)
-                same = master.simulate(SHORT, wanted, clock=CLOCKS[name])
+            if find_spec(PACKAGES[name]):
+                theirs = apart(name, package, stop, wanted)
+                same = master.simulate(stop, wanted, clock=CLOCKS[name])
                 yield Agreement(package.name, name, largest(ours, theirs), largest(same, theirs))
 
 
-def alone(system: System) -> dict[str, float]:
+def alone(system: System, stop: float = SHORT) -> dict[str, float]:
     """Return how far each servo of a system is from the simulation of it alone [rad]."""
     servos = (*SURFACES, *SPLIT)
     pulses = {servo: ("autopilot", f"{SPLIT.get(servo, servo)}_pulse") for servo in servos}
     wanted = [*dict.fromkeys(pulses.values()), *((servo, "angle") for servo in servos)]
     with Master(system) as master:
-        found = master.simulate(SHORT, wanted, clock=nanoseconds)
+        found = master.simulate(stop, wanted, clock=nanoseconds)
     first = sm.simulate(own("autopilot"), [0.0], pilot_inputs(STEPS))
-    steps = round(SHORT / system.step)
+    steps = round(stop / system.step)
     times = np.array([time for time, _ in nanoseconds(system.step, steps + 1)])
     off = {}
     for servo, (_, name) in pulses.items():
@@ -122,4 +122,7 @@ def largest(one: Signals, other: Signals) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except sm.UserError as error:  # such as no compiler
+        sys.exit(f"{error}")

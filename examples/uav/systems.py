@@ -7,18 +7,17 @@ or a folder with ``OspSystemStructure.xml``.  Both are a few elements of XML.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-import servo_models as sm
-
-HERE = Path(__file__).parent
 SSP = "http://ssp-standard.org/SSP1"
 PREFIXES = {"ssd": "SystemStructureDescription", "ssv": "SystemStructureParameterValues",
             "ssc": "SystemStructureCommon"}  # fmt: skip
+OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+OSP_SSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 OSP = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """Date in the archive: the same system gives the same bytes."""
@@ -33,11 +32,6 @@ SPLIT = {
 }
 """Further surfaces of a UAV with ten, and with which of the four they move."""
 READINGS = ("roll", "pitch", "roll_rate", "pitch_rate", "yaw_rate")
-
-
-def own(name: str) -> sm.Model:
-    """Return a model that is declared in a file beside this one."""
-    return sm.model(str(HERE / f"{name}.py"))
 
 
 @dataclass(frozen=True)
@@ -147,7 +141,11 @@ def _ssd(system: System) -> Element:
     """The table of contents of an SSP archive."""
     for prefix, name in PREFIXES.items():
         ElementTree.register_namespace(prefix, f"{SSP}/{name}")
-    root = Element(_ssp("ssd", "SystemStructureDescription"), version="1.0", name=system.name)
+    # libcosim takes a name space that is declared further down for an algorithm
+    spaces = {"xmlns:oms": OMS, "xmlns:osp": OSP_SSP}
+    root = Element(
+        _ssp("ssd", "SystemStructureDescription"), {"version": "1.0", "name": system.name} | spaces
+    )
     whole = SubElement(root, _ssp("ssd", "System"), name=system.name)
     elements = SubElement(whole, _ssp("ssd", "Elements"))
     for instance, fmu in system.components.items():
@@ -174,29 +172,39 @@ def _ssd(system: System) -> Element:
             endElement=sink,
             endConnector=given,
         )
-    annotations = SubElement(whole, _ssp("ssd", "Annotations"))
-    annotation = SubElement(annotations, _ssp("ssc", "Annotation"), type="org.openmodelica")
-    information = SubElement(
-        SubElement(annotation, "oms:Annotations", {"xmlns:oms": "https://openmodelica.org/oms"}),
-        "oms:SimulationInformation",
-    )
+    step = f"{system.step!r}"
+    master = _annotation(whole, "org.openmodelica", "oms:Annotations")
     SubElement(
-        information,
+        SubElement(master, "oms:SimulationInformation"),
         "oms:FixedStepMaster",
         description="oms-ma",
-        stepSize=f"{system.step!r}",
+        stepSize=step,
         absoluteTolerance="0.0001",
         relativeTolerance="0.0001",
     )
+    experiment = SubElement(root, _ssp("ssd", "DefaultExperiment"), startTime="0.0")
+    algorithm = _annotation(experiment, "com.opensimulationplatform", "osp:Algorithm")
+    SubElement(algorithm, "osp:FixedStepAlgorithm", baseStepSize=step)
     return root
 
 
-def _connectors(system: System, instance: str) -> Iterator[tuple[str, str]]:
+def _annotation(parent: Element, owner: str, tag: str) -> Element:
+    """What only one tool reads: here, the communication step."""
+    annotation = SubElement(
+        SubElement(parent, _ssp("ssd", "Annotations")), _ssp("ssc", "Annotation"), type=owner
+    )
+    return SubElement(annotation, tag)
+
+
+def _connectors(system: System, instance: str) -> list[tuple[str, str]]:
     """Connected variables only: fmpy sets every connector, also one that nothing drives."""
-    for ends in system.connections:
-        for (owner, name), kind in zip(ends, ("output", "input")):
-            if owner == instance:
-                yield name, kind
+    found = [
+        (name, kind)
+        for ends in system.connections
+        for (owner, name), kind in zip(ends, ("output", "input"))
+        if owner == instance
+    ]
+    return list(dict.fromkeys(found))  # an output may drive several inputs
 
 
 def _parameters(starts: Mapping[str, float]) -> Element:
@@ -240,7 +248,8 @@ def _ssp(prefix: str, tag: str) -> str:
 
 def _text(root: Element) -> bytes:
     ElementTree.indent(root)
-    return ElementTree.tostring(root, "utf-8", xml_declaration=True)
+    text: bytes = ElementTree.tostring(root, "utf-8", xml_declaration=True)
+    return text
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
