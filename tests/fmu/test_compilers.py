@@ -204,10 +204,10 @@ def test_a_universal_library_holds_both() -> None:
 
 
 def test_folders_of_the_standard() -> None:
-    folders = {target.name: (target.fmi2_folder, target.fmi3_folder) for target in TARGETS}
+    folders = {target.name: (*target.fmi2_folders, target.fmi3_folder) for target in TARGETS}
     assert folders == {
         "linux-x86_64": ("linux64", "x86_64-linux"),
-        "linux-aarch64": ("linux64", "aarch64-linux"),
+        "linux-aarch64": ("linux64", "aarch64-linux", "aarch64-linux"),
         "windows-x86_64": ("win64", "x86_64-windows"),
         "macos-x86_64": ("darwin64", "x86_64-darwin"),
         "macos-aarch64": ("darwin64", "aarch64-darwin"),
