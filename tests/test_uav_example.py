@@ -144,6 +144,21 @@ def test_a_package_is_read_as_it_was_written(
     assert len(described.connections) == len(system.connections)
 
 
+def test_the_system_of_the_page(
+    uav: SimpleNamespace, fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(fmus.parent)
+    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
+    (listing,) = code_blocks(page.replace('"fmus/', f'"{fmus.name}/'), "python")
+    names = {"System": uav.systems.System, "Path": Path}
+    exec(listing, names)
+    with uav.masters.Master(names["system"]) as master:
+        (angle,) = master.simulate(0.5, [("servo", "angle")]).values()
+    pilot = uav.margins.own("autopilot").values  # half a second of integral, proportional part
+    asked = -0.1 * (pilot["pitch_gain"] + 0.5 * pilot["pitch_integral"])
+    assert angle[-1] == pytest.approx(asked, abs=0.03)
+
+
 @pytest.mark.parametrize("which", ["diagnosed", "ten_servos"])
 def test_other_masters_give_the_same_numbers(uav: SimpleNamespace, fmus: Path, which: str) -> None:
     """The same bits, once our loop has their clock."""
@@ -172,10 +187,10 @@ def test_a_play_makes_the_loop_swing_as_the_describing_function_says(
     uav: SimpleNamespace, fmus: Path
 ) -> None:
     diagnosed = uav.flight.cases()[2]
-    step = uav.flight.fly(diagnosed, fmus, "pitch", 9.0)
+    step = uav.flight.fly(diagnosed, fmus, "pitch", 12.0)
     cycle = step.limit_cycle()
     predicted = uav.margins.Loops(diagnosed.servo, STEP).limit_cycle("elevator", diagnosed.play)
-    assert cycle.frequency == pytest.approx(predicted.frequency, rel=0.02)
+    assert cycle.frequency == pytest.approx(predicted.frequency, rel=0.03)
     assert cycle.surface == pytest.approx(predicted.surface, rel=0.1)
 
 
@@ -211,7 +226,7 @@ def test_the_page_shows_what_the_command_prints(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     printed = done.stdout.splitlines()
     for line in filter(None, shown.splitlines()):
-        assert any(alike(line, other) for other in printed), line
+        assert line == "..." or any(alike(line, other) for other in printed), line
     for name in ("measured.ssp", "measured/OspSystemStructure.xml", "ten_servos.ssp"):
         assert (tmp_path / name).exists()
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count("<svg") == 5

@@ -148,7 +148,7 @@ def measured_loops(case: Case, fmus: Path, frame: float) -> dict[str, tuple[Arra
     for axis, lines in LINES.items():
         given = np.fft.fft(found["autopilot", COMMANDS[axis]][::held][-FRAMES:])[lines]
         back = given - np.fft.fft(tests[axis])[lines]
-        frequencies: Array = 2.0 * math.pi * lines / (FRAMES * frame)
+        frequencies = np.multiply(lines, 2.0 * math.pi / (FRAMES * frame), dtype=np.float64)
         loops[axis] = frequencies, -back / given
     return loops
 
@@ -170,5 +170,5 @@ def _multisine(lines: NDArray[np.int_]) -> Array:
     """
     turns = np.outer(lines, np.arange(FRAMES)) / FRAMES
     phases = 0.5 * np.arange(len(lines)) ** 2 / len(lines)
-    sines: Array = AMPLITUDE * np.sin(2.0 * math.pi * (turns + phases[:, None]))
-    return sines.sum(axis=0)
+    sines = AMPLITUDE * np.sin(2.0 * math.pi * (turns + phases[:, None]))
+    return np.asarray(sines.sum(axis=0), dtype=np.float64)
