@@ -1,7 +1,7 @@
 """What linear theory says of the attitude loops: phase margins, and the limit cycle of a play.
 
-Servo and airframe are linearised and discretised exactly over one frame of the autopilot, with
-every delay between its command and the surface.  A loop is opened at one command of the autopilot,
+Servo, airframe and autopilot are linearised; the first two are discretised exactly over one frame
+of the autopilot, with every delay between its command and the surface.  A loop is opened at one command of the autopilot,
 the others stay closed.  python-control does the algebra and reads the margins.
 """
 
@@ -67,17 +67,16 @@ class Loops:
             step: communication step [s] of the FMUs.
         """
         pilot, self.servo = own("autopilot"), sm.linearise(servo)
-        self.airframe = sm.linearise(own("airframe"))
         self.frame = pilot.values["frame"]
         # a command reaches the servos a step late; an ideal servo answers another step later,
         # and the angle of a real one is held over each step
         late = step + (0.5 * step if self.servo.states else step)
         plant = _sampled(
-            _series(self.servo, self.airframe, pilot.values["pulse_per_angle"]),
+            _series(self.servo, sm.linearise(own("airframe")), pilot.values["pulse_per_angle"]),
             late + sum(self.servo.delays.values()),
             self.frame,
         )
-        whole = _law(pilot.values) * plant
+        whole = _law(sm.linearise(pilot)) * plant
         self.open = {}
         for k, name in enumerate(LOOPS):
             others = control.ss([], [], [], np.diag([float(j != k) for j in range(3)]), self.frame)
@@ -162,17 +161,12 @@ def _sampled(plant: control.StateSpace, late: float, frame: float) -> control.St
     return later
 
 
-def _law(values: dict[str, float]) -> control.StateSpace:
+def _law(pilot: LinearModel) -> control.StateSpace:
     """Minus the commands over the readings: the autopilot, from frame to frame."""
-    sums = np.zeros((2, len(READINGS)))  # states: the sums of roll and of pitch
-    sums[[0, 1], [0, 1]] = values["frame"]
-    integral = np.zeros((len(LOOPS), 2))
-    integral[[0, 1], [0, 1]] = values["roll_integral"], -values["pitch_integral"]
-    gains = np.zeros((len(LOOPS), len(READINGS)))
-    gains[0, [0, 2]] = values["roll_gain"], values["roll_damping"]
-    gains[1, [1, 3]] = -values["pitch_gain"], -values["pitch_damping"]
-    gains[2, [0, 4]] = values["yaw_damping"] * values["turn_rate"], -values["yaw_damping"]
-    return control.ss(np.eye(2), sums, integral, gains, values["frame"])
+    a, b, c, d = pilot.matrices()
+    rows = [pilot.outputs.index(name) for name in LOOPS]
+    columns = [pilot.inputs.index(name) for name in READINGS]
+    return control.ss(a, b[:, columns], -c[rows], -d[np.ix_(rows, columns)], pilot.period)
 
 
 def _play(share: float) -> complex:

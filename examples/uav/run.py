@@ -124,5 +124,5 @@ def largest(one: Signals, other: Signals) -> float:
 if __name__ == "__main__":
     try:
         main()
-    except sm.UserError as error:  # such as no compiler
+    except (sm.UserError, RuntimeError) as error:  # no compiler, a master that does not load
         sys.exit(f"{error}")
