@@ -1,8 +1,9 @@
 """What linear theory says of the attitude loops: phase margins, and the limit cycle of a play.
 
 Servo, airframe and autopilot are linearised; the first two are discretised exactly over one frame
-of the autopilot, with every delay between its command and the surface.  A loop is opened at one command of the autopilot,
-the others stay closed.  python-control does the algebra and reads the margins.
+of the autopilot, with every delay between its command and the surface.  A loop is opened at one
+command of the autopilot, the others stay closed.  python-control does the algebra and reads the
+margins.
 """
 
 from __future__ import annotations

@@ -115,8 +115,12 @@ def zig() -> Compiler | None:
 
 def host() -> Compiler | None:
     """Return the compiler that $CC names, else the first on the PATH; None if none is for a
-    target."""
-    named = shlex.split(os.environ.get("CC", ""))
+    target.
+
+    Raises:
+        UserError: $CC is no command.
+    """
+    named = _words(os.environ.get("CC", ""))
     for command in [named] if named else [["cc"], ["gcc"], ["clang"]]:
         if shutil.which(command[0]) is not None:
             machine, version = _said([*command, "-dumpmachine"]), _said([*command, "--version"])
@@ -124,6 +128,16 @@ def host() -> Compiler | None:
             if targets and version:
                 return Compiler(tuple(command), version, targets, is_zig=False)
     return None
+
+
+def _words(command: str) -> list[str]:
+    """The words of a command, which is one where it is a path, backslashes and spaces included."""
+    if shutil.which(command) is not None:
+        return [command]
+    try:
+        return shlex.split(command)
+    except ValueError as error:
+        raise UserError(f"CC = {command}: {error}; correct it") from error
 
 
 def _said(words: Sequence[str]) -> str:

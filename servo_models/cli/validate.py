@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from servo_models.cli.options import Format, Trust
 from servo_models.errors import UserError
-from servo_models.validation.fmu_subject import LIMITS, Limits
+from servo_models.validation.host_process import LIMITS, Limits
+
+if TYPE_CHECKING:
+    from servo_models.validation.any_fmu.experiment import Against
 
 
 def validate(
@@ -37,8 +40,43 @@ def validate(
     unpacked: Annotated[
         float, typer.Option(metavar="MB", min=1.0, help="Most that an FMU may unpack to.")
     ] = LIMITS.unpacked_megabytes,
+    inputs: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Inputs of any FMU, CSV: time and columns.")
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="What its outputs must be, CSV: time and columns."),
+    ] = None,
+    tolerance: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Tolerances by output, .toml.")
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help="Communication step, such as '1 ms'; default: the points of the reference.",
+        ),
+    ] = None,
+    cross_check: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Take <model>_in.csv, _ref.csv and _ref.opt from it."),
+    ] = None,
+    write_cross_check: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write these files, and <model>_out.csv, to it."),
+    ] = None,
+    static_only: Annotated[
+        bool,
+        typer.Option("--static-only", help="Look at the files of any FMU; load and run nothing."),
+    ] = False,
     junit: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the result as JUnit XML.")
+    ] = None,
+    summary: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Append the verdict in Markdown, as to $GITHUB_STEP_SUMMARY."
+        ),
     ] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a report with pictures, HTML.")
@@ -56,7 +94,7 @@ def validate(
         ),
     ] = False,
 ) -> int:
-    """Validate FMUs against the simulation, the models against references.
+    """Validate FMUs: ours against simulation and references, any against a reference of yours.
 
     The code of an FMU runs in a process of its own, with these limits; that guards against
     its faults, not against malice.
@@ -68,19 +106,31 @@ def validate(
     servo-models validate
 
     servo-models validate fmus/sg90.fmu --report report.html --junit junit.xml
+
+    servo-models validate any.fmu --inputs in.csv --reference ref.csv --tolerance tol.toml
+
+    servo-models validate any.fmu --cross-check folder --format github
+
+    servo-models validate any.fmu --static-only
     """
     from servo_models.cli.console import NARROW, progress, show
     from servo_models.core.catalogue import actuator as find_actuator
     from servo_models.data.parameters import read_parameters
     from servo_models.files import check_writable
     from servo_models.validation import formats, sections
+    from servo_models.validation.any_fmu.experiment import Against
+    from servo_models.validation.any_fmu.static import inspect
     from servo_models.validation.runner import validate as run
 
-    for file in (junit, report):
+    for file in (junit, report, summary):
         if file:
             check_writable(file)
     if actuator and not fmus:
         raise UserError("--actuator tells of what FMU files are: name them as well")
+    seconds = _step(step)
+    asked = Against(inputs, reference, tolerance, cross_check, seconds, write_cross_check)
+    against = None if asked == Against() else asked
+    _check(fmus, against, static_only)
     subjects: list[Any] = [*(fmus or ())]
     if params:
         subjects.append(read_parameters(params, trust).model())
@@ -88,13 +138,21 @@ def validate(
     limits = Limits(timeout, memory, unpacked)
     with progress("validating", lines=brief) as on_progress:
         try:
-            result = run(subjects or None, on_progress=on_progress, own=own, limits=limits)
+            if static_only:
+                result = inspect(fmus or (), limits)
+            else:
+                result = run(subjects or None, on_progress, own, limits, against)
         except UserError as error:
             if own or "unknown actuator" not in str(error):
                 raise
-            raise UserError(f"{error}; or name the file of your own with --actuator") from error
+            raise UserError(
+                f"{error}; or name the file of your own with --actuator; any other FMU takes"
+                " --reference ref.csv, or --static-only"
+            ) from error
     if junit:
         formats.write_junit(result, junit)
+    if summary:
+        formats.write_summary(result, summary)
     if report:
         result.write_report(report, date.today().isoformat())
     if format_ is Format.JSON:
@@ -107,3 +165,25 @@ def validate(
         show(sections.report(result, every=every))
         print(f"\n{sections.sentence(result)}")
     return 0 if result.passed else 1
+
+
+def _step(text: str | None) -> float | None:
+    """The communication step [s]."""
+    from servo_models.units import parse
+
+    if text is None:
+        return None
+    step = parse(text, "s")
+    if not step > 0.0:
+        raise UserError(f"--step '{text}' is no step: give one such as --step '1 ms'")
+    return step
+
+
+def _check(fmus: list[Path] | None, against: Against | None, static_only: bool) -> None:
+    """Refuse options that exclude each other."""
+    if (against or static_only) and not fmus:
+        raise UserError("no FMU: name the file that is to be looked at")
+    if against and static_only:
+        raise UserError("--static-only runs nothing: leave the reference and its options out")
+    if against and against.cross_check and (against.reference or against.inputs):
+        raise UserError("--cross-check names reference and inputs: leave the others out")

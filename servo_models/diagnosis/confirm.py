@@ -11,7 +11,8 @@ from servo_models.build import build
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.files import scratch
 from servo_models.identification.result import Accuracy, accuracy
-from servo_models.validation.fmu_subject import Limits, Subject
+from servo_models.validation.fmu_subject import Subject
+from servo_models.validation.host_process import Limits
 from servo_models.validation.implementation import LIMIT, difference
 
 OWN = Limits(seconds=1e6, megabytes=1e5)

@@ -18,7 +18,7 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,14 @@ PLATFORMS = {
 SYSTEMS = {"win32": "windows", "linux": "linux", "darwin": "darwin"}
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
 """What FMI 3.0 calls them in the names of its folders."""
+NUMBERS: dict[str, Callable[[Any], Any]] = {
+    "Real": float,
+    "Float64": float,
+    "Float32": float,
+    "Boolean": bool,
+    "String": lambda text: str(text).encode(),
+}
+"""What a value is turned into before it is set, by type; the others are integers."""
 
 _LOGGER = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p
@@ -62,20 +70,31 @@ class RefusedError(Exception):
     """A call of the FMU failed; the text is its own message where it gave one."""
 
 
+class Block:
+    """Variables that are set or got together: by type, the references and where they stand."""
+
+    def __init__(self, variables: Sequence[Sequence[Any]]) -> None:
+        self.size = len(variables)
+        self.parts: list[tuple[str, Any, list[int]]] = []
+        for kind in dict.fromkeys(kind for _, kind in variables):
+            places = [k for k, variable in enumerate(variables) if variable[1] == kind]
+            references = [variables[k][0] for k in places]
+            self.parts.append((kind, (ctypes.c_uint * len(references))(*references), places))
+
+
 class Fmu:
     """The library of an unpacked FMU.
 
     Args:
-        about: ``fmi``, the version; ``folder``, ``guid``, ``identifier``; value references
-            ``inputs`` and ``outputs``, and ``flags``: which of the outputs are Boolean.
+        about: ``fmi``, the version; ``folder``, ``guid``, ``identifier``; ``inputs`` and
+            ``outputs``, each a value reference and the type by which it is set or got.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
         self.is_fmi3: bool = about["fmi"].startswith("3.")
         self.guid: str = about["guid"]
-        self.inputs: list[int] = about["inputs"]
-        self.outputs: list[int] = about["outputs"]
-        self.flags: list[bool] = about["flags"]
+        self.inputs = Block(about["inputs"])
+        self.outputs = Block(about["outputs"])
         self.folder = Path(about["folder"])
         folder, suffix = PLATFORMS.get(sys.platform, ("linux64", ".so"))
         if self.is_fmi3:
@@ -95,26 +114,37 @@ class Fmu:
 
 
 class Instance:
-    """One instance: initialised with ``values`` by reference, at time ``begin`` [s].
+    """One instance: initialised with ``values``, reference, type and value, at ``begin`` [s].
 
     What FMI 3.0 calls otherwise, or gives other arguments, is a method or a name of ``Instance3``.
     """
 
-    prefix, number = "fmi2", "Real"
+    prefix = "fmi2"
     state, deserialise = "FMUstate", "DeSerialize"
-    flag: Any = ctypes.c_int
+    types: Mapping[str, Any] = {
+        "Real": ctypes.c_double,
+        "Integer": ctypes.c_int,
+        "Boolean": ctypes.c_int,
+        "String": ctypes.c_char_p,
+    }
 
     def __init__(
-        self, fmu: Fmu, values: Sequence[tuple[int, float]], begin: float, inputs: Sequence[float]
+        self,
+        fmu: Fmu,
+        values: Sequence[tuple[int, str, Any]],
+        begin: float,
+        inputs: Sequence[float],
+        tolerance: float = 0.0,
     ) -> None:
         self.fmu = fmu
+        self.tolerance = tolerance
         self.heard: list[str] = []
         made = self._made()
         if not made:
             raise RefusedError(self.heard[0] if self.heard else "no instance, and no reason")
         self.component = ctypes.c_void_p(made)
         self._enter(ctypes.c_double(begin))
-        self.set([reference for reference, _ in values], [value for _, value in values])
+        self.set(Block([value[:2] for value in values]), [value[2] for value in values])
         self.set(fmu.inputs, inputs)
         self.call("ExitInitializationMode")
 
@@ -139,14 +169,13 @@ class Instance:
 
     def _enter(self, begin: ctypes.c_double) -> None:
         """Go on to initialisation."""
-        zero = ctypes.c_double(0.0)
-        self.call("SetupExperiment", 0, zero, begin, 0, zero)
+        zero, tolerance = ctypes.c_double(0.0), ctypes.c_double(self.tolerance)
+        self.call("SetupExperiment", int(self.tolerance > 0.0), tolerance, begin, 0, zero)
         self.call("EnterInitializationMode")
 
-    def _call_with(self, name: str, references: Sequence[int], values: Any) -> None:
+    def _call_with(self, name: str, references: Any, values: Any) -> None:
         """Call a function that takes value references and an array of values."""
-        count = len(references)
-        self.call(name, (ctypes.c_uint * count)(*references), ctypes.c_size_t(count), values)
+        self.call(name, references, ctypes.c_size_t(len(references)), values)
 
     def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
         self.call("DoStep", time, size, 1)
@@ -158,9 +187,11 @@ class Instance:
         if status > WARNING:
             raise RefusedError(self._reason(f"{function} gives status {status}"))
 
-    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        reals = (ctypes.c_double * len(values))(*values)
-        self._call_with(f"Set{self.number}", references, reals)
+    def set(self, block: Block, values: Sequence[Any]) -> None:
+        for kind, references, places in block.parts:
+            number = NUMBERS.get(kind, round)
+            array = (self.types[kind] * len(places))(*(number(values[k]) for k in places))
+            self._call_with(f"Set{kind}", references, array)
 
     def step(self, time: float, size: float, inputs: Sequence[float]) -> None:
         """Hold the inputs and advance by ``size`` [s]."""
@@ -171,9 +202,12 @@ class Instance:
             raise RefusedError(f"stops at t = {time:g} s: {error}") from error
 
     def outputs(self) -> list[float]:
-        out = [math.nan] * len(self.fmu.outputs)
-        self._get(f"Get{self.number}", ctypes.c_double, False, out)
-        self._get("GetBoolean", self.flag, True, out)
+        out = [math.nan] * self.fmu.outputs.size
+        for kind, references, places in self.fmu.outputs.parts:
+            values = (self.types[kind] * len(places))()
+            self._call_with(f"Get{kind}", references, values)
+            for k, value in zip(places, values):
+                out[k] = float(value)
         return out
 
     def drive(
@@ -223,14 +257,6 @@ class Instance:
             return str(ast.literal_eval(quoted[1])) if quoted else said
         return said
 
-    def _get(self, name: str, kind: Any, flag: bool, out: list[float]) -> None:
-        places = [k for k, is_flag in enumerate(self.fmu.flags) if is_flag == flag]
-        values = (kind * len(places))()
-        if places:
-            self._call_with(name, [self.fmu.outputs[k] for k in places], values)
-        for k, value in zip(places, values):
-            out[k] = float(value)
-
     def _hear(self, _: Any, name: bytes, status: int, category: bytes, text: bytes) -> None:
         """The text is a printf format without arguments."""
         if status >= ERROR:
@@ -240,9 +266,19 @@ class Instance:
 class Instance3(Instance):
     """One instance by the calls of FMI 3.0."""
 
-    prefix, number = "fmi3", "Float64"
+    prefix = "fmi3"
     state, deserialise = "FMUState", "Deserialize"
-    flag = ctypes.c_bool
+    types: Mapping[str, Any] = {
+        "Float64": ctypes.c_double,
+        "Float32": ctypes.c_float,
+        "Boolean": ctypes.c_bool,
+        "String": ctypes.c_char_p,
+        **{
+            f"{name}{bits}": getattr(ctypes, f"c_{name.lower()}{bits}")
+            for name in ("Int", "UInt")
+            for bits in (8, 16, 32, 64)
+        },
+    }
 
     def _made(self) -> int | None:
         self.logger = _LOGGER3(self._hear3)
@@ -258,17 +294,20 @@ class Instance3(Instance):
 
     def _enter(self, begin: ctypes.c_double) -> None:
         no, zero = ctypes.c_bool(False), ctypes.c_double(0.0)
-        self.call("EnterInitializationMode", no, zero, begin, no, zero)
+        given, tolerance = ctypes.c_bool(self.tolerance > 0.0), ctypes.c_double(self.tolerance)
+        self.call("EnterInitializationMode", given, tolerance, begin, no, zero)
 
-    def _call_with(self, name: str, references: Sequence[int], values: Any) -> None:
+    def _call_with(self, name: str, references: Any, values: Any) -> None:
         count = ctypes.c_size_t(len(references))
-        self.call(name, (ctypes.c_uint * len(references))(*references), count, values, count)
+        self.call(name, references, count, values, count)
 
     def _do_step(self, time: ctypes.c_double, size: ctypes.c_double) -> None:
-        has_event, ends, is_early = (ctypes.byref(ctypes.c_bool()) for _ in range(3))
+        has_event, ends, is_early = (ctypes.c_bool() for _ in range(3))
         reached, no_way_back = ctypes.c_double(), ctypes.c_bool(True)
-        found = (has_event, ends, is_early, ctypes.byref(reached))
-        self.call("DoStep", time, size, no_way_back, *found)
+        flags = (ctypes.byref(has_event), ctypes.byref(ends), ctypes.byref(is_early))
+        self.call("DoStep", time, size, no_way_back, *flags, ctypes.byref(reached))
+        if ends.value:
+            raise RefusedError("asks to end the simulation")
         if not math.isclose(reached.value, time.value + size.value, rel_tol=1e-9, abs_tol=1e-9):
             raise RefusedError(f"says that the step ended at t = {reached.value:g} s")
 
@@ -292,11 +331,11 @@ class Session:
         self.fmu = Fmu(about)
 
     def start(
-        self, number: int, values: list[tuple[int, float]], begin: float, inputs: list[float]
+        self, number: int, values: list[Any], begin: float, inputs: list[float], *more: float
     ) -> None:
         try:
             kind = Instance3 if self.fmu.is_fmi3 else Instance
-            self.instances[number] = kind(self.fmu, values, begin, inputs)
+            self.instances[number] = kind(self.fmu, values, begin, inputs, *more)
         except RefusedError as error:
             raise RefusedError(f"cannot be initialised: {error}") from error
 

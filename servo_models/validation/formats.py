@@ -1,20 +1,24 @@
-"""A validation for other programs: GitHub annotations and JUnit XML."""
+"""A validation for other programs: GitHub annotations and summaries, JUnit XML."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from servo_models.files import write_whole
+from servo_models.files import read_regular, write_whole
 from servo_models.report.interchange import command
-from servo_models.validation.rows import CLAIMS, Row, Validation
-from servo_models.validation.sections import in_words, sentence
+from servo_models.report.markdown import markdown
+from servo_models.validation.rows import REFERENCE, Row, Validation
+from servo_models.validation.sections import in_words, sentence, summary
 
 
 def github(validation: Validation) -> Iterator[str]:
     """Return workflow commands: an error for each failed row, and a notice with the verdict."""
     for row in validation.failures:
+        if row.claim == REFERENCE and not row.note:
+            continue  # another row of this output says what is wrong
         yield command("error", _title(row), in_words(row))
     for row in validation.rows:
         if row.passed is None and row.note:
@@ -29,7 +33,7 @@ def write_junit(validation: Validation, path: Path) -> None:
         UserError: the folder cannot be written.
     """
     root = ElementTree.Element("testsuites", name="servo-models", time=_time(validation.rows))
-    for claim in CLAIMS:
+    for claim in validation.claims:
         rows = validation.of(claim)
         suite = ElementTree.SubElement(
             root,
@@ -54,6 +58,17 @@ def write_junit(validation: Validation, path: Path) -> None:
                 ElementTree.SubElement(case, "skipped", message=in_words(row))
     ElementTree.indent(root)
     write_whole(path, ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def write_summary(validation: Validation, path: Path) -> None:
+    """Append a validation in Markdown to a file, as to that of ``$GITHUB_STEP_SUMMARY``.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    text = markdown(summary(validation))
+    before = read_regular(path) if os.path.exists(path) else b""
+    write_whole(path, before + text.encode())
 
 
 def _time(rows: Iterable[Row]) -> str:

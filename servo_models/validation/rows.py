@@ -12,6 +12,7 @@ from servo_models.report.result import Result
 
 if TYPE_CHECKING:
     from servo_models.report.sections import Report
+    from servo_models.validation.any_fmu.comparison import Compared
 
 IMPLEMENTATION = "implementation"
 """Claim: the FMU equals the simulation in this process."""
@@ -21,7 +22,14 @@ PAPER = "paper"
 """Claim: the model gives the figures printed in its paper, or else those recomputed from the
 paper's own numbers.  What these numbers do not give is named, with the reason."""
 
-CLAIMS = (IMPLEMENTATION, MODEL, PAPER)
+REFERENCE = "reference"
+"""Claim: the outputs of an FMU equal a reference that came with the question."""
+FILES = "files"
+"""Claim: the files of an FMU are as FMI has them; nothing was run."""
+
+OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)
+"""Those about our own models."""
+CLAIMS = (*OWN_CLAIMS, REFERENCE, FILES)
 
 
 @dataclass(frozen=True)
@@ -170,11 +178,20 @@ class Validation(Result):
         rows: all figures, in the order in which they were measured.
         cost: error against internal step.
         conditions: versions of what it ran on, by name.
+        compared: outputs beside references that came with the question.
     """
 
     rows: tuple[Row, ...]
     cost: tuple[CostCurve, ...] = ()
     conditions: dict[str, str] = field(default_factory=dict)
+    compared: tuple[Compared, ...] = ()
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """What was claimed; of our own models always all."""
+        used = {row.claim for row in self.rows}
+        own = OWN_CLAIMS if used & {*OWN_CLAIMS} or not used else ()
+        return tuple(claim for claim in CLAIMS if claim in used or claim in own)
 
     @property
     def passed(self) -> bool:

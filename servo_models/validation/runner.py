@@ -1,14 +1,15 @@
-"""Validate actuators: two claims and the figures of the papers, as rows.
+"""Validate FMUs and actuators: claims and figures, as rows.
 
 *Implementation*: the FMU equals the simulation in this process.  *Model*: the responses of
 the FMU equal independent references.  *Paper*: the model gives the printed figures, and
-what cannot be reproduced is named.
+what cannot be reproduced is named.  *Reference*: any FMU, ours or not, gives the outputs that a
+reference has.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,15 +22,20 @@ from servo_models.core.simulate import Model, model
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.report.interchange import conditions
+from servo_models.validation.any_fmu.comparison import Compared
+from servo_models.validation.any_fmu.experiment import Against, has_its_own
+from servo_models.validation.any_fmu.fmu import AnyFmu
+from servo_models.validation.any_fmu.reference_check import ReferenceCheck, check_against
 from servo_models.validation.cases import Case, all_cases, offered
-from servo_models.validation.fmu_subject import LIMITS, Limits, Subject
+from servo_models.validation.fmu_subject import Subject
+from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.implementation import implementation_rows
 from servo_models.validation.responses import cost_curve, named_cases, plain_row, response_rows
 from servo_models.validation.rows import MODEL, CostCurve, Row, Validation, failure
 
 Progress = Callable[[int, int, str], None]
 """Called with the number of jobs done, the number of all, and the name of the next one."""
-Job = tuple[str, Callable[[], list[Row] | CostCurve]]
+Job = tuple[str, Callable[[], list[Row] | CostCurve | ReferenceCheck]]
 """What is examined, and how; no rows where the FMU is over, since its first row says why."""
 
 
@@ -38,6 +44,7 @@ def validate(
     on_progress: Progress | None = None,
     own: Actuator | None = None,
     limits: Limits = LIMITS,
+    against: Against | None = None,
 ) -> Validation:
     """Validate FMUs against the simulation, references and the papers.
 
@@ -55,6 +62,8 @@ def validate(
         own: an actuator of your own, which its FMU files need; there are no references for it.
         on_progress: is told of the jobs; the last call is (n, n, "").
         limits: of time, memory and size for each FMU.
+        against: a reference for every FMU, which then may be anybody's; None for the one that
+            an FMU of another maker carries.
 
     Returns:
         one row a figure, with its value and its limit; ``passed`` where all are within.
@@ -72,12 +81,31 @@ def validate(
         folder = stack.enter_context(scratch())
         chosen = every_model() if subjects is None else subjects
         opened: list[Subject] = []
+        compared: list[Path] = []
         for k, subject in enumerate(chosen):
-            opened.append(_open(subject, folder / str(k), own, limits))
-            stack.callback(opened[-1].close)
+            path = _built(subject, folder / str(k))
+            ours = _ours(
+                path, subject.actuator if isinstance(subject, Model) else own, limits, against
+            )
+            if ours:
+                opened.append(ours)
+                stack.callback(ours.close)
+            if against or not ours:
+                compared.append(path)
         rows: list[Row] = []
         curves: list[CostCurve] = []
-        jobs = [*(job for subject in opened for job in _fmu_jobs(subject)), *_actuator_jobs(opened)]
+        outputs: list[Compared] = []
+        jobs: list[Job] = [
+            *(job for subject in opened for job in _fmu_jobs(subject)),
+            *_actuator_jobs(opened),
+            *(
+                (
+                    f"{path.name}: against the reference",
+                    partial(check_against, path, against or Against(), limits),
+                )
+                for path in compared
+            ),
+        ]
         for done, (label, work) in enumerate(jobs):
             if on_progress:
                 on_progress(done, len(jobs), label)
@@ -86,11 +114,14 @@ def validate(
             spent = perf_counter() - began
             if isinstance(result, CostCurve):
                 curves.append(result)
-            else:
-                rows += [replace(row, seconds=spent / len(result)) for row in result]
+                continue
+            if isinstance(result, ReferenceCheck):
+                outputs += result.compared
+                result = list(result.rows)
+            rows += [replace(row, seconds=spent / len(result)) for row in result]
         if on_progress:
             on_progress(len(jobs), len(jobs), "")
-    return Validation(tuple(rows), tuple(curves), conditions())
+    return Validation(tuple(rows), tuple(curves), conditions(), tuple(outputs))
 
 
 def every_model() -> list[Model]:
@@ -104,13 +135,34 @@ def every_model() -> list[Model]:
     ]
 
 
-def _open(
-    subject: Model | str | Path, folder: Path, own: Actuator | None, limits: Limits
-) -> Subject:
+def _built(subject: Model | str | Path, folder: Path) -> Path:
     if isinstance(subject, Model):
-        own = subject.actuator
-        subject = build(subject, folder / f"{own.name}.fmu")
-    return Subject(subject, own, limits)
+        return build(subject, folder / f"{subject.actuator.name}.fmu")
+    return Path(subject)
+
+
+def _ours(
+    path: Path, own: Actuator | None, limits: Limits, against: Against | None
+) -> Subject | None:
+    """The FMU as one of ours; None for another maker's, which has to have a reference."""
+    try:
+        subject = Subject(path, own, limits)
+    except UserError:
+        if against is None and not _carries_reference(path, limits):
+            raise
+        return None
+    if against and subject.over:
+        subject.close()
+        return None
+    return subject
+
+
+def _carries_reference(path: Path, limits: Limits) -> bool:
+    try:
+        with closing(AnyFmu(path, limits)) as fmu:
+            return has_its_own(fmu)
+    except UserError:  # the first complaint is the one to tell
+        return False
 
 
 def _fmu_jobs(subject: Subject) -> list[Job]:
@@ -129,6 +181,13 @@ def _fmu_jobs(subject: Subject) -> list[Job]:
             if case.actuator == name
             and own.actuator.plant_of(case.variant).has_equations_of(own.plant)
         ),
+    ]
+
+
+def _reference_jobs(paths: Iterable[Path], against: Against, limits: Limits) -> list[Job]:
+    return [
+        (f"{path.name}: against the reference", partial(check_against, path, against, limits))
+        for path in paths
     ]
 
 

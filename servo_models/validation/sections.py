@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING
 from servo_models.report.numbers import Quantity, number, percent, with_unit
 from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
 from servo_models.report.style import SERIES, colour
+from servo_models.validation.any_fmu.sections import curves, faults, notes
 from servo_models.validation.cases import offered
 from servo_models.validation.rows import (
-    CLAIMS,
+    FILES,
     IMPLEMENTATION,
     MODEL,
+    OWN_CLAIMS,
     PAPER,
+    REFERENCE,
     CostCurve,
     Row,
     Validation,
@@ -29,11 +32,15 @@ CARDS = {
     IMPLEMENTATION: "FMU equals simulation",
     MODEL: "Responses equal references",
     PAPER: "Figures of the papers",
+    REFERENCE: "Outputs equal the reference",
+    FILES: "Files are as FMI has them",
 }
 HEADINGS = {
     IMPLEMENTATION: "Implementation: the FMU equals the simulation",
     MODEL: "Model: the response equals an independent reference",
     PAPER: "Figures of the papers",
+    REFERENCE: "Reference: the outputs equal it",
+    FILES: "Files: as FMI has them",
 }
 LEADS = {
     IMPLEMENTATION: (
@@ -54,10 +61,26 @@ LEADS = {
         " without this model. Model: what the simulation gives. A figure that cannot be"
         " reproduced is named with its reason; it does not fail the validation."
     ),
+    REFERENCE: (
+        "Distance from the tube's middle: how far the output stays from what the reference takes"
+        " within the time tolerance, and the reference from the output. The other figures say"
+        " what a difference looks like. The last of each output is what changes when the same"
+        " run has communication steps of half the size."
+    ),
+    FILES: (
+        "Numbers of faults. Nothing was loaded or run: what the code does, whether it starts, and"
+        " whether its outputs are right is not known."
+    ),
 }
 FAILED, COUNTS = "Outside their limits", "Figures that pass"
-BRIEF = ("FMU = simulation", "model = reference", "figures of its paper")
-"""Headings of the claims in the counts, in their order."""
+BRIEF = {
+    IMPLEMENTATION: "FMU = simulation",
+    MODEL: "model = reference",
+    PAPER: "figures of its paper",
+    REFERENCE: "output = reference",
+    FILES: "files",
+}
+"""Headings of the claims in the counts."""
 PLACE = ("actuator", "variant", "case", "quantity")
 FIGURE = ("", *PLACE, "run", "value", "limit", "used", "note")
 PRINTED = ("", *PLACE, "printed", "recomputed", "model", "within", "note")
@@ -75,16 +98,20 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
         every: a terminal prints every figure.
     """
     examined = dict.fromkeys(row.actuator for row in validation.rows)
+    how = "by files alone" if validation.claims == (FILES,) else "against references"
     return Report(
-        f"{', '.join(examined) or 'nothing'} against references",
+        f"{', '.join(examined) or 'nothing'} {how}",
         sentence(validation),
         None if not any(row.passed is not None for row in validation.rows) else validation.passed,
         cards=cards(validation),
         remarks=remarks(validation),
         sections=(
+            faults(validation),
+            curves(validation.compared),
+            notes(validation),
             _failures(validation),
             _counts(validation),
-            *(_claim(claim, validation.of(claim), every) for claim in CLAIMS),
+            *(_claim(claim, validation.of(claim), every) for claim in validation.claims),
             *(
                 section
                 for actuator, module in offered("pictures").items()
@@ -100,7 +127,12 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
 
 def summary(validation: Validation) -> Report:
     """Return the verdict, how many figures of each actuator pass, and what failed."""
-    sections = (_counts(validation), _failures(validation))
+    sections = (
+        faults(validation),
+        _counts(validation),
+        _failures(validation),
+        notes(validation),
+    )
     return Report(sentence(validation), "", sections=sections)
 
 
@@ -128,7 +160,7 @@ def remarks(validation: Validation) -> tuple[str, ...]:
         *(
             f"Not examined: {title}."
             for claim, title in CARDS.items()
-            if validation.rows and not validation.of(claim)
+            if validation.rows and claim in validation.claims and not validation.of(claim)
         ),
     )
 
@@ -136,8 +168,8 @@ def remarks(validation: Validation) -> tuple[str, ...]:
 def cards(validation: Validation) -> tuple[Card, ...]:
     """Return how many figures of each claim pass."""
     made = []
-    for claim, title in CARDS.items():
-        rows = validation.of(claim)
+    for claim in validation.claims:
+        title, rows = CARDS[claim], validation.of(claim)
         text = f"{_passed(rows)} figures pass" if rows else "not examined"
         made.append(Card(title, text, _judgement(rows), HEADINGS[claim] if rows else ""))
     return tuple(made)
@@ -185,15 +217,23 @@ def _failures(validation: Validation) -> Section:
         )
         for row in validation.failures
     )
-    return Section(FAILED, tables=(Table("", (*PLACE, "value", "limit", "note"), rows),))
+    heads = (_what(validation), *PLACE[1:], "value", "limit", "note")
+    return Section(FAILED, tables=(Table("", heads, rows),))
 
 
 def _counts(validation: Validation) -> Section:
     names = dict.fromkeys(row.actuator for row in validation.rows)
     rows = tuple(
-        (name, *(_count(validation.of(claim), name) for claim in CLAIMS)) for name in names
+        (name, *(_count(validation.of(claim), name) for claim in validation.claims))
+        for name in names
     )
-    return Section(COUNTS, tables=(Table("", ("actuator", *BRIEF), rows),))
+    heads = (_what(validation), *(BRIEF[claim] for claim in validation.claims))
+    return Section(COUNTS, tables=(Table("", heads, rows),))
+
+
+def _what(validation: Validation) -> str:
+    """Heading of a column of names."""
+    return "actuator" if OWN_CLAIMS[0] in validation.claims else "model"
 
 
 def _count(rows: Sequence[Row], actuator: str) -> str:

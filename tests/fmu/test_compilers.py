@@ -26,7 +26,7 @@ from fmu_src.native.compilers import (
 )
 from servo_models.errors import UserError
 from servo_models.files import cache_folder
-from tests.support.binaries import read_binary, slices
+from servo_models.validation.any_fmu.binaries import read_binary, slices
 
 EXPORT = """
 #ifdef _WIN32
@@ -173,6 +173,8 @@ def test_the_headers_are_those_of_the_platform(target: Target) -> None:
     assert found.machine == machine
     assert found.exports - OF_THE_LINKER == EXPORTS
     assert not found.has_local_symbols
+    assert not found.search_paths
+    assert not found.dated
     if system == "linux":
         assert found.newest_glibc <= (2, 17)
         assert found.needs == {"libm.so.6"}
@@ -327,5 +329,15 @@ def test_cc_names_the_compiler_and_the_compiler_its_platform(
     assert found is not None
     assert found.command == (str(script), "-pipe")
     assert [target.name for target in found.targets] == ["macos-aarch64"]
+    monkeypatch.setenv("CC", str(script))  # not split at the space, as paths on Windows would be
+    found = host()
+    assert found is not None
+    assert found.command == (str(script),)
     script.write_text(f"#!{sys.executable}\nprint('riscv64-linux-gnu')\n")
     assert host() is None
+
+
+def test_a_quote_in_cc_without_its_other_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", '"gcc')
+    with pytest.raises(UserError, match='CC = "gcc: No closing quotation'):
+        host()

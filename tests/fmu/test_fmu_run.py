@@ -29,6 +29,8 @@ RUNS = {
     "measured": (0.12, 1.0),
     "linear_drive": (0.12, 1.0),
     "smart_servo": (0.12, 1.0),
+    "sg90_torque": (0.6, 20.0),
+    "torque_motor_torque": (0.12, 1.0),
 }
 
 
@@ -208,6 +210,23 @@ def test_an_effect_that_wakes_up_in_mid_run_begins_at_rest(fmu_folder: Files) ->
     angle = found[:, host.outputs.index("angle")]
     assert len(angle) == len(times) - half
     assert np.max(np.abs(angle)) < 1e-12
+
+
+def test_a_restored_state_is_that_which_was_saved(fmu_folder: Files) -> None:
+    """An effect whose parameter is 0 at that moment, and back before the next step, sleeps in
+    neither run."""
+    runs = []
+    for restored in (False, True):
+        with Host(fmu_folder("sg90_linear")) as host:
+            host.start({"pulse_width": 1.6e-3, "sensor_lag.time_constant": 0.01})
+            host.fmu.doStep(0.0, 0.02)
+            host.set({"sensor_lag.time_constant": 0.0})
+            if restored:
+                host.fmu.setFMUstate(host.fmu.getFMUstate())
+            host.set({"sensor_lag.time_constant": 0.01})
+            host.fmu.doStep(0.02, 0.002)
+            runs.append(host.get())
+    assert runs[0] == runs[1]
 
 
 def test_initial_outputs_follow_inputs_and_parameters(fmu_folder: Files) -> None:

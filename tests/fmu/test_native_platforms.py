@@ -13,7 +13,7 @@ from fmu_src.native.compilers import zig
 from servo_models.build import NATIVE, NATIVE_ARM, build
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model
-from tests.support.binaries import read_binary, slices
+from servo_models.validation.any_fmu.binaries import read_binary, slices
 
 pytestmark = [
     pytest.mark.thorough,
@@ -52,6 +52,8 @@ def test_the_libraries_are_those_of_the_platforms(name: str, tmp_path: Path) -> 
                     assert all(SYSTEM.fullmatch(library) for library in one.needs)
                     assert one.newest_glibc <= (2, 17)
                     assert not one.has_local_symbols
+                    assert not one.search_paths
+                    assert not one.dated
                     assert one.kind != "Mach-O" or one.oldest_macos == (11, 0)
     assert machines == {
         f"native binaries/darwin64/{name}.dylib": ["aarch64", "x86_64"],

@@ -34,6 +34,7 @@ def verdict(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
             on_progress: Callable[[int, int, str], None],
             own: object,
             limits: object,
+            against: object,
         ) -> Validation:
             on_progress(1, 2, "half way")
             return Validation(rows)

@@ -12,7 +12,7 @@ import pytest
 from servo_models.core.own_actuator import load_actuator
 from servo_models.errors import UserError
 from servo_models.validation import bare_host
-from servo_models.validation.fmu_subject import Limits
+from servo_models.validation.host_process import Limits
 from servo_models.validation.rows import Validation
 from servo_models.validation.runner import validate
 from tests.fuzz.fmus import Case, cases, judge, made_good

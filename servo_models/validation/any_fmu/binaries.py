@@ -1,6 +1,6 @@
-"""What the headers of shared libraries tell: ELF, PE and Mach-O, read by hand.
+"""What the headers of shared libraries tell: ELF, PE and Mach-O, read without loading them.
 
-Nothing here knows how a library was built.
+Nothing here knows how a library was built.  Bytes that are no library raise ``ValueError``.
 """
 
 from __future__ import annotations
@@ -30,33 +30,68 @@ class Binary:
     """Whether names are left in it that nobody needs who loads it."""
     signed: bool = False
     """Whether a Mach-O file has a code signature, without which macOS runs nothing on ARM."""
+    search_paths: set[str] = field(default_factory=set)
+    """Where an ELF file has other libraries looked for."""
+    dated: bool = False
+    """Whether a PE file holds the time of its making, where a digest may be."""
 
 
 def read_binary(content: bytes) -> Binary:
-    """Return what a library for one processor tells of itself."""
+    """Return what a library for one processor tells of itself.
+
+    Raises:
+        ValueError: no shared library of 64 bits, or a damaged one.
+    """
+    try:
+        return _read(content)
+    except (struct.error, IndexError, KeyError, UnicodeDecodeError) as error:
+        raise ValueError(f"its header is damaged: {error}") from error
+
+
+def _read(content: bytes) -> Binary:
     if content[:4] == b"\x7fELF":
         return _elf(content)
     if content[:2] == b"MZ":
         return _pe(content)
     if content[:4] == b"\xcf\xfa\xed\xfe":
         return _mach(content)
-    raise AssertionError(f"no shared library: {content[:8]!r}")
+    raise ValueError(f"no shared library: it begins with {content[:8]!r}")
+
+
+def is_universal(content: bytes) -> bool:
+    """Whether a Mach-O file holds libraries for several processors."""
+    return content[:4] == b"\xca\xfe\xba\xbe"
 
 
 def slices(content: bytes) -> list[bytes]:
-    """Return the parts of a Mach-O file for several processors; each begins at its page."""
+    """Return the parts of a Mach-O file for several processors; each begins at its page.
+
+    Raises:
+        ValueError: another file, or a damaged one.
+    """
+    try:
+        return _slices(content)
+    except (struct.error, IndexError) as error:
+        raise ValueError(f"its header is damaged: {error}") from error
+
+
+def _slices(content: bytes) -> list[bytes]:
     magic, count = struct.unpack_from(">II", content)
-    assert magic == 0xCAFEBABE
+    _need(magic == 0xCAFEBABE, "no file for several processors")
     parts, end = [], 8 + 20 * count
     for index in range(count):
         cpu, _, start, size, align = struct.unpack_from(">IIIII", content, 8 + 20 * index)
-        assert start % (1 << align) == 0
-        assert start >= end
+        _need(align < 32 and start % (1 << align) == 0 and start >= end, "parts that overlap")
         end = start + size
         parts.append(content[start:end])
-        assert struct.unpack_from("<I", parts[-1], 4) == (cpu,)
-    assert end == len(content)
+        _need(struct.unpack_from("<I", parts[-1], 4) == (cpu,), "a part of another processor")
+    _need(end == len(content), "bytes behind its parts")
     return parts
+
+
+def _need(holds: bool, otherwise: str) -> None:
+    if not holds:
+        raise ValueError(f"it has {otherwise}")
 
 
 def _text(content: bytes, start: int) -> str:
@@ -68,10 +103,10 @@ DT_NEEDED, DT_RPATH, DT_RUNPATH = 1, 15, 29
 
 
 def _elf(content: bytes) -> Binary:
-    assert content[4:6] == b"\x02\x01", "64 bits, little-endian"
+    _need(content[4:6] == b"\x02\x01", "no 64 bits, or the other byte order")
     kind, machine = struct.unpack_from("<HH", content, 16)
-    assert kind == 3, "a shared object"
-    found = Binary("ELF", ELF_MACHINES[machine])
+    _need(kind == 3, "no kind of a shared object")
+    found = Binary("ELF", ELF_MACHINES.get(machine, f"processor {machine}"))
     table = struct.unpack_from("<Q", content, 40)[0]
     size, count = struct.unpack_from("<HH", content, 58)
     sections = [
@@ -87,16 +122,17 @@ def _elf(content: bytes) -> Binary:
                 (found.exports if section else found.imports).add(_text(content, names + name))
         elif kind == DYNAMIC:
             for tag, value in struct.iter_unpack("<QQ", content[start : start + length]):
-                assert tag not in (DT_RPATH, DT_RUNPATH), "a search path"
+                if tag in (DT_RPATH, DT_RUNPATH):
+                    found.search_paths.add(_text(content, names + value))
                 if tag == DT_NEEDED:
                     found.needs.add(_text(content, names + value))
         elif kind == VERNEED:
-            found.newest_glibc = max(_versions(content, start, info, names))
+            found.newest_glibc = max(_versions(content, start, info, names), default=())
     return found
 
 
 def _versions(content: bytes, start: int, count: int, names: int) -> list[tuple[int, ...]]:
-    """Symbol versions that an ELF file asks for, all of them glibc's."""
+    """Symbol versions of glibc that an ELF file asks for."""
     versions = []
     for _ in range(count):
         _, several, _, first, following = struct.unpack_from("<HHIII", content, start)
@@ -104,8 +140,8 @@ def _versions(content: bytes, start: int, count: int, names: int) -> list[tuple[
         for _ in range(several):
             _, _, _, name, after = struct.unpack_from("<IHHII", content, at)
             library, _, numbers = _text(content, names + name).partition("_")
-            assert library == "GLIBC"
-            versions.append(tuple(int(number) for number in numbers.split(".")))
+            if library == "GLIBC" and numbers.replace(".", "").isdigit():
+                versions.append(tuple(int(number) for number in numbers.split(".")))
             at += after
         start += following
     return versions
@@ -118,13 +154,14 @@ REPRODUCIBLE = 16
 
 def _pe(content: bytes) -> Binary:
     head = struct.unpack_from("<I", content, 60)[0]
-    assert content[head : head + 4] == b"PE\0\0"
+    _need(content[head : head + 4] == b"PE\0\0", "no header of Windows")
     fields = struct.unpack_from("<HHIIIHH", content, head + 4)
     machine, count, stamp, symbols, _, size, flags = fields
-    assert flags & DLL
-    found = Binary("PE", PE_MACHINES[machine], has_local_symbols=symbols != 0)
+    _need(bool(flags & DLL), "no kind of a DLL")
+    machine_name = PE_MACHINES.get(machine, f"processor {machine:#x}")
+    found = Binary("PE", machine_name, has_local_symbols=symbols != 0)
     option = head + 24
-    assert struct.unpack_from("<H", content, option) == (0x20B,), "64 bits"
+    _need(struct.unpack_from("<H", content, option) == (0x20B,), "no 64 bits")
     sections = [
         struct.unpack_from("<8sIIII", content, option + size + 40 * index) for index in range(count)
     ]
@@ -134,23 +171,24 @@ def _pe(content: bytes) -> Binary:
         for _, _, start, length, offset in sections:
             if start <= address < start + length:
                 return int(address - start + offset)
-        raise AssertionError(f"no section has {address:#x}")
+        raise ValueError(f"no section of it has the address {address:#x}")
 
     def directory(index: int) -> tuple[int, int]:
         address, length = struct.unpack_from("<II", content, option + 112 + 8 * index)
         return (at(address) if address else 0), length
 
     start, _ = directory(EXPORTS)
-    amount, _, names = struct.unpack_from("<III", content, start + 24)
-    for address in struct.unpack_from(f"<{amount}I", content, at(names)):
-        found.exports.add(_text(content, at(address)))
+    if start:
+        amount, _, names = struct.unpack_from("<III", content, start + 24)
+        for address in struct.unpack_from(f"<{amount}I", content, at(names)):
+            found.exports.add(_text(content, at(address)))
     start, _ = directory(IMPORTS)
-    while name := struct.unpack_from("<I", content, start + 12)[0]:
+    while start and (name := struct.unpack_from("<I", content, start + 12)[0]):
         found.needs.add(_text(content, at(name)))
         start += 20
     start, length = directory(DEBUG)
     kinds = [struct.unpack_from("<I", content, start + at + 12)[0] for at in range(0, length, 28)]
-    assert stamp == 0 or REPRODUCIBLE in kinds, "a date, where a digest of the content may be"
+    found.dated = stamp != 0 and REPRODUCIBLE not in kinds
     return found
 
 
@@ -160,8 +198,8 @@ DEBUGGING, PRIVATE, DEFINED, EXTERNAL = 0xE0, 0x10, 0xE, 0x1
 
 def _mach(content: bytes) -> Binary:
     _, cpu, _, kind, count = struct.unpack_from("<IIIII", content)
-    assert kind == 6, "a dynamic library"
-    found = Binary("Mach-O", MACH_MACHINES[cpu])
+    _need(kind in (6, 8), "no kind of a dynamic library or bundle")
+    found = Binary("Mach-O", MACH_MACHINES.get(cpu, f"processor {cpu:#x}"))
     start = 32
     for _ in range(count):
         command, size = struct.unpack_from("<II", content, start)
@@ -181,5 +219,6 @@ def _mach(content: bytes) -> Binary:
         elif command in (OLDEST, OLDEST_MAC):
             version = struct.unpack_from("<I", content, start + (12 if command == OLDEST else 8))[0]
             found.oldest_macos = (version >> 16, version >> 8 & 0xFF)
+        _need(size >= 8, "a load command without end")
         start += size
     return found

@@ -1,0 +1,1 @@
+"""Validation of any FMU: against a reference of anybody's, or by its files alone."""

@@ -1,0 +1,195 @@
+"""Any FMU against a reference: the run, the run at half the step, and rows of what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servo_models.core.types import Array
+from servo_models.report.numbers import number, plain, with_unit
+from servo_models.validation.any_fmu.comparison import (
+    Allowed,
+    Compared,
+    Trace,
+    allowed,
+    compare,
+    swapped,
+)
+from servo_models.validation.any_fmu.experiment import (
+    Against,
+    Experiment,
+    experiments,
+    write_cross_check,
+)
+from servo_models.validation.any_fmu.fmu import AnyFmu
+from servo_models.validation.fmu_subject import FmuError
+from servo_models.validation.host_process import Limits
+from servo_models.validation.rows import REFERENCE, Row, failure, judged
+
+HALF = "difference at half the communication step"
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceCheck:
+    """What a comparison found: rows, and the curves of each output."""
+
+    rows: tuple[Row, ...]
+    compared: tuple[Compared, ...] = ()
+
+
+def check_against(path: Path, against: Against, limits: Limits) -> ReferenceCheck:
+    """Compare an FMU with its reference.
+
+    Raises:
+        UserError: an FMU that cannot be read, no reference, or files that cannot be used.
+    """
+    with closing(AnyFmu(path, limits)) as fmu:
+        found = [_Run(fmu, one).checked(against) for one in experiments(fmu, against)]
+    return ReferenceCheck(
+        tuple(row for one in found for row in one.rows),
+        tuple(one for each in found for one in each.compared),
+    )
+
+
+class _Run:
+    """One experiment with one FMU."""
+
+    def __init__(self, fmu: AnyFmu, experiment: Experiment) -> None:
+        self.fmu, self.experiment = fmu, experiment
+        self.times = experiment.times(fmu.any_step)
+        self.step = float(np.median(np.diff(self.times)))
+        self.outputs = list(experiment.reference)
+        self.inputs = {name: trace.at(self.times) for name, trace in experiment.inputs.items()}
+
+    def checked(self, against: Against) -> ReferenceCheck:
+        try:
+            values = self._run(self.times, self.inputs)
+        except FmuError as error:
+            return ReferenceCheck(
+                (failure(REFERENCE, self._where("run"), str(error), self.fmu.name),)
+            )
+        if folder := against.write_cross_check:
+            outputs = dict(zip(self.outputs, values.T))
+            write_cross_check(self.fmu, self.experiment, self.times, outputs, folder)
+        limits = {name: self._allowed(name) for name in self.outputs}
+        compared = [
+            self._compared(name, values[:, k], limits[name]) for k, name in enumerate(self.outputs)
+        ]
+        compared = _with_swaps(compared, limits, self.step)
+        rows = [row for one in compared for row in self._rows(one)]
+        rows += self._half(values, limits)
+        return ReferenceCheck((*rows, *self._not_compared()), tuple(compared))
+
+    def _run(self, times: Array, inputs: Mapping[str, Array]) -> Array:
+        experiment = self.experiment
+        return self.fmu.run(times, inputs, self.outputs, experiment.values, experiment.solver)
+
+    def _allowed(self, name: str) -> Allowed:
+        right = self._reference(name)
+        exact = not self.fmu.variables[name].real
+        return allowed(right, self.step, exact, **self.experiment.tolerance.of(name))
+
+    def _reference(self, name: str) -> Trace:
+        """The reference of the run, no longer than it."""
+        whole = self.experiment.reference[name]
+        begin, end = self.times[0], self.times[-1]
+        inside = (whole.times > begin) & (whole.times < end)
+        ends = np.array([begin, end])
+        first, last = whole.at(ends)
+        return replace(
+            whole,
+            times=np.concatenate([[begin], whole.times[inside], [end]]),
+            values=np.concatenate([[first], whole.values[inside], [last]]),
+        )
+
+    def _compared(self, name: str, values: Array, limits: Allowed) -> Compared:
+        variable = self.fmu.variables[name]
+        response = Trace(self.times, values, not variable.continuous)
+        unit = variable.unit or "1"
+        return compare(name, unit, self._reference(name), response, limits, self.step)
+
+    def _half(self, values: Array, limits: Mapping[str, Allowed]) -> list[Row]:
+        """Run with the same inputs at half the step; what the FMU does may not change."""
+        middles = 0.5 * (self.times[:-1] + self.times[1:])
+        finer = np.sort(np.concatenate([self.times, middles]))
+        inputs = {name: np.repeat(column, 2)[:-1] for name, column in self.inputs.items()}
+        try:
+            again = self._run(finer, inputs)[::2]
+        except FmuError as error:
+            where = self._where("run")
+            if self.fmu.over:
+                return [failure(REFERENCE, where, f"at half the step: {error}", self.fmu.name)]
+            note = f"not examined: {error}"
+            return [judged(REFERENCE, where, HALF, None, note=note, subject=self.fmu.name)]
+        rows = []
+        for k, name in enumerate(self.outputs):
+            held = not self.fmu.variables[name].continuous
+            first = Trace(self.times, values[:, k], held)
+            if not np.all(np.isfinite(first.values)):
+                continue  # told already
+            second = Trace(self.times, again[:, k], held)
+            found = compare(name, "1", first, second, limits[name], self.step).figures[0]
+            row = self._row(name, HALF, found.value, found.limit)
+            if not row.passed:
+                row = replace(row, note=self._depends(row))
+            rows.append(row)
+        return rows
+
+    def _depends(self, row: Row) -> str:
+        return plain(
+            f"output '{row.case}' depends on the communication step: {number(self.step)} s and"
+            f" {number(0.5 * self.step)} s differ by {with_unit(number(row.value), row.unit)}"
+        )
+
+    def _rows(self, one: Compared) -> list[Row]:
+        """Rows of an output; the first that failed says what is wrong."""
+        rows = [self._row(one.name, f.name, f.value, f.limit, f.unit) for f in one.figures]
+        failed = next((k for k, row in enumerate(rows) if row.passed is False), None)
+        if failed is not None:
+            rows[failed] = replace(rows[failed], note=one.fault)
+        return rows
+
+    def _row(
+        self, name: str, quantity: str, value: float, limit: float | None, unit: str | None = None
+    ) -> Row:
+        unit = unit or self.fmu.variables[name].unit or "1"
+        where = self._where(name)
+        return judged(REFERENCE, where, quantity, value, limit, unit, subject=self.fmu.name)
+
+    def _not_compared(self) -> list[Row]:
+        """Outputs of which the reference says nothing."""
+        left = [
+            variable.name
+            for variable in self.fmu.variables.values()
+            if variable.causality == "output" and variable.name not in self.outputs
+        ]
+        note = "the reference has no column of it: not compared"
+        return [
+            judged(REFERENCE, self._where(name), "figures", None, note=note, subject=self.fmu.name)
+            for name in left
+        ]
+
+    def _where(self, case: str) -> tuple[str, str, str]:
+        return self.fmu.title, self.experiment.label, case
+
+
+def _with_swaps(
+    compared: Sequence[Compared], limits: Mapping[str, Allowed], step: float
+) -> list[Compared]:
+    """Name outputs that follow the references of each other."""
+
+    def fits(one: Compared, other: Compared) -> bool:
+        asked = (other.name, other.unit, other.reference, one.response, limits[other.name], step)
+        return one.response.held == other.reference.held and compare(*asked).passed
+
+    faults: dict[str, Any] = {}
+    for one, other in swapped(compared, fits):
+        faults |= dict.fromkeys(
+            (one.name, other.name), f"outputs '{one.name}' and '{other.name}' are swapped"
+        )
+    return [replace(one, fault=faults.get(one.name, one.fault)) for one in compared]
