@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -272,6 +273,20 @@ def test_a_step_that_an_fmu_cannot_take_is_refused(tmp_path: Path) -> None:
     table(reference, uneven, {"y": np.zeros(4)})
     with pytest.raises(UserError, match="takes steps of one size"):
         check_against(one.write(tmp_path), Against(None, reference), LIMITS)
+
+
+def test_times_may_be_rounded(tmp_path: Path) -> None:
+    """A step of 1/300 s in six decimals, and an FMU that takes steps of one size."""
+    one = replace(FOREIGN["lag of fixed steps"], step=1.0 / 300.0)
+    inputs, reference, _ = one.files(tmp_path)
+    assert inputs
+    for path in (inputs, reference):
+        header, *rows = path.read_text().splitlines()
+        cells = (row.split(",", 1) for row in rows)
+        lines = [f"{float(time):.6f},{rest}" for time, rest in cells]
+        path.write_text("\n".join([header, *lines]))
+    result = check_against(one.write(tmp_path), Against(inputs, reference), LIMITS)
+    assert all(row.passed for row in result.rows)
 
 
 def test_inputs_have_to_reach_the_start(ground: Path) -> None:

@@ -29,6 +29,7 @@ OWN = Path("extra") / "org.fmi-standard.fmi-ls-ref"
 MANIFEST = "fmi-ls-manifest.xml"
 LARGEST_TEXT = 1 << 16
 MOST_POINTS = 2_000_000
+EVEN = 0.01  # of a step: how far points may be from even ones
 WHOLE = 1e-6  # of a step: how far a run may be from a whole number of steps
 
 
@@ -43,12 +44,12 @@ class Against:
         write_cross_check: folder to write the experiment and the outputs to.
     """
 
-    inputs: Path | None = None
-    reference: Path | None = None
-    tolerance: Path | None = None
-    cross_check: Path | None = None
+    inputs: str | Path | None = None
+    reference: str | Path | None = None
+    tolerance: str | Path | None = None
+    cross_check: str | Path | None = None
     step: float | None = None
-    write_cross_check: Path | None = None
+    write_cross_check: str | Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +114,8 @@ class Experiment:
         every = np.concatenate([[start], every, [stop]])
         every = every[np.concatenate([[True], np.diff(every) > slack])]
         steps = np.diff(every)
+        if WHOLE * steps.max() < np.ptp(steps) < EVEN * steps.max():  # rounded when written
+            return np.linspace(start, stop, len(every))
         if not any_step and np.ptp(steps) > WHOLE * steps.max():
             raise UserError(
                 f"{self.name}: the FMU takes steps of one size, and the points of reference and"
@@ -142,15 +145,21 @@ def experiments(fmu: AnyFmu, against: Against) -> list[Experiment]:
     Raises:
         UserError: no reference, or a file that cannot be used, with the cure.
     """
+    inputs = Path(against.inputs) if against.inputs else None
     if against.reference:
-        found = [_of_files(fmu, against.reference, against.inputs)]
+        found = [_of_files(fmu, Path(against.reference), inputs)]
     elif against.cross_check:
-        found = [_of_cross_check(fmu, against.cross_check)]
+        found = [_of_cross_check(fmu, Path(against.cross_check))]
     else:
-        found = _of_its_own(fmu, against.inputs)
+        found = _of_its_own(fmu, inputs)
+    if against.write_cross_check and len(found) > 1:
+        raise UserError(
+            f"FMU '{fmu.path}' has {len(found)} experiments, and a Cross-Check is one: give one"
+            " with --reference to write it"
+        )
     compared = {name: fmu.variables[name].unit for one in found for name in one.reference}
     if against.tolerance:
-        tolerance = read_tolerance(against.tolerance, compared, fmu.variables)
+        tolerance = read_tolerance(Path(against.tolerance), compared, fmu.variables)
         found = [_with(one, tolerance, fmu) for one in found]
     if against.step is not None:
         found = [replace(one, step=against.step) for one in found]

@@ -18,7 +18,7 @@ from servo_models.validation.any_fmu.comparison import (
     Trace,
     allowed,
     compare,
-    swapped,
+    interchanged,
 )
 from servo_models.validation.any_fmu.experiment import (
     Against,
@@ -75,7 +75,7 @@ class _Run:
             )
         if folder := against.write_cross_check:
             outputs = dict(zip(self.outputs, values.T))
-            write_cross_check(self.fmu, self.experiment, self.times, outputs, folder)
+            write_cross_check(self.fmu, self.experiment, self.times, outputs, Path(folder))
         limits = {name: self._allowed(name) for name in self.outputs}
         compared = [
             self._compared(name, values[:, k], limits[name]) for k, name in enumerate(self.outputs)
@@ -115,17 +115,20 @@ class _Run:
 
     def _half(self, values: Array, limits: Mapping[str, Allowed]) -> list[Row]:
         """Run with the same inputs at half the step; what the FMU does may not change."""
+        fixed = float(self.fmu.description.coSimulation.fixedInternalStepSize or 0.0)
+        if fixed and abs(0.5 * self.step / fixed - round(0.5 * self.step / fixed)) > 1e-6:
+            note = f"not examined: the FMU has an internal step of {number(fixed)} s"
+            return [self._unknown(note)]
         middles = 0.5 * (self.times[:-1] + self.times[1:])
         finer = np.sort(np.concatenate([self.times, middles]))
         inputs = {name: np.repeat(column, 2)[:-1] for name, column in self.inputs.items()}
         try:
             again = self._run(finer, inputs)[::2]
         except FmuError as error:
-            where = self._where("run")
             if self.fmu.over:
-                return [failure(REFERENCE, where, f"at half the step: {error}", self.fmu.name)]
-            note = f"not examined: {error}"
-            return [judged(REFERENCE, where, HALF, None, note=note, subject=self.fmu.name)]
+                reason = f"at half the step: {error}"
+                return [failure(REFERENCE, self._where("run"), reason, self.fmu.name)]
+            return [self._unknown(f"not examined: {error}")]
         rows = []
         for k, name in enumerate(self.outputs):
             held = not self.fmu.variables[name].continuous
@@ -139,6 +142,10 @@ class _Run:
                 row = replace(row, note=self._depends(row))
             rows.append(row)
         return rows
+
+    def _unknown(self, note: str) -> Row:
+        where = self._where("run")
+        return judged(REFERENCE, where, HALF, None, note=note, subject=self.fmu.name)
 
     def _depends(self, row: Row) -> str:
         return plain(
@@ -188,7 +195,7 @@ def _with_swaps(
         return one.response.held == other.reference.held and compare(*asked).passed
 
     faults: dict[str, Any] = {}
-    for one, other in swapped(compared, fits):
+    for one, other in interchanged(compared, fits):
         faults |= dict.fromkeys(
             (one.name, other.name), f"outputs '{one.name}' and '{other.name}' are swapped"
         )
