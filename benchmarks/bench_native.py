@@ -228,48 +228,60 @@ if __name__ == "__main__":
 # Result: two cores that other work kept busy, CPython 3.11, fmpy 0.3.32, numba 0.68, MuJoCo 4.0.
 #
 # By hand divides by inductance and inertia, as the equations do.  With reciprocals, whose results
-# have other last bits, it takes 0.68 of its time at 1 ms, and native 1.9 times as long as that.  In
-# a step that is one sub-step (the torque motor's at 0.1 ms, the SG90's) the fifth evaluation of the
-# right-hand side, the error control and the checks of the calls weigh more than in one of ten.
+# have other last bits, it takes 0.68 of its time at 1 ms, and native 1.75 times as long as that.
+# In a step that is one sub-step (the torque motor's at 0.1 ms, the SG90's) the fifth evaluation of
+# the right-hand side, the error control and the checks of the calls weigh more than in one of ten.
 #
 # cc (Debian 12.2.0-14+deb12u1) 12.2.0
 #
 # C host: torque_motor, step of 1 ms             us   ratio
 # by hand                                     0.361    1.00
-# native                                      0.460    1.28
+# native                                      0.430    1.19
 #
 # C host: torque_motor, step of 0.1 ms           us   ratio
 # by hand                                     0.041    1.00
-# native                                      0.085    2.07
+# native                                      0.066    1.62
 #
 # fmpy: torque_motor, step of 1 ms               us   ratio
-# by hand                                     5.349    1.00
-# native                                      5.590    1.04
-# Python FMU                                 30.319    5.67
+# by hand                                     5.398    1.00
+# native                                      5.506    1.02
+# Python FMU                                 29.850    5.53
 #
 # torque_motor: 1000 instances, 10 000 steps       us  kB each  growth kB
 # by hand                                     0.353      0.2          0
-# native                                      0.490     10.2          0
+# native                                      0.434     10.2          0
 #
 # simulation: torque_motor, steps of 1 ms        us   ratio
-# native in the C host                        0.473    1.00
-# numba                                       0.567    1.20
-# MuJoCo's servo                              2.342    4.95
+# native in the C host                        0.425    1.00
+# numba                                       0.567    1.33
+# MuJoCo's servo                              2.371    5.58
 #
 # C host: sg90, step of 1 ms                     us   ratio
 # by hand                                     0.048    1.00
-# native                                      0.116    2.43
+# native                                      0.079    1.67
 #
 # fmpy: sg90, step of 1 ms                       us   ratio
-# by hand                                     5.754    1.00
-# native                                      5.918    1.03
-# Python FMU                                 13.875    2.41
+# by hand                                     5.769    1.00
+# native                                      5.860    1.02
+# Python FMU                                 13.759    2.39
 #
 # sg90: 1000 instances, 10 000 steps             us  kB each  growth kB
 # by hand                                     0.047      0.4          0
-# native                                      0.120     10.6          0
+# native                                      0.080     10.6          0
 #
 # simulation: sg90, steps of 1 ms                us   ratio
-# native in the C host                        0.125    1.00
-# numba                                       0.093    0.75
-# MuJoCo's servo                              2.399   19.15
+# native in the C host                        0.087    1.00
+# numba                                       0.095    1.08
+# MuJoCo's servo                              2.357   26.97
+#
+# The steps in the C host with the compiler of the extra ``native``, zig 0.17.1:
+#
+# C host: torque_motor, step of 1 ms             us   ratio
+# by hand                                     0.392    1.00
+# native                                      0.434    1.11
+# C host: torque_motor, step of 0.1 ms           us   ratio
+# by hand                                     0.055    1.00
+# native                                      0.070    1.28
+# C host: sg90, step of 1 ms                     us   ratio
+# by hand                                     0.045    1.00
+# native                                      0.086    1.90

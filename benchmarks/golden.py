@@ -228,14 +228,12 @@ def main() -> int:
 if __name__ == "__main__":
     raise SystemExit(main())
 
-# golden.jsonl holds 300 withheld cases, the papers' gap, the examples of identification and the
-# validation as they were at a0803f2, before the house moved (2026-11-24).  The withheld cases were
-# found twice before, without and with the defects of the diagnosis mended: equal.  Real logs are
-# in it as far as they are identified.  Their diagnoses are missing: at that commit,
-#     SERVO_MODELS_DATA=FOLDER python benchmarks/golden.py --only real_logs/diagnosed --write
-# adds them, in more than a quarter of an hour.
+# golden.jsonl holds 300 withheld cases, the papers' gap, the examples of identification, the
+# validation, and the real logs identified and diagnosed, as they were at a0803f2, before the house
+# moved (2026-11-24): 319 results.  The withheld cases were found twice before, without and with the
+# defects of the diagnosis mended: equal.
 #
 # After the move (schemas, hints of effects, one section model, elements and transfer functions on
-# libraries, one pool of threads, the words of the field), --quick: 17 results, 0 differences at
-# 1e-9, 38 s on two processors; the withheld cases 100 to 199: 0 differences, 3 min 48 s; the real
-# logs identified: 4 results, 0 differences.
+# libraries, one pool of threads, the words of the field), all at 1e-9: --quick, 17 results, 0
+# differences, 38 s on two processors; papers, 2, 0; real logs identified, 4, 0; diagnosed, 6, 0 (11
+# minutes quiet); withheld 100 to 199, 0 differences, 3 min 48 s.

@@ -33,10 +33,12 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from servo_models.core.flat import Flat, neutral_effects, trouble
+from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import step_text
 
 SLACK = 1e-9
-"""Rounding allowed in a master's clock, relative to 1 s or to the time."""
+"""Rounding allowed in a master's clock, relative to 1 s or to the time; but never half a step, or
+one could be repeated or left out."""
 
 MOST_SUB_STEPS = 1_000_000
 """Internal steps in a communication step: some ten seconds of work; what is longer never ends."""
@@ -137,6 +139,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         self.last = math.inf
         self.time = math.nan  # no step may begin
         self.longest = 0.0  # communication step [s]
+        self.furthest = 0.0  # end of a step from time 0 [s]
         self.trouble = ""  # what has failed, until reset or a restored state
 
     @property
@@ -187,10 +190,10 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         if self.stale and self.phase == RUNNING and not self.trouble:
             self.retune()  # first, since it says how long a step may be
         if not (
-            abs(current_time - self.time) <= SLACK * (1.0 + abs(current_time))
+            abs(current_time - self.time) <= min(SLACK * (1.0 + abs(current_time)), 0.5 * step_size)
             and 0.0 < step_size <= self.longest
             and end <= self.last
-            and end < math.inf
+            and abs(current_time) + step_size <= self.furthest
         ):
             self.refuse_step(current_time, step_size)
         self.advance(self.x, current_time, step_size)
@@ -288,6 +291,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
                 self.x[i] = rest[i]
         self.dropped = dropped
         self.longest = MOST_SUB_STEPS * self.step.internal_step
+        self.furthest = FURTHEST * self.step.internal_step
         self.stale = False
 
     def advance(self, x: list[float], time: float, size: float) -> None:
@@ -314,6 +318,11 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             )
         if time + size > self.last:
             self.fail(f"the step to t = {time + size:g} s goes beyond the stop time")
+        if abs(time) + size > self.furthest:
+            self.fail(
+                f"the step to t = {time + size:g} s ends more than {self.furthest:g} s from 0,"
+                " where numbers are too coarse for the internal step: let time begin nearer to 0"
+            )
         self.fail(
             f"the step begins at t = {time!r} s, but the last one ended at t = {self.time!r} s:"
             " steps must follow each other"
@@ -382,8 +391,6 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             setattr(self, name, state[name])
         self.low = self.content.low_later if self.begun else self.content.low
         self.stale = True
-        if self.begun:
-            self.retune()
 
     def is_whole(self, state: dict[str, Any]) -> bool:
         """Whether a state has the parts, types, lengths and bounds that this instance gives it."""

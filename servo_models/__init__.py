@@ -15,6 +15,7 @@ Example:
 
 from importlib.metadata import version as _version
 
+from servo_models.actuators.torque_causal import torque_causal
 from servo_models.analysis.explain import explain, overview
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
@@ -95,6 +96,7 @@ __all__ = [
     "read_parameters",
     "read_signals",
     "simulate",
+    "torque_causal",
     "validate",
     "write_parameters",
     "write_signals",

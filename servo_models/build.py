@@ -14,7 +14,8 @@ from servo_models.errors import UserError
 from servo_models.files import write_with
 
 PYTHON, NATIVE, NATIVE_ARM, FMI3 = KINDS = ("python", "native", "native-arm", "fmi3")
-"""Kinds of FMUs; ARM Linux has one of its own, since FMI 2.0 has no second folder for Linux."""
+"""Kinds of FMUs; ARM Linux has one of its own, since hosts of FMI 2.0 look into one folder for all
+Linux."""
 (ARM_LINUX,) = (target for target in TARGETS if target.name == "linux-aarch64")
 
 

@@ -13,7 +13,10 @@ import fmpy
 import numpy as np
 import pytest
 
+from fmu_src.native.compilers import compiler
+from servo_models.build import NATIVE, build
 from servo_models.cli import main
+from servo_models.core.simulate import model
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification.identify import identify
 from servo_models.identification.result import HELD_OUT
@@ -60,6 +63,60 @@ def misses(found: ParameterSet, truth: dict[str, float]) -> dict[str, float]:
         for estimate in found.estimates
         if estimate.standard_error
     }
+
+
+needs_mujoco = pytest.mark.skipif(
+    importlib.util.find_spec("mujoco") is None or compiler() is None,
+    reason='needs MuJoCo and a C compiler: pip install ".[benchmark,native]"',
+)
+
+
+@pytest.fixture
+def torque_causal_sg90(
+    copy: Copy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Path, str]:
+    """The example's folder, on the path as for its scripts, and the unzipped FMU."""
+    folder = copy("mujoco")
+    monkeypatch.syspath_prepend(str(folder))
+    path = build(model("sg90_torque"), tmp_path / "sg90_torque.native.fmu", NATIVE)
+    return folder, fmpy.extract(str(path), str(tmp_path / "unzipped"))
+
+
+@needs_mujoco
+def test_mujoco_swings_a_link_as_the_angle_causal_model_does(
+    torque_causal_sg90: tuple[Path, str],
+) -> None:
+    """Within 1 % of the step, with the engine at 1 kHz."""
+    folder, fmu = torque_causal_sg90
+    swing = script(folder / "swing.py")
+    for case in swing.CASES:
+        times, angles = swing.engine(fmu, case, 1e-3, "RK4")
+        assert len(times) == 1401
+        assert np.ptp(angles) > 0.3
+        assert swing.error(fmu, case, 1e-3, "RK4") < 0.01, case
+    assert swing.error(fmu, "gravity", 1e-3, "Euler") < 0.01
+    assert swing.error(fmu, "gravity", 5e-3, "Euler") > 0.01  # of first order: the page says so
+
+
+@needs_mujoco
+def test_mujoco_creeps_no_more_than_a_millionth_where_friction_holds(
+    torque_causal_sg90: tuple[Path, str],
+) -> None:
+    folder, fmu = torque_causal_sg90
+    _, angles = script(folder / "swing.py").engine(fmu, "gravity and friction", 1e-3, "RK4")
+    assert abs(angles[-1]) > 0.05  # held against the command and against gravity
+    assert abs(angles[-1] - angles[-201]) < 1e-6
+
+
+@needs_mujoco
+def test_a_step_of_the_engine_that_is_too_long_is_unstable(
+    torque_causal_sg90: tuple[Path, str],
+) -> None:
+    folder, fmu = torque_causal_sg90
+    sizes = script(folder / "step_sizes.py")
+    largest, _ = sizes.errors("sg90", fmu, 5e-3, "RK4")
+    assert largest < sizes.ACCURATE
+    assert sizes.errors("sg90", fmu, 0.05, "RK4")[1] > sizes.STABLE
 
 
 def test_two_csv_files_become_an_fmu(copy: Copy, run: Run) -> None:

@@ -68,8 +68,8 @@ def native_entries(
     libraries: dict[str, list[bytes]] = {}
     for target in targets:
         library = compile_library(compiler, target, sources, main, [headers()])
-        folder = target.fmi3_folder if is_fmi3 else target.fmi2_folder
-        libraries.setdefault(f"{folder}/{name}{target.suffix}", []).append(library)
+        for folder in (target.fmi3_folder,) if is_fmi3 else target.fmi2_folders:
+            libraries.setdefault(f"{folder}/{name}{target.suffix}", []).append(library)
     for place, slices in libraries.items():
         entries[f"binaries/{place}"] = slices[0] if len(slices) == 1 else universal(slices)
     return entries

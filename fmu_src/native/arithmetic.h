@@ -11,7 +11,15 @@
 #pragma fp_contract(off)
 #endif
 
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) \
+    || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "compile without -ffast-math, -ffinite-math-only or /fp:fast: NaN would not be seen"
+#endif
+
 #include <math.h>
+
+/* Flags and counters. */
+typedef long long Whole;
 
 static inline double divided(double a, double b, int *failed)
 {
@@ -25,7 +33,7 @@ static inline double remainder_of(double a, double b, int *failed)
     double rest;
     *failed |= b == 0.0;
     rest = fmod(a, b);
-    return rest != 0.0 && (rest < 0.0) != (b < 0.0) ? rest + b : rest;
+    return rest != 0.0 && (rest < 0.0) != (b < 0.0) ? rest + b : rest + 0.0; /* no -0 */
 }
 
 /* A result that is no number although the argument is one, and an infinite one of a finite one. */
@@ -52,13 +60,13 @@ CHECKED(sinh)
 CHECKED(sqrt)
 CHECKED(tan)
 
-/* Whole numbers: Python has none for NaN and infinity, and C no index. */
+/* Whole numbers: Python has none for NaN and infinity, and C no index; nor has Python a -0. */
 #define WHOLE(name)                                             \
     static inline double checked_##name(double x, int *failed) \
     {                                                           \
         const int good = fabs(x) <= MOST;                       \
         *failed |= !good;                                       \
-        return good ? name(x) : 0.0;                            \
+        return good ? name(x) + 0.0 : 0.0;                      \
     }
 
 WHOLE(ceil)

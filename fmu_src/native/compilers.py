@@ -29,20 +29,26 @@ class Target:
     """A platform that a library is built for."""
 
     name: str
-    fmi2_folder: str
+    fmi2_folders: tuple[str, ...]
     fmi3_folder: str
     suffix: str
     zig_triple: str
 
 
 TARGETS = (
-    Target("linux-x86_64", "linux64", "x86_64-linux", ".so", "x86_64-linux-gnu.2.17"),
-    # FMI 2.0 has no name for Linux on ARM: it is linux64 of an FMU of its own
-    Target("linux-aarch64", "linux64", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17"),
-    Target("windows-x86_64", "win64", "x86_64-windows", ".dll", "x86_64-windows-gnu"),
+    Target("linux-x86_64", ("linux64",), "x86_64-linux", ".so", "x86_64-linux-gnu.2.17"),
+    # FMI 2.0.4 says aarch64-linux, hosts look into linux64: both, in an FMU of its own
+    Target(
+        "linux-aarch64",
+        ("linux64", "aarch64-linux"),
+        "aarch64-linux",
+        ".so",
+        "aarch64-linux-gnu.2.17",
+    ),
+    Target("windows-x86_64", ("win64",), "x86_64-windows", ".dll", "x86_64-windows-gnu"),
     # FMI 2.0 has one name for both: put them together with `universal`
-    Target("macos-x86_64", "darwin64", "x86_64-darwin", ".dylib", "x86_64-macos.11.0"),
-    Target("macos-aarch64", "darwin64", "aarch64-darwin", ".dylib", "aarch64-macos.11.0"),
+    Target("macos-x86_64", ("darwin64",), "x86_64-darwin", ".dylib", "x86_64-macos.11.0"),
+    Target("macos-aarch64", ("darwin64",), "aarch64-darwin", ".dylib", "aarch64-macos.11.0"),
 )
 
 ROUNDED_BY_THE_LIBRARY = (
@@ -109,8 +115,12 @@ def zig() -> Compiler | None:
 
 def host() -> Compiler | None:
     """Return the compiler that $CC names, else the first on the PATH; None if none is for a
-    target."""
-    named = shlex.split(os.environ.get("CC", ""))
+    target.
+
+    Raises:
+        UserError: $CC is no command.
+    """
+    named = _words(os.environ.get("CC", ""))
     for command in [named] if named else [["cc"], ["gcc"], ["clang"]]:
         if shutil.which(command[0]) is not None:
             machine, version = _said([*command, "-dumpmachine"]), _said([*command, "--version"])
@@ -118,6 +128,16 @@ def host() -> Compiler | None:
             if targets and version:
                 return Compiler(tuple(command), version, targets, is_zig=False)
     return None
+
+
+def _words(command: str) -> list[str]:
+    """The words of a command, which is one where it is a path, backslashes and spaces included."""
+    if shutil.which(command) is not None:
+        return [command]
+    try:
+        return shlex.split(command)
+    except ValueError as error:
+        raise UserError(f"CC = {command}: {error}; correct it") from error
 
 
 def _said(words: Sequence[str]) -> str:

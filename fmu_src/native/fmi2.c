@@ -15,10 +15,6 @@
 #define LAST_REFERENCE (VARIABLES - 1)
 #include "instance.c"
 
-#if defined(__FAST_MATH__)
-#error "compile without -ffast-math: results would differ"
-#endif
-
 /* An instance and how its host is told. */
 typedef struct {
     Instance *core;

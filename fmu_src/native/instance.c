@@ -11,10 +11,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-/* Rounding allowed in a master's clock, relative to 1 s or to the time. */
+/* Rounding allowed in a master's clock, relative to 1 s or to the time; but never half a step, which
+ * would let a step be repeated or left out. */
 #define SLACK 1e-9
 /* Internal steps in a communication step: what is longer never ends. */
 #define MOST_SUB_STEPS 1000000
+/* Distance from time 0, in internal steps: beyond it numbers lie more than the shortest sub-step of
+ * 1/128 apart, and a sub-step would end where it began. */
+#define FURTHEST 0x1p45
 /* Step of a difference quotient, in sizes of the variable, and what two one-sided ones may differ
  * by where a model is smooth, relative. */
 #define DIFFERENCE 0x1p-20
@@ -66,7 +70,8 @@ typedef struct {
     State now;
     Setup setup;
     int stale;      /* parameters (until the run begins: inputs too) have changed since prepare */
-    double longest; /* communication step [s] */
+    double longest;  /* communication step [s] */
+    double furthest; /* end of a step from time 0 [s] */
     Tell *tell;
     void *host;
 } Instance;
@@ -212,6 +217,7 @@ static int retune(Instance *I)
         I->now.off[i] = off[i];
     I->now.has_x = 1;
     I->longest = MOST_SUB_STEPS * I->setup.v_internal_step;
+    I->furthest = FURTHEST * I->setup.v_internal_step;
     I->stale = 0;
     return 1;
 }
@@ -297,6 +303,10 @@ static int refuse_step(Instance *I, const char *call, double time, double size)
                        " make several of it", size, MOST_SUB_STEPS, I->longest);
     if (time + size > I->now.last)
         return fail(I, "the step to t = %g s goes beyond the stop time", time + size);
+    if (fabs(time) + size > I->furthest)
+        return fail(I, "the step to t = %g s ends more than %g s from 0, where numbers are too"
+                       " coarse for the internal step: let time begin nearer to 0", time + size,
+                    I->furthest);
     return fail(I, "the step begins at t = %.17g s, but the last one ended at t = %.17g s: steps"
                    " must follow each other", time, I->now.time);
 }
@@ -304,10 +314,11 @@ static int refuse_step(Instance *I, const char *call, double time, double size)
 static int do_step(Instance *I, const char *call, double time, double size)
 {
     const double end = time + size;
+    const double apart = fabs(time - I->now.time);
     if (I->stale && I->now.phase == RUNNING && !I->now.trouble[0] && !retune(I))
         return 0; /* first, since it says how long a step may be */
-    if (!(fabs(time - I->now.time) <= SLACK * (1.0 + fabs(time)) && size > 0.0
-          && size <= I->longest && end <= I->now.last && end <= MOST
+    if (!(apart <= SLACK * (1.0 + fabs(time)) && apart <= 0.5 * size && size > 0.0
+          && size <= I->longest && end <= I->now.last && fabs(time) + size <= I->furthest
           && I->now.phase == RUNNING))
         return refuse_step(I, call, time, size);
     if (!advance(I, I->now.x, time, size))
@@ -493,7 +504,11 @@ static Derived derive(Instance *I, const char *call, const uint32_t *unknowns, s
         outcome = NOT_SMOOTH;
     }
     for (j = 0; outcome == DERIVED && j < directions; j++) {
-        if (!slopes(I, probe, unknowns, count, knowns[j], slope)) {
+        if (variables[knowns[j]].fixed && begun(I)) {
+            refuse(I, "'%s' is a fixed parameter: derive with respect to it in initialisation",
+                   variables[knowns[j]].name);
+            outcome = NOT_SMOOTH;
+        } else if (!slopes(I, probe, unknowns, count, knowns[j], slope)) {
             refuse(I, "no derivative with respect to '%s' = %g: there is a jump, a kink or a bound",
                    variables[knowns[j]].name, I->now.values[knowns[j]]);
             outcome = NOT_SMOOTH;
@@ -584,7 +599,7 @@ static int restore(Instance *I, const char *call, const Saved *saved)
         return 0;
     memcpy(&I->now, &saved->state, sizeof I->now);
     I->stale = 1;
-    return begun(I) && !I->now.trouble[0] ? retune(I) : 1;
+    return 1;
 }
 
 /* Save into "saved", which is made where it is NULL. */

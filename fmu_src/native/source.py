@@ -11,6 +11,7 @@ from fmu_src.variables import Variable, variables
 from servo_models.core.c_text import c_text
 from servo_models.core.flat import neutral_effects
 from servo_models.core.simulate import Model
+from servo_models.errors import UserError
 
 SHELL = Path(__file__).parent
 SHARED = ("arithmetic.h", "model.h", "instance.c")
@@ -28,6 +29,9 @@ def native_sources(
         model: what the FMU simulates.
         main: the file to compile, which takes in the others: ``fmi2.c`` or ``fmi3.c``.
         others: files to stand beside them.
+
+    Raises:
+        UserError: a block uses what has no form in C.
     """
     sources = {name: (SHELL / name).read_bytes() for name in (*SHARED, main)} | {**(others or {})}
     sources["model.c"] = _model(model).encode()
@@ -87,9 +91,20 @@ def _model(model: Model) -> str:
         _table("const int", "owners", map(str, owners)),
         _table("const Switch", "switches", switches or ["{0, 0}"]),
         _table("const char *const", "faults", faults or ["0"]),
-        c_text(flat, neutral_effects(flat, list(model.values.values()))),
+        _text(model),
     ]
     return "\n".join(parts)
+
+
+def _text(model: Model) -> str:
+    flat = model.flat
+    try:
+        return c_text(flat, neutral_effects(flat, list(model.values.values())))
+    except ValueError as error:
+        raise UserError(
+            f"'{flat.name}' as C: {error}; write it otherwise, or build the Python FMU alone, as"
+            " one file .fmu"
+        ) from error
 
 
 def _table(kind: str, name: str, rows: Iterable[str]) -> str:

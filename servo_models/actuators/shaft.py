@@ -109,6 +109,23 @@ def external_load(load_torque: float) -> float:
     return load_torque
 
 
+@block("shaft_angle", "shaft_speed")
+def driven_shaft(
+    joint_position: float, joint_velocity: float, joint_acceleration: float, input_age: float
+) -> tuple[float, float]:
+    """Angle and speed of a joint that a physics engine moves, at constant acceleration from its
+    last point on."""
+    gained = joint_acceleration * input_age
+    angle = joint_position + (joint_velocity + 0.5 * gained) * input_age
+    return angle, joint_velocity + gained
+
+
+@block("load")
+def unloaded() -> float:
+    """No load [N m] from outside: a physics engine has it."""
+    return 0.0
+
+
 @block("angle", "rate")
 def shaft_output(shaft_angle: float, shaft_rate: float) -> tuple[float, float]:
     """The output is the shaft."""

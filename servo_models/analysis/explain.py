@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from servo_models.core.block import RESERVED, Block
 from servo_models.core.bounds import displayed
 from servo_models.core.catalogue import actuator as find_actuator
-from servo_models.core.catalogue import actuators, effects
+from servo_models.core.catalogue import actuators, all_actuators, effects
 from servo_models.core.own_actuator import is_file
 from servo_models.core.plant import Actuator, Parameter, Placement, Plant, unknown
 from servo_models.errors import UserError
@@ -46,7 +46,7 @@ def explain(name: str, variant: str | None = None) -> Report:
 
 def is_actuator(name: str) -> bool:
     """Whether a name is that of an actuator, or of a file of your own that defines one."""
-    return name in actuators() or is_file(name)
+    return name in all_actuators() or is_file(name)
 
 
 def overview() -> Report:

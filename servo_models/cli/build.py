@@ -45,7 +45,7 @@ def build(
     sg90.fmu is a Python FMU; sg90.native.fmu beside it runs in hosts without Python, and needs a C
     compiler here: the machine's own for this platform, or pip install ".[native]" for all. sg90
     stands for the default variant, sg90_printed for another one. --fmi 3 builds sg90.fmi3.fmu,
-    native for FMI 3.0.
+    native for FMI 3.0. sg90_torque is the form for physics engines: angle and rate in, torque out.
 
     Examples:
 
@@ -58,6 +58,8 @@ def build(
     servo-models build sg90 --native --out sg90.fmu
 
     servo-models build --fmi 3
+
+    servo-models build sg90_torque --native
     """
     from servo_models.build import build as write
     from servo_models.build import kinds_for, path_of

@@ -90,15 +90,15 @@ EXAMPLE = "load_torque='20 mN.m'"
 
 
 def complete_actuator(incomplete: str) -> list[str]:
-    from servo_models.core.catalogue import actuators
+    from servo_models.core.catalogue import all_actuators
 
-    return [name for name in actuators() if name.startswith(incomplete)]
+    return [name for name in all_actuators() if name.startswith(incomplete)]
 
 
 def complete_name(incomplete: str) -> list[str]:
-    from servo_models.core.catalogue import actuators, effects
+    from servo_models.core.catalogue import all_actuators, effects
 
-    return [name for name in [*actuators(), *effects()] if name.startswith(incomplete)]
+    return [name for name in [*all_actuators(), *effects()] if name.startswith(incomplete)]
 
 
 def complete_variant(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -118,10 +118,10 @@ def complete_input(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def _typed(ctx: typer.Context) -> list[Any]:
     """The actuator on an unfinished command line: not yet an argument where an option is open."""
-    from servo_models.core.catalogue import actuators
+    from servo_models.core.catalogue import all_actuators
 
     words = [ctx.params.get("actuator"), ctx.params.get("name"), *ctx.args]
-    return [actuators()[word] for word in words if word in actuators()]
+    return [all_actuators()[word] for word in words if word in all_actuators()]
 
 
 Actuator = Annotated[

@@ -16,6 +16,7 @@ decides when a memory is committed.  Reserved arguments:
 ``now``             time at the start of the sub-step [s]
 ``due``             ``now`` plus the event tolerance: what is due until then happens now
 ``elapsed``         time since the last commit [s]; 0 at a start, the stage's offset after
+``input_age``       time since the inputs were set, at the communication point [s]
 ``start_<state>``   value of a continuous state at the start of the sub-step
 ``dt``               length of the sub-step [s], for the projection only
 ==================  ==================================================================
@@ -39,7 +40,7 @@ from typing import Any, Literal
 SIGNAL = "signal"
 """Unit of a parameter that takes the unit and the scale of the wire it acts on."""
 
-RESERVED = ("now", "due", "elapsed")
+RESERVED = ("now", "due", "elapsed", "input_age")
 START = "start_"
 """``start_<state>`` is a reserved argument too."""
 

@@ -1,6 +1,8 @@
-"""Print a flattened plant as C99: the guarded step text of ``stepper.py``, statement by statement.
+"""Print a flattened plant as C99: the step text of ``stepper.py``, statement by statement.
 
-The text is Python in the small subset of ``inline.py``, so each statement has one C form:
+It stands there twice: guarded, for any effects, and without those that are off in the FMU as built,
+for the runs that leave it so.  The text is Python in the small subset of ``inline.py``, so each
+statement has one C form:
 
 =====================================  ===================================================
 ``a / b``, ``_math.sqrt(a)``, ``% b``  a function of ``arithmetic.h``, which fails where Python
@@ -11,7 +13,8 @@ a name ``angle``                       ``v_angle``: an author may call a wire ``
 ``return code, outputs``               ``return`` of the code, ``ARITHMETIC`` where it failed
 =====================================  ===================================================
 
-A variable is an ``int`` where all its values are whole (flags, counters), else a ``double``.
+A variable is a ``Whole`` where all its values are whole (flags, counters), else a ``double``.  A
+loop ends where arithmetic has failed, since Python would have left it.
 """
 
 from __future__ import annotations
@@ -162,7 +165,7 @@ def _step(
 
 
 class _Kinds:
-    """Which variables are ``int``: those whose every value is whole."""
+    """Which variables are ``Whole``: those whose every value is."""
 
     def __init__(self, body: Sequence[ast.stmt], outer: _Kinds | None = None) -> None:
         values: dict[str, list[ast.expr]] = {}
@@ -172,7 +175,8 @@ class _Kinds:
                 for target, value in _pairs(node):
                     values.setdefault(ast.unparse(target), []).append(value)
             elif isinstance(node, ast.AugAssign):
-                values.setdefault(ast.unparse(node.target), []).append(node.value)
+                result = ast.BinOp(_loaded(node.target), node.op, node.value)
+                values.setdefault(ast.unparse(node.target), []).append(result)
             elif isinstance(node, ast.For):
                 values.setdefault(ast.unparse(node.target), []).append(ast.Constant(0))
         self.whole = {name for name in values if name.isidentifier()}
@@ -182,7 +186,7 @@ class _Kinds:
             self.whole -= {n for n, v in values.items() if not all(map(self.is_whole, v))}
 
     def of(self, name: str) -> str:
-        return "int" if name in self.whole else "double"
+        return "Whole" if name in self.whole else "double"
 
     def is_whole(self, value: ast.expr) -> bool:
         if isinstance(value, ast.Constant):
@@ -233,8 +237,9 @@ class _Function:
                 return [f"{left} = {self.plain(ast.BinOp(_loaded(target), op, value))};"]
             case ast.If():
                 return self.branch(node)
-            case ast.While(test, body):
-                return [f"while ({self.plain(test)}) {{", *indent(self.block(body)), "}"]
+            case ast.While(test, body, after):
+                head = f"while (!failed && {self.of(test)}) {{"
+                return [head, *indent(self.block(body)), "}", *self.block(after)]
             case ast.For(target, ast.Call(args=[low, high]), body):
                 k = self.plain(target)
                 head = f"for ({k} = {self.plain(low)}; {k} < {self.plain(high)}; {k}++) {{"
@@ -268,8 +273,8 @@ class _Function:
         apart = True
         for target, _, tree in pairs:
             apart = apart and not changed & set(self.parts(tree))
-            changed.add(target)
-        if apart or isinstance(node.targets[0], ast.Name):
+            changed.add(target.partition("[")[0])  # another index may be the same place
+        if apart:
             return [f"{target} = {value};" for target, value, _ in pairs]
         first = [f"const double v{i} = {value};" for i, (_, value, _) in enumerate(pairs)]
         return ["{", *indent(first), *indent(f"{p[0]} = v{i};" for i, p in enumerate(pairs)), "}"]
@@ -286,6 +291,9 @@ class _Function:
 
     def of(self, node: ast.expr) -> str:
         """An expression that can stand inside another."""
+        used = node.ops if isinstance(node, ast.Compare) else [getattr(node, "op", ast.Add())]
+        if not {type(op) for op in used} <= {*_OPERATORS, ast.Div, ast.Mod, ast.Not}:
+            raise ValueError(f"'{ast.unparse(node)}' has no form in C")
         match node:
             case ast.Constant(bool() | int() | float() as value):
                 whole = isinstance(value, int) and abs(value) <= _LARGEST_INT
@@ -332,7 +340,10 @@ class _Function:
             return f"divided({a}, {b}, &failed)"
         if isinstance(op, ast.Mod):
             return f"remainder_of({a}, {b}, &failed)"
-        return f"({self.of(left)} {_OPERATORS[type(op)]} {self.of(right)})"
+        wide = self.kinds.is_whole(left) and self.kinds.is_whole(right)
+        named = isinstance(left, (ast.Name, ast.BinOp))  # a constant or a comparison is an int
+        cast = "(Whole)" if wide and not named else ""
+        return f"({cast}{self.of(left)} {_OPERATORS[type(op)]} {self.of(right)})"
 
     def call(self, function: str, arguments: Sequence[ast.expr]) -> str:
         given = [self.plain(argument) for argument in arguments]
@@ -344,6 +355,8 @@ class _Function:
         if function == "_int":
             return f"checked_trunc({given[0]}, &failed)"
         if name in _CHECKED:
+            if len(given) != 1:
+                raise ValueError(f"math.{name} has one argument in C, not {len(given)}")
             return f"checked_{name}({given[0]}, &failed)"
         if name in _PLAIN:
             return f"{name}({', '.join(given)})"

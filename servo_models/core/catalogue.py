@@ -34,6 +34,14 @@ def actuators() -> dict[str, Actuator]:
 
 
 @functools.cache
+def all_actuators() -> dict[str, Actuator]:
+    """Every actuator by name, and what else its folder defines: its torque-causal form."""
+    modules = _modules("actuators", packages=True).values()
+    found = [value for module in modules for value in vars(module).values()]
+    return {value.name: value for value in found if isinstance(value, Actuator)}
+
+
+@functools.cache
 def effects() -> dict[str, tuple[Block, ...]]:
     """Every effect by its file's name; an effect may have several functions."""
     return {
@@ -125,9 +133,9 @@ def of_catalogue(name: str) -> Actuator:
     Raises:
         UserError: nobody knows that name.
     """
-    if name not in actuators():
-        raise UserError(unknown("actuator", name, actuators()))
-    return actuators()[name]
+    if name not in all_actuators():
+        raise UserError(unknown("actuator", name, all_actuators()))
+    return all_actuators()[name]
 
 
 def _own(path: Path, named_in: Path | None, trust: bool) -> Actuator:

@@ -103,7 +103,7 @@ class _Link:
 
 def _known(plant: Plant) -> dict[str, int]:
     """Level of every wire that exists before the chain begins."""
-    levels = {"now": 1, "due": 1, "elapsed": 2}
+    levels = {"now": 1, "due": 1, "elapsed": 2, "input_age": 2}
     levels |= {name: 0 for name, p in plant.parameters.items() if not p.owner}
     levels |= {wire.name: 1 for wire in plant.inputs}
     for state in plant.states:

@@ -26,9 +26,13 @@ RUNAWAY = 1e3
 SHORTEST_S = 5e-7
 """Sub-step [s] below which only an internal step that is given goes: 60 communication steps of
 20 ms would take more than seconds."""
+FURTHEST = 2.0**45
+"""Distance from time 0, in internal steps: beyond it numbers lie more than the shortest sub-step of
+1/128 apart, and a sub-step would end where it began."""
 DOUBLED = 1024.0
 """Growth of ``_error`` when a sub-step doubles, 2^8, and a factor of 2 in the error to spare."""
 
+INPUT_AGE = "_input_age"
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _LIMITS = [
     "_tolerance = 1e-6 * internal_step",
@@ -63,6 +67,8 @@ class Printer:
         # memories that stay in ``x``, where a variable would be carried through every point
         self.in_place = {name for name, owner in flat.memory if guarded and owner}
         self.groups: dict[tuple[str, ...], str] = {}
+        ages = any(INPUT_AGE in chunk.reads for chunk in flat.stage)
+        self.age = [f"{INPUT_AGE} = _now + _elapsed - _t"] if ages else []
 
     def lines(self, section: Iterable[Chunk]) -> Iterator[str]:
         kept = [chunk for chunk in section if chunk.owner not in self.dropped]
@@ -159,7 +165,7 @@ class Printer:
             lines += [f"{kept(kind, n)} = 0.0" for n in names for kind in kinds]
             lines += [f"{name} = 0.0" for name in self.flat.carried]
             lines += ["_half = _sixth = _elapsed = _dt = _cut = _target = 0.0"]
-            lines += ["_turned = _bent = 0.0"]
+            lines += ["_turned = _bent = 0.0", *(f"{INPUT_AGE} = 0.0" for _ in self.age)]
         return lines
 
     def store(self) -> list[str]:
@@ -330,14 +336,14 @@ class Printer:
         """Bring the states to evaluation point ``k``."""
         started = self.each_state(lambda n: [f"{kept('start', n)} = {n}"])
         if k == 0:
-            return ["_elapsed = 0.0", *started]
+            return ["_elapsed = 0.0", *self.age, *started]
         moved = self.each_state(lambda n: self.moved(k, n))
         if k == 1:
-            return ["_half = 0.5 * _dt", "_elapsed = _half", *moved]
+            return ["_half = 0.5 * _dt", "_elapsed = _half", *self.age, *moved]
         if k == 2:
             return ["_turned = 0.0", *moved]
         if k == 3:
-            return ["_bent = 0.0", "_elapsed = _dt", *moved]
+            return ["_bent = 0.0", "_elapsed = _dt", *self.age, *moved]
         return ["_sixth = _dt / 6.0", *moved, *self.flat.projection, *started]
 
     def moved(self, k: int, n: str) -> list[str]:

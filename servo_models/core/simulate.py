@@ -23,6 +23,7 @@ from servo_models.core.compiled import compiled_run, plain_make
 from servo_models.core.flat import Flat, neutral_effects, trouble
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Actuator, Plant, Wire, check_bounds, unknown
+from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import run_text, start_text, step_text
 from servo_models.core.types import Array
 from servo_models.errors import UserError
@@ -359,6 +360,12 @@ def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step
         raise UserError(
             f"time runs backward in row {row} ({times[row - 1]:g} s, then {times[row]:g} s):"
             " sort the rows by time"
+        )
+    furthest = FURTHEST * internal_step
+    if max(abs(float(times[0])), abs(float(times[-1]))) > furthest:
+        raise UserError(
+            f"the times, {times[0]:g} to {times[-1]:g} s, lie more than {furthest:.3g} s from 0,"
+            " where numbers are too coarse for the internal step: subtract the first one"
         )
     lasts = float(times[-1]) - float(times[0])
     if lasts > LONGEST_RUN * internal_step:

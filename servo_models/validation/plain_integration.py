@@ -97,6 +97,7 @@ class PlainPlant:
                     start = plant.wire[writes[0]].rest
                 self.base[number, name] = _start(start, at_rest)
         self.states = [_start(state.start, at_rest) for state in plant.states]
+        self.inputs_set = 0.0
 
     def _add(
         self,
@@ -148,6 +149,7 @@ class PlainPlant:
         """Go through the chain once: all wires, and what the memories would become."""
         known = dict(self.base)
         known.update(now=now, elapsed=elapsed, due=now + DUE * self.internal_step)
+        known["input_age"] = now + elapsed - self.inputs_set
         for wire, value in zip(self.plant.inputs, inputs):
             known[wire.name] = float(value)
         for state, start, value in zip(self.plant.states, begun, states):
@@ -253,7 +255,7 @@ def integrate(
         UserError: a fault that a block raised.
     """
     one = PlainPlant(plant, values)
-    now = float(times[0])
+    now = one.inputs_set = float(times[0])
     passed, rows = [now], [0]
     known, _ = one.look(now, 0.0, one.states, one.states, inputs[0])
     out = [one.outputs(known)]
@@ -261,7 +263,7 @@ def integrate(
         parts = (
             1 if one.smooth else finer * max(1, math.ceil((end - begin) / one.internal_step - DUE))
         )
-        now = begin
+        now = one.inputs_set = begin
         for i in range(parts):
             goal = end if i + 1 == parts else begin + (end - begin) * (i + 1) / parts
             while now < goal:

@@ -104,6 +104,37 @@ total += math.sinh(goal) + math.cosh(goal) + math.tanh(goal) + math.floor(3.0 * 
 total += math.ceil(3.0 * goal) + math.trunc(3.0 * goal) + math.copysign(a, goal) + math.fabs(goal)
 return (0.01 * total * math.pi / math.e - angle) / time_constant
 """,
+    "whole numbers that are divided or grow": """
+n = 3
+n /= 2
+count = 1
+product = 1
+while count < 14:
+    product *= count
+    count += 1
+large = 100000
+square = large * large + 100000 * 100000
+return (n * goal + 1e-9 * product + 1e-10 * square - angle) / time_constant
+""",
+    "a chain that reads what it sets": """
+low = goal
+high = low = low + 1.0
+return (high + 2.0 * low - angle) / time_constant
+""",
+    "what follows a loop": """
+count = 0
+gain = 0.0
+while count < 3:
+    count += 1
+else:
+    gain = 2.0
+return (gain * goal - angle) / time_constant
+""",
+    "a whole zero has no sign": """
+up = math.atan2(math.ceil(0.01 * goal - 0.03), -1.0)
+rest = math.atan2(int(-4.0) % 2, -1.0)
+return (goal + up + rest + math.atan2(int(-0.1), -1.0) - angle) / time_constant
+""",
     "names that mean something in C": """
 double = goal
 register = double - angle
@@ -133,6 +164,9 @@ FAILS = {
     "a logarithm of zero": "return math.log(1.0 - goal)",
     "an exponential that overflows": "return math.exp(1000.0 * goal)",
     "a whole number of an infinite one": "return math.floor(goal * 1e308 * 1e308)",
+    "a division by zero in a loop that then would not end": (
+        "left = goal\nwhile left > 0.5:\n    left = left / (goal - 1.0)\nreturn left - angle"
+    ),
     "an angle that is infinite": "return math.sin(goal * 1e308 * 1e308)",
 }
 
@@ -151,6 +185,9 @@ def test_c_refuses_where_python_raises(name: str, tmp_path: Path) -> None:
 
 
 NO_FORM = {
+    "math.log(goal + 2.0, 2.0) - angle": r"math\.log has one argument in C",
+    "goal // 0.3 - angle": r"'goal // 0.3' has no form in C",
+    "(goal in (0.0, 1.0)) - angle": r"'goal in \(0.0, 1.0\)' has no form in C",
     "math.gamma(goal) / time_constant - angle": r"math\.gamma has no form in C: use one of acos",
     "(goal or angle) / time_constant": r"beside 'and' or 'or': write a comparison",
 }

@@ -157,6 +157,7 @@ def test_wrong_choices(
         ([], {}, "no communication points"),
         ([0.0, math.nan], {}, "time in row 1 is not finite"),
         ([0.0, 1.0, 0.5], {}, "time runs backward in row 2 (1 s, then 0.5 s)"),
+        ([1e12, 1e12 + 1.0], {}, "too coarse for the internal step: subtract the first one"),
         ([0.0, 1.0], {"voltage": [0.0, math.inf]}, "input 'voltage' in row 1 is not finite"),
         ([0.0, 1.0], {"voltage": [0.0, 1.0, 2.0]}, "input 'voltage' has shape (3,)"),
         ([0.0, 1.0], {"volts": 1.0}, "did you mean 'voltage'?"),

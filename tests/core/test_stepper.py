@@ -20,6 +20,7 @@ from servo_models.core.flatten import flatten
 from servo_models.core.plant import Plant, State, Wire
 from servo_models.core.stepper import run_text, step_text
 from servo_models.effects.sample_hold import sample_hold
+from servo_models.validation.plain_integration import integrate
 from tests.support.bench import held_bench, respond, step_constant
 
 H = 1e-3
@@ -121,6 +122,36 @@ def test_a_step_is_cut_into_the_fewest_equal_sub_steps(size: float, expected: in
     assert code == 0
     assert count == expected
     assert total == pytest.approx(size, rel=1e-12)
+
+
+@block("moved")
+def rising(u: float, input_age: float) -> float:
+    """An input that goes on rising by 1 per second after it was set."""
+    return u + input_age
+
+
+def test_the_age_of_an_input_counts_from_the_communication_point() -> None:
+    """Across sub-steps, and in the Runge-Kutta stages: the integral of a line is exact."""
+    sum_of_it = State(Wire("sum", "1", "integral"), rate="moved")
+    plant = small_plant(rising, states=[sum_of_it], outputs=("moved", "sum"))
+    times, inputs = np.array([0.0, 0.7 * H, 5.7 * H, 25.2 * H]), np.array([3.0, -1.0, 2.0, 0.0])
+    sizes = np.diff(times)
+    sums = np.cumsum([0.0, *(inputs[:-1] * sizes + 0.5 * sizes * sizes)])
+    exact = np.column_stack([[3.0, *(inputs[:-1] + sizes)], sums])
+
+    scope: dict[str, Any] = {}
+    exec(run_text(flatten(plant, "small")), scope)
+    x, out = np.zeros(len(plant.states)), np.empty((4, 2))
+    assert scope["run"](np.array([H]), x, times, inputs[:, None], out) == (0, 4)
+    np.testing.assert_allclose(out, exact, rtol=1e-12, atol=1e-15)
+
+    x, step = stepper_of(plant)
+    for begin, size, u, expected in zip(times, sizes, inputs, exact[1:]):
+        code, found = step(x, [u], begin, size)
+        assert code == 0
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
+    plain = integrate(plant, {"internal_step": H}, times, inputs[:, None], finer=1)
+    np.testing.assert_allclose(plain.outputs[plain.rows], exact, rtol=1e-12, atol=1e-15)
 
 
 @block("ticks", "tick")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import fmpy
 import pytest
 
 from fmu_src.native.compilers import compiler
 from servo_models.build import FMI3, NATIVE, PYTHON, build
 from servo_models.core.simulate import model
 from tests.conftest import MODELS
+from tests.support.fmu_host import Host
 
 Files = Callable[[str], Path]
 
@@ -35,15 +35,10 @@ def fmu_file(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Files:
     return built
 
 
-@pytest.fixture(scope="session")
-def fmu_folder(fmu_file: Files, tmp_path_factory: pytest.TempPathFactory) -> Files:
-    """Return the folder in which an FMU of ``MODELS`` is extracted."""
-    parent = tmp_path_factory.mktemp("extracted FMUs")
-
-    def extracted(name: str) -> Path:
-        folder = parent / name
-        if not folder.exists():
-            fmpy.extract(str(fmu_file(name)), str(folder))
-        return folder
-
-    return extracted
+@pytest.fixture
+def host(fmu_folder: Files) -> Iterator[Host]:
+    """A torque motor that has made one step of 1 ms."""
+    with Host(fmu_folder("torque_motor")) as made:
+        made.start({"voltage": 10.0})
+        made.fmu.doStep(0.0, 1e-3)
+        yield made

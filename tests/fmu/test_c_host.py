@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy.build import build_platform_binary
 
 from fmu_src.native.archive import headers
 from servo_models.build import NATIVE, build
@@ -106,6 +107,37 @@ def test_what_it_refuses(rest: list[str], told: str, host: Path, unpacked: Unpac
     )
     assert done.returncode == 1
     assert told in done.stderr
+
+
+def test_a_python_fmu_needs_a_python_library_in_the_process(host: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(build(model("torque_motor"), tmp_path / "motor.fmu")) as archive:
+        archive.extractall(tmp_path / "torque_motor")
+    command = words(host, tmp_path / "torque_motor", "0.1", "0.001")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "host: cannot load LIBRARY\n")
+    unbound = subprocess.run(["ldd", "-r", command[2]], capture_output=True, text=True, check=False)
+    assert "undefined symbol: _Py_NoneStruct" in unbound.stdout + unbound.stderr
+
+
+@pytest.mark.thorough
+def test_a_library_of_fmpy_compile_needs_a_libm_in_the_process(
+    host: Path, unpacked: Unpacked, tmp_path: Path
+) -> None:
+    if shutil.which("cmake") is None:
+        pytest.skip("fmpy compiles with CMake: pip install cmake")
+    rest = ("0.1", "0.001", "voltage=20")
+    expected = words(host, unpacked("torque_motor"), *rest)
+    ours = subprocess.run(expected, capture_output=True, check=True)
+    folder = tmp_path / "torque_motor"
+    shutil.copytree(unpacked("torque_motor"), folder)
+    shutil.rmtree(folder / "binaries")
+    build_platform_binary(folder)
+    command = words(host, folder, *rest)
+    done = subprocess.run(command, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (1, b"host: cannot load LIBRARY\n")
+    with_libm = {"LD_PRELOAD": "libm.so.6"}
+    done = subprocess.run(command, capture_output=True, env=with_libm, check=False)
+    assert (done.returncode, done.stdout) == (0, ours.stdout)
 
 
 def test_a_description_of_another_build_is_refused(

@@ -206,10 +206,10 @@ def test_a_universal_library_holds_both() -> None:
 
 
 def test_folders_of_the_standard() -> None:
-    folders = {target.name: (target.fmi2_folder, target.fmi3_folder) for target in TARGETS}
+    folders = {target.name: (*target.fmi2_folders, target.fmi3_folder) for target in TARGETS}
     assert folders == {
         "linux-x86_64": ("linux64", "x86_64-linux"),
-        "linux-aarch64": ("linux64", "aarch64-linux"),
+        "linux-aarch64": ("linux64", "aarch64-linux", "aarch64-linux"),
         "windows-x86_64": ("win64", "x86_64-windows"),
         "macos-x86_64": ("darwin64", "x86_64-darwin"),
         "macos-aarch64": ("darwin64", "aarch64-darwin"),
@@ -217,7 +217,6 @@ def test_folders_of_the_standard() -> None:
 
 
 FAULTS = {
-    "a warning": (b"static int unused;", "unused"),
     "a date": (b"const char *when(void) { return __DATE__; }", "__DATE__"),
     "no such file": (b'#include "missing.h"', "missing.h"),
     "no such function": (
@@ -330,5 +329,15 @@ def test_cc_names_the_compiler_and_the_compiler_its_platform(
     assert found is not None
     assert found.command == (str(script), "-pipe")
     assert [target.name for target in found.targets] == ["macos-aarch64"]
+    monkeypatch.setenv("CC", str(script))  # not split at the space, as paths on Windows would be
+    found = host()
+    assert found is not None
+    assert found.command == (str(script),)
     script.write_text(f"#!{sys.executable}\nprint('riscv64-linux-gnu')\n")
     assert host() is None
+
+
+def test_a_quote_in_cc_without_its_other_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", '"gcc')
+    with pytest.raises(UserError, match='CC = "gcc: No closing quotation'):
+        host()

@@ -26,6 +26,7 @@ from tests.conftest import MODELS
 from tests.support.fmu_host import Host
 from tests.support.html_page import Page
 from tests.support.kinds import fmi2_only, python_only
+from tests.support.own_actuators import write
 
 Files = Callable[[str], Path]
 
@@ -263,6 +264,13 @@ def test_a_name_without_fmu_is_refused_with_the_cure(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"let it end in \.fmu"):
         build(model("sg90"), tmp_path / "sg90.zip")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_block_without_a_form_in_c_is_told_with_the_cure(tmp_path: Path) -> None:
+    last = "    return (goal - angle) / time_constant\n"
+    own = write(tmp_path, changes={last: "    return goal // 0.3 - angle\n"})
+    with pytest.raises(UserError, match=r"'joint' as C: 'goal // 0.3' has no form in C; .*Python"):
+        build(model(str(own)), tmp_path / "joint.fmu", NATIVE)
 
 
 def test_without_a_compiler_the_cure_is_named(

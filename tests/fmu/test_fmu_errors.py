@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +28,6 @@ from tests.support.kinds import FAILED, python_only
 Files = Callable[[str], Path]
 Call = Callable[[Host], object]
 ERROR = 3
-
-
-@pytest.fixture
-def host(fmu_folder: Files) -> Iterator[Host]:
-    """A torque motor that has made one step of 1 ms."""
-    with Host(fmu_folder("torque_motor")) as made:
-        made.start({"voltage": 10.0})
-        made.fmu.doStep(0.0, 1e-3)
-        yield made
 
 
 def refused(host: Host, call: Callable[[], object], *parts: str) -> None:
@@ -122,6 +113,28 @@ def test_a_step_before_initialisation(fmu_folder: Files) -> None:
 def test_a_step_after_termination(host: Host) -> None:
     host.fmu.terminate()
     refused(host, lambda: host.fmu.doStep(1e-3, 1e-3), "DoStep after termination")
+
+
+@pytest.mark.parametrize("late", [0.0, 2.0])
+def test_far_from_0_no_step_is_repeated_or_left_out(fmu_folder: Files, late: float) -> None:
+    """At a time as of a clock, seconds since 1970, where a step is less than 1e-9 of the time."""
+    begin, step = 1.6e9, 1.0 / 512.0
+    with Host(fmu_folder("torque_motor")) as host:
+        host.fmu.setupExperiment(startTime=begin)
+        host.fmu.enterInitializationMode()
+        host.fmu.exitInitializationMode()
+        host.fmu.doStep(begin, step)
+        refused(host, lambda: host.fmu.doStep(begin + late * step, step), "steps must follow")
+
+
+@pytest.mark.parametrize("begin", [1e12, -1e12, 1e17])
+def test_a_step_shorter_than_numbers_can_tell(fmu_folder: Files, begin: float) -> None:
+    """It would not end, or nothing would move."""
+    with Host(fmu_folder("torque_motor")) as host:
+        host.fmu.setupExperiment(startTime=begin)
+        host.fmu.enterInitializationMode()
+        host.fmu.exitInitializationMode()
+        refused(host, lambda: host.fmu.doStep(begin, 0.02), "too coarse", "nearer to 0")
 
 
 def begin(host: Host, start: float, stop: float | None) -> None:

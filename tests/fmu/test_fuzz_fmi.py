@@ -1,18 +1,24 @@
-"""A share of the random FMI calls of ``tests/fuzz/fmi.py``, on every actuator."""
+"""A share of the random FMI calls of ``tests/fuzz/fmi.py``, on every actuator.
+
+``test_fuzz_native.py`` is that of the native FMUs for FMI 2.0, in C."""
 
 from __future__ import annotations
 
 import pytest
 
+from servo_models.build import FMI3, PYTHON
 from servo_models.core.catalogue import actuators
 from tests.fuzz.fmi import run
 
 SEQUENCES = 60
 
 
+@pytest.mark.parametrize("kind", [PYTHON, FMI3], indirect=True, scope="session")
 @pytest.mark.parametrize("damaged", [False, True], ids=["sequences", "damaged states"])
 @pytest.mark.parametrize("actuator", actuators())
-def test_calls_succeed_with_the_right_numbers_or_are_refused(actuator: str, damaged: bool) -> None:
-    counts, wrong = run(actuator, range(SEQUENCES), damaged)
+def test_calls_succeed_with_the_right_numbers_or_are_refused(
+    actuator: str, damaged: bool, kind: str
+) -> None:
+    counts, wrong = run(actuator, range(SEQUENCES), damaged, kind)
     assert not wrong
     assert counts["played"] == SEQUENCES

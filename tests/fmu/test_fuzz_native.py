@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from servo_models.build import FMI3, NATIVE
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model
 from tests.fuzz.native import compiled_driver, has, run, subject_of, unpacked
@@ -39,11 +40,13 @@ def driver(mode: str, scratch: Path) -> Path:
     return found if found.exists() else compiled_driver(mode, scratch)
 
 
-@pytest.mark.parametrize("actuator", actuators())
+@pytest.mark.parametrize(
+    ("actuator", "kind"), [*((name, NATIVE) for name in actuators()), ("torque_motor", FMI3)]
+)
 def test_calls_succeed_or_are_refused_with_a_message_and_a_replay_has_the_same_bits(
-    actuator: str, scratch: Path, tmp_path: Path
+    actuator: str, kind: str, scratch: Path, tmp_path: Path
 ) -> None:
-    fmu = unpacked(model(actuator), tmp_path)
+    fmu = unpacked(model(actuator), tmp_path, kind)
     subject = subject_of(fmu, "plain", driver("plain", scratch), tmp_path / "compiled")
     found = run(subject, range(SEQUENCES["plain"]))
     assert found.faults == []

@@ -8,7 +8,7 @@ import shutil
 import struct
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,15 +31,6 @@ DISCARD, ERROR = 2, 3
 HEADER = struct.Struct("=8s64sQdQ")
 """Of a saved state: magic, identity, bytes, 1.0, digest; the times begins, last and time follow."""
 TIMES = 3
-
-
-@pytest.fixture
-def host(fmu_folder: Files) -> Iterator[Host]:
-    """A torque motor that has made one step of 1 ms."""
-    with Host(fmu_folder("torque_motor")) as made:
-        made.start({"voltage": 10.0})
-        made.fmu.doStep(0.0, 1e-3)
-        yield made
 
 
 def library(folder: Path) -> Any:
@@ -214,6 +205,13 @@ def test_there_is_no_derivative_at_a_kink_or_a_bound(fmu_folder: Files) -> None:
             derivative(host, ["motor_voltage"], "pulse_width")
 
 
+def test_a_fixed_parameter_is_no_kink(host: Host) -> None:
+    with pytest.raises(FMICallException) as caught:
+        derivative(host, ["angle"], "internal_step")
+    assert caught.value.status == DISCARD
+    assert "'internal_step' is a fixed parameter" in host.messages[-1][1]
+
+
 def derivative(host: Host, outputs: list[str], by: str) -> list[float]:
     unknowns = [host.reference[name] for name in outputs]
     found: list[float] = host.fmu.getDirectionalDerivative(unknowns, [host.reference[by]], [1.0])
@@ -241,6 +239,17 @@ def test_the_sources_compile_without_warnings(
         command = [compiler, *WARNINGS, f"-I{headers()}", str(source)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
+def test_a_compiler_that_would_not_see_nan_is_refused(flag: str, fmu_folder: Files) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc on the PATH")
+    source = fmu_folder("torque_motor") / "sources" / "fmi2.c"
+    command = ["gcc", flag, "-fsyntax-only", f"-I{headers()}", str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "NaN would not be seen" in done.stderr
 
 
 @pytest.mark.thorough

@@ -60,4 +60,5 @@ def test_the_libraries_are_those_of_the_platforms(name: str, tmp_path: Path) -> 
         f"native binaries/linux64/{name}.so": ["x86_64"],
         f"native binaries/win64/{name}.dll": ["x86_64"],
         f"native-arm binaries/linux64/{name}.so": ["aarch64"],
+        f"native-arm binaries/aarch64-linux/{name}.so": ["aarch64"],
     }

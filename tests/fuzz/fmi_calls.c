@@ -428,8 +428,7 @@ static void do_instantiate_wrong(struct sequence *s, struct instance *i)
     const fmi2CallbackFunctions *functions = callbacks_of(s, &callbacks);
     fmi2String name = "?", guid = fmu.guid;
     fmi2Type type = fmi2CoSimulation;
-    const int which = below(s, 8);
-    int must_refuse = 1;
+    const int which = below(s, 8), must_refuse = which < 4;
     (void)i;
     if (which == 0)
         name = NULL;
@@ -447,7 +446,6 @@ static void do_instantiate_wrong(struct sequence *s, struct instance *i)
         name = "";
     else
         callbacks.allocateMemory = NULL;
-    must_refuse = which < 4;
     calling(s, "fmi2Instantiate, wrong in %d", which);
     fmi2Component component = fmu.call.Instantiate(name, type, guid, "", functions, 0, below(s, 2));
     if (component && must_refuse)
@@ -526,8 +524,8 @@ static void do_null_pointer(struct sequence *s, struct instance *i)
     char room[4];
     size_t size;
     fmi2FMUstate state = NULL;
-#define MISSING(function, ...)                            \
-    calling(s, "%s: NULL for fmi2" #function, i->name);  \
+#define MISSING(function, ...)                                \
+    calling(s, "%s: NULL for fmi2" #function, i->name);       \
     succeeded(s, i, fmu.call.function(__VA_ARGS__), REFUSED); \
     break;
     switch (below(s, 24)) {

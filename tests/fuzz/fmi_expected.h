@@ -10,10 +10,10 @@
 #include "fmi2_library.h"
 
 enum {
-    INSTANCES = 4, /* alive at once */
-    STATES = 6,    /* saved at once */
+    INSTANCES = 4,   /* alive at once */
+    STATES = 6,      /* saved at once */
     VARIABLES = 200, /* of an FMU, at most */
-    OUTPUTS = 40
+    OUTPUTS = 40     /* of them */
 };
 
 /* ---- the FMU ---------------------------------------------------------------------------- */
@@ -81,9 +81,10 @@ static __thread int allocations_left = -1; /* negative: any number */
 
 static int has_memory(void)
 {
+    const int has = allocations_left != 0;
     if (allocations_left > 0)
         allocations_left--;
-    return allocations_left != 0;
+    return has;
 }
 
 void *scarce_malloc(size_t size)

@@ -26,7 +26,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from fmu_src.native.archive import headers, native_entries
+from fmu_src.native.archive import NATIVE, headers, native_entries
 from fmu_src.native.compilers import TARGETS, Target, zig
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import Model, model
@@ -58,7 +58,7 @@ def build_all(chosen: Model, host: Path, target: Target, folder: Path) -> list[s
     made_by = zig()
     if made_by is None:
         raise SystemExit('no ziglang: pip install ".[native]"')
-    entries = native_entries(chosen, made_by, [target])
+    entries = native_entries(chosen, NATIVE, made_by, [target])
     (binary,) = (name for name in entries if name.startswith("binaries/"))
     library = f"library{target.suffix}"
     (folder / library).write_bytes(entries[binary])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from servo_models.actuators.linear_drive.plant import PLANT
 from servo_models.actuators.linear_drive.variants import VARIANTS
+from servo_models.actuators.torque_causal import torque_causal
 from servo_models.core.plant import Actuator
 
 ACTUATOR = Actuator(
@@ -17,3 +18,4 @@ ACTUATOR = Actuator(
     step_size=1e-3,
     step=("reference", 0.01),
 )
+TORQUE = torque_causal(ACTUATOR)

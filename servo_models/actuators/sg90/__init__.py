@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from servo_models.actuators.sg90.plant import PLANT
 from servo_models.actuators.sg90.variants import VARIANTS
+from servo_models.actuators.torque_causal import torque_causal
 from servo_models.core.plant import Actuator
 
 ACTUATOR = Actuator(
@@ -21,3 +22,4 @@ ACTUATOR = Actuator(
     step_size=0.02,
     step=("pulse_width", 2.0e-3),
 )
+TORQUE = torque_causal(ACTUATOR)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from servo_models.actuators.smart_servo.plant import PLANT
 from servo_models.actuators.smart_servo.variants import VARIANTS
+from servo_models.actuators.torque_causal import torque_causal
 from servo_models.core.plant import Actuator
 
 ACTUATOR = Actuator(
@@ -17,3 +18,4 @@ ACTUATOR = Actuator(
     step_size=5e-3,
     step=("goal", 0.5),
 )
+TORQUE = torque_causal(ACTUATOR)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from servo_models.actuators.torque_causal import torque_causal
 from servo_models.actuators.torque_motor.plant import PLANT
 from servo_models.actuators.torque_motor.variants import GREY_BOX, VARIANTS
 from servo_models.core.plant import Actuator
@@ -20,3 +21,4 @@ ACTUATOR = Actuator(
     step=("voltage", 30.0),
     grey_box=GREY_BOX,
 )
+TORQUE = torque_causal(ACTUATOR)
