@@ -375,6 +375,9 @@ def test_the_reference_that_an_fmu_carries_is_used(ground: Path, manifest: str) 
         (EXPERIMENT.replace("../ref.csv", "../../../../ref.csv"), "a file '../../../../ref.csv'"),
         (EXPERIMENT.replace('ref.csv"', 'ref.csv" type="application/hdf5"'), "CSV is read"),
         ("", "names no experiment with references"),
+        (EXPERIMENT.replace('stopTime="1"', 'stopTime="soon"'), "could not convert"),
+        (EXPERIMENT.replace("parameters.ssv", "in.csv"), "is no XML"),
+        ("<Experiment>", "is no XML"),
     ],
 )
 def test_a_reference_of_its_own_that_is_none_is_refused(

@@ -6,7 +6,7 @@ CSV files, the folder of a Cross-Check, or the FMU's own reference by FMI-LS-REF
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -344,16 +344,30 @@ def _of_its_own(fmu: AnyFmu, inputs: Path | None) -> list[Experiment]:
             f"FMU '{fmu.path}' has no reference of its own: give one with --reference ref.csv, or"
             " look at its files alone with --static-only"
         )
+    try:
+        found = list(_read_manifest(fmu, manifest, inputs))
+    except (ValueError, IndexError, ElementTree.ParseError) as error:
+        raise UserError(
+            f"FMU '{fmu.path}': {OWN.as_posix()} cannot be read ({fmu.clean(str(error))}): give a"
+            " reference with --reference ref.csv"
+        ) from error
+    if not found:
+        raise UserError(f"FMU '{fmu.path}': {OWN.as_posix()} names no experiment with references")
+    return found
+
+
+def _read_manifest(fmu: AnyFmu, manifest: Path, inputs: Path | None) -> Iterator[Experiment]:
+    """Experiments with references, in the manifest and in the files that it names."""
     root = _xml(manifest)
     named = [(manifest, element) for element in root.iter("Experiment")]
     for related in root.iter("Related"):
         if related.get("role", "").startswith("experiment"):
             path = _inside(fmu, manifest, related.get("source", ""))
             named += [(path, element) for element in _xml(path).iter("Experiment")]
-    found = [_of_element(fmu, path, element, inputs) for path, element in named]
-    if not any(found):
-        raise UserError(f"FMU '{fmu.path}': {OWN.as_posix()} names no experiment with references")
-    return [one for one in found if one]
+    for path, element in named:
+        experiment = _of_element(fmu, path, element, inputs)
+        if experiment:
+            yield experiment
 
 
 def _xml(path: Path) -> ElementTree.Element:
@@ -414,7 +428,7 @@ def _parameters(fmu: AnyFmu, path: Path) -> dict[str, Any]:
         name = element.get("name", "")
         if name not in fmu.variables:
             raise UserError(f"'{path.name}': FMU '{fmu.name}' has no variable '{name}'")
-        variable, value = fmu.variables[name], next(iter(element))
+        variable, value = fmu.variables[name], element[0]
         text, kind = value.get("value", ""), value.tag.rpartition("}")[2]
         if kind == "String":
             found[name] = text
