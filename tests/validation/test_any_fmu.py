@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 import zipfile
@@ -23,6 +24,7 @@ from servo_models.validation.any_fmu.reference_check import ReferenceCheck, chec
 from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.runner import validate
 from tests.conftest import Run
+from tests.support.archives import with_description
 from tests.support.foreign_faults import FAULTS, Fault
 from tests.support.foreign_fmus import FOREIGN, Foreign, table
 
@@ -392,6 +394,15 @@ def test_an_fmu_without_reference_is_refused_with_the_cure(ground: Path, run: Ru
     code, out, err = run("validate", ground / "lag.fmu")
     assert (code, out) == (2, "")
     assert "--reference ref.csv, or --static-only" in err
+
+
+def test_an_fmu_for_model_exchange_alone_is_refused(ground: Path) -> None:
+    def exchange(content: bytes) -> bytes:
+        return re.sub(rb"<CoSimulation [^>]*>", b'<ModelExchange modelIdentifier="lag"/>', content)
+
+    fmu = with_description(ground / "lag.fmu", ground / "exchange.fmu", exchange)
+    with pytest.raises(UserError, match="names no library for co-simulation"):
+        check_against(fmu, Against(ground / "in.csv", ground / "ref.csv"), LIMITS)
 
 
 # The command

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.errors import UserError
 from servo_models.report.numbers import number, plain, with_unit
 from servo_models.validation.any_fmu.comparison import (
     Allowed,
@@ -49,6 +50,8 @@ def check_against(path: Path, against: Against, limits: Limits) -> ReferenceChec
         UserError: an FMU that cannot be read, no reference, or files that cannot be used.
     """
     with closing(AnyFmu(path, limits)) as fmu:
+        if fmu.over:
+            raise UserError(f"FMU '{path}' {fmu.over}: look at its files with --static-only")
         found = [_Run(fmu, one).checked(against) for one in experiments(fmu, against)]
     return ReferenceCheck(
         tuple(row for one in found for row in one.rows),
