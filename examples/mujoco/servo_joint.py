@@ -51,10 +51,10 @@ class ServoJoint:
         if travel > 0.0:
             model.jnt_limited[joint] = 1
             model.jnt_range[joint] = -travel, travel
-        quick = 2.0 * model.opt.timestep, 1.0  # with the defaults a joint that sticks creeps
-        hard = 0.9999, 0.9999, 0.001, 0.5, 2.0
-        model.dof_solref[dof], model.dof_solimp[dof] = quick, hard
-        model.jnt_solref[joint], model.jnt_solimp[joint] = quick, hard
+        quick, hard = 2.0 * model.opt.timestep, (0.9999, 0.9999, 0.001, 0.5, 2.0)
+        model.dof_solimp[dof] = model.jnt_solimp[joint] = hard
+        model.dof_solref[dof] = quick, 1.0  # with the defaults a joint that sticks creeps
+        model.jnt_solref[joint] = quick, 2.0  # with a damping ratio of 1 a stop throws it back
         mujoco.mj_setConst(model, self.data)
 
     def drive(self, **inputs: float) -> None:

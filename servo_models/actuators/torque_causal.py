@@ -21,6 +21,7 @@ Everything is derived from the plant, so no equation stands twice.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -78,7 +79,7 @@ def torque_causal(actuator: Actuator) -> Actuator:
         name=f"{actuator.name}_torque",
         title=f"{actuator.title or actuator.name}, torque-causal",
         about=f"For physics engines: angle and rate in, torque out. {actuator.about}",
-        plant=variants[0].plant or _plant(actuator.plant),
+        plant=variants[0].plant or actuator.plant,
         variants=variants,
         grey_box=None,
         file=None,
@@ -90,7 +91,8 @@ def _variants(actuator: Actuator) -> Iterator[Variant]:
         plant = actuator.plant_of(variant.name)
         if shaft_acceleration not in plant.chain:
             continue
-        known = _plant(plant).parameters
+        form = _plant(plant)
+        known = form.parameters
         values = actuator.values(variant.name)
         dropped = [p for name, p in plant.parameters.items() if name not in known]
         loaded = any(p.param.switch and values[p.name] != 0.0 for p in dropped)
@@ -99,10 +101,11 @@ def _variants(actuator: Actuator) -> Iterator[Variant]:
                 variant,
                 values={name: value for name, value in variant.values.items() if name in known},
                 uncertainty={n: value for n, value in variant.uncertainty.items() if n in known},
-                plant=variant.plant and _plant(variant.plant),
+                plant=form,
             )
 
 
+@functools.lru_cache(maxsize=64)  # variants of one plant share its form
 def _plant(plant: Plant) -> Plant:
     kept = [_for_engine(link) for link in plant.chain if not _is_of_the_engine(link)]
     read = {wire for link in kept for wire in _reads(link)}

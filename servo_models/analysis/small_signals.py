@@ -29,6 +29,8 @@ SMALL = 1e-5
 """Difference for a derivative, in full scales of the wire."""
 MODERATE = 0.05
 """Difference at which an effect must still look the same to count as smooth."""
+EVENT_TOLERANCE = 1e-6
+"""In internal steps: an event until then after a communication point belongs to the step there."""
 BLOCKS = 50
 """Default experiments after which a model that still moves has no point of rest."""
 
@@ -258,8 +260,10 @@ class Sampled(SmallSignals):
     def _settle(self) -> None:
         super()._settle()
         tick = self.state[self._clock]
-        self._step(self.state, self._inputs, self.time, tick - self.time)
-        self.time = tick
+        # what is due now stays so: a step of no length would take the tick
+        if tick > self.time + EVENT_TOLERANCE * self.model.values["internal_step"]:
+            self._step(self.state, self._inputs, self.time, tick - self.time)
+            self.time = tick
 
     def _period(self) -> float:
         x = list(self.state)

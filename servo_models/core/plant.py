@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,6 +16,8 @@ from servo_models.units import factor
 
 TIME_AXIS = "time"
 """What tables and FMI masters call their first column."""
+_DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")
+"""Names that Windows keeps for devices, whatever the suffix."""
 
 
 @dataclass(frozen=True)
@@ -425,6 +428,11 @@ class Actuator:
 
     def __post_init__(self) -> None:
         check_name(self.name, f"actuator '{self.name}'")
+        if _DEVICE.fullmatch(self.name.lower()):
+            raise ValueError(
+                f"actuator '{self.name}' has the name of a device, by which Windows lets no file be"
+                " called, so no FMU either: give it another one"
+            )
         if not self.variants:
             raise ValueError(f"actuator '{self.name}' has no variant: give it one")
         known_to_box = self.grey_box.known if self.grey_box else ()

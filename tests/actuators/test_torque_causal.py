@@ -186,3 +186,12 @@ def test_an_own_file_may_derive_the_form_from_another(tmp_path: Path) -> None:
     times, goal = [0.0, 0.001, 0.1], {"goal": 0.2}
     own, derived = (simulate(it, times, goal) for it in (chosen, model("smart_servo_torque")))
     assert np.array_equal(own["torque"], derived["torque"])
+
+
+def test_each_variant_has_the_form_of_its_own_plant() -> None:
+    """The STS3215 runs on another supply than the XL330, whichever comes first."""
+    servo = actuator("smart_servo")
+    for variants in (servo.variants, servo.variants[::-1]):
+        form = torque_causal(replace(servo, variants=variants))
+        rests = {it.name: form.plant_of(it.name).wire["supply"].rest for it in form.variants}
+        assert rests == {"xl330": 5.0, "sts3215": 7.4}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import control
 import numpy as np
@@ -178,3 +180,20 @@ def test_poles_that_grow_are_seen() -> None:
     assert linearise(model(*SG90)).is_stable()
     assert not linearise(model("sg90", "oscillatory_motor")).is_stable()
     assert linear_drive(0.0).is_stable()
+
+
+@pytest.mark.parametrize("stop_time", [1.0, 1.003])
+def test_a_controller_without_states_also_ticks_at_the_end_of_the_standard_run(
+    stop_time: float,
+) -> None:
+    """A gain that is read every 20 ms: nothing of it is 0, wherever its standard run ends."""
+    path = Path(__file__).parents[2] / "examples" / "uav" / "autopilot.py"
+    pilot = model(replace(actuator(str(path)), stop_time=stop_time))
+    found, gains = linearise(pilot), pilot.values
+    _, _, _, through = found.channel("roll_command", "aileron")
+    assert through.item() == pytest.approx(gains["roll_gain"])
+    assert found.channel("pitch_rate", "elevator")[3].item() == pytest.approx(
+        gains["pitch_damping"]
+    )
+    sums = found.matrices()[1][found.states.index("control.roll_sum")]
+    assert sums[found.inputs.index("roll_command")] == pytest.approx(0.02)

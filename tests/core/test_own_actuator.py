@@ -91,7 +91,9 @@ def test_declarations_that_do_not_fit_together_are_an_error(tmp_path: Path, run:
         assert len(err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", ["../up", "my servo", "2x", "a.b", "class", "", "nul\0"])
+@pytest.mark.parametrize(
+    "name", ["../up", "my servo", "2x", "a.b", "class", "", "nul\0", "con", "LPT1"]
+)
 def test_a_name_that_no_fmu_can_have_is_refused(name: str, tmp_path: Path, run: Run) -> None:
     path = write(tmp_path)
     path.write_text(path.read_text().replace('name="joint"', f"name={name!r}"))
