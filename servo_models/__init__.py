@@ -46,6 +46,7 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.identify import identify
+from servo_models.validation.any_fmu.experiment import Against
 from servo_models.validation.rows import Validation
 from servo_models.validation.runner import validate
 
@@ -53,6 +54,7 @@ __version__ = _version("servo-models")
 
 __all__ = [
     "Actuator",
+    "Against",
     "Ambiguity",
     "Clock",
     "DeadTime",

@@ -143,7 +143,7 @@ class OpenFmu(ABC):
     def _library_obstacle(self) -> str:
         """Why there is no library to load, by the description."""
         interface = self.description.coSimulation
-        if interface is None or not interface.modelIdentifier.isidentifier():
+        if interface is None or not str(interface.modelIdentifier or "").isidentifier():
             return "names no library for co-simulation"
         return ""
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,6 +24,7 @@ from servo_models.validation.any_fmu.reference_check import ReferenceCheck, chec
 from servo_models.validation.host_process import LIMITS, Limits
 from servo_models.validation.runner import validate
 from tests.conftest import Run
+from tests.support.archives import with_description
 from tests.support.foreign_faults import FAULTS, Fault
 from tests.support.foreign_fmus import FOREIGN, Foreign, table
 
@@ -274,6 +277,20 @@ def test_a_step_that_an_fmu_cannot_take_is_refused(tmp_path: Path) -> None:
         check_against(one.write(tmp_path), Against(None, reference), LIMITS)
 
 
+def test_times_may_be_rounded(tmp_path: Path) -> None:
+    """A step of 1/300 s in six decimals, and an FMU that takes steps of one size."""
+    one = replace(FOREIGN["lag of fixed steps"], step=1.0 / 300.0)
+    inputs, reference, _ = one.files(tmp_path)
+    assert inputs
+    for path in (inputs, reference):
+        header, *rows = path.read_text().splitlines()
+        cells = (row.split(",", 1) for row in rows)
+        lines = [f"{float(time):.6f},{rest}" for time, rest in cells]
+        path.write_text("\n".join([header, *lines]))
+    result = check_against(one.write(tmp_path), Against(inputs, reference), LIMITS)
+    assert all(row.passed for row in result.rows)
+
+
 def test_inputs_have_to_reach_the_start(ground: Path) -> None:
     table(ground / "late.csv", np.array([0.5, 1.0]), {"u": np.ones(2)})
     with pytest.raises(UserError, match=r"input 'u' begins at 0\.5 s, the run at 0 s"):
@@ -360,6 +377,9 @@ def test_the_reference_that_an_fmu_carries_is_used(ground: Path, manifest: str) 
         (EXPERIMENT.replace("../ref.csv", "../../../../ref.csv"), "a file '../../../../ref.csv'"),
         (EXPERIMENT.replace('ref.csv"', 'ref.csv" type="application/hdf5"'), "CSV is read"),
         ("", "names no experiment with references"),
+        (EXPERIMENT.replace('stopTime="1"', 'stopTime="soon"'), "could not convert"),
+        (EXPERIMENT.replace("parameters.ssv", "in.csv"), "is no XML"),
+        ("<Experiment>", "is no XML"),
     ],
 )
 def test_a_reference_of_its_own_that_is_none_is_refused(
@@ -374,6 +394,15 @@ def test_an_fmu_without_reference_is_refused_with_the_cure(ground: Path, run: Ru
     code, out, err = run("validate", ground / "lag.fmu")
     assert (code, out) == (2, "")
     assert "--reference ref.csv, or --static-only" in err
+
+
+def test_an_fmu_for_model_exchange_alone_is_refused(ground: Path) -> None:
+    def exchange(content: bytes) -> bytes:
+        return re.sub(rb"<CoSimulation [^>]*>", b'<ModelExchange modelIdentifier="lag"/>', content)
+
+    fmu = with_description(ground / "lag.fmu", ground / "exchange.fmu", exchange)
+    with pytest.raises(UserError, match="names no library for co-simulation"):
+        check_against(fmu, Against(ground / "in.csv", ground / "ref.csv"), LIMITS)
 
 
 # The command

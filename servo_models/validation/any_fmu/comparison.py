@@ -576,7 +576,7 @@ def match(right: tuple[Array, Array], got: tuple[Array, Array], end: float) -> M
     return found
 
 
-def swapped(
+def interchanged(
     compared: Sequence[Compared], fits: Callable[[Compared, Compared], bool]
 ) -> list[tuple[Compared, Compared]]:
     """Return each two outputs that failed and of which each follows the reference of the other.

@@ -6,7 +6,7 @@ CSV files, the folder of a Cross-Check, or the FMU's own reference by FMI-LS-REF
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ OWN = Path("extra") / "org.fmi-standard.fmi-ls-ref"
 MANIFEST = "fmi-ls-manifest.xml"
 LARGEST_TEXT = 1 << 16
 MOST_POINTS = 2_000_000
+EVEN = 0.01  # of a step: how far points may be from even ones
 WHOLE = 1e-6  # of a step: how far a run may be from a whole number of steps
 
 
@@ -43,12 +44,12 @@ class Against:
         write_cross_check: folder to write the experiment and the outputs to.
     """
 
-    inputs: Path | None = None
-    reference: Path | None = None
-    tolerance: Path | None = None
-    cross_check: Path | None = None
+    inputs: str | Path | None = None
+    reference: str | Path | None = None
+    tolerance: str | Path | None = None
+    cross_check: str | Path | None = None
     step: float | None = None
-    write_cross_check: Path | None = None
+    write_cross_check: str | Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +114,8 @@ class Experiment:
         every = np.concatenate([[start], every, [stop]])
         every = every[np.concatenate([[True], np.diff(every) > slack])]
         steps = np.diff(every)
+        if WHOLE * steps.max() < np.ptp(steps) < EVEN * steps.max():  # rounded when written
+            return np.linspace(start, stop, len(every))
         if not any_step and np.ptp(steps) > WHOLE * steps.max():
             raise UserError(
                 f"{self.name}: the FMU takes steps of one size, and the points of reference and"
@@ -142,15 +145,21 @@ def experiments(fmu: AnyFmu, against: Against) -> list[Experiment]:
     Raises:
         UserError: no reference, or a file that cannot be used, with the cure.
     """
+    inputs = Path(against.inputs) if against.inputs else None
     if against.reference:
-        found = [_of_files(fmu, against.reference, against.inputs)]
+        found = [_of_files(fmu, Path(against.reference), inputs)]
     elif against.cross_check:
-        found = [_of_cross_check(fmu, against.cross_check)]
+        found = [_of_cross_check(fmu, Path(against.cross_check))]
     else:
-        found = _of_its_own(fmu, against.inputs)
+        found = _of_its_own(fmu, inputs)
+    if against.write_cross_check and len(found) > 1:
+        raise UserError(
+            f"FMU '{fmu.path}' has {len(found)} experiments, and a Cross-Check is one: give one"
+            " with --reference to write it"
+        )
     compared = {name: fmu.variables[name].unit for one in found for name in one.reference}
     if against.tolerance:
-        tolerance = read_tolerance(against.tolerance, compared, fmu.variables)
+        tolerance = read_tolerance(Path(against.tolerance), compared, fmu.variables)
         found = [_with(one, tolerance, fmu) for one in found]
     if against.step is not None:
         found = [replace(one, step=against.step) for one in found]
@@ -335,16 +344,30 @@ def _of_its_own(fmu: AnyFmu, inputs: Path | None) -> list[Experiment]:
             f"FMU '{fmu.path}' has no reference of its own: give one with --reference ref.csv, or"
             " look at its files alone with --static-only"
         )
+    try:
+        found = list(_read_manifest(fmu, manifest, inputs))
+    except (ValueError, IndexError, ElementTree.ParseError) as error:
+        raise UserError(
+            f"FMU '{fmu.path}': {OWN.as_posix()} cannot be read ({fmu.clean(str(error))}): give a"
+            " reference with --reference ref.csv"
+        ) from error
+    if not found:
+        raise UserError(f"FMU '{fmu.path}': {OWN.as_posix()} names no experiment with references")
+    return found
+
+
+def _read_manifest(fmu: AnyFmu, manifest: Path, inputs: Path | None) -> Iterator[Experiment]:
+    """Experiments with references, in the manifest and in the files that it names."""
     root = _xml(manifest)
     named = [(manifest, element) for element in root.iter("Experiment")]
     for related in root.iter("Related"):
         if related.get("role", "").startswith("experiment"):
             path = _inside(fmu, manifest, related.get("source", ""))
             named += [(path, element) for element in _xml(path).iter("Experiment")]
-    found = [_of_element(fmu, path, element, inputs) for path, element in named]
-    if not any(found):
-        raise UserError(f"FMU '{fmu.path}': {OWN.as_posix()} names no experiment with references")
-    return [one for one in found if one]
+    for path, element in named:
+        experiment = _of_element(fmu, path, element, inputs)
+        if experiment:
+            yield experiment
 
 
 def _xml(path: Path) -> ElementTree.Element:
@@ -405,7 +428,7 @@ def _parameters(fmu: AnyFmu, path: Path) -> dict[str, Any]:
         name = element.get("name", "")
         if name not in fmu.variables:
             raise UserError(f"'{path.name}': FMU '{fmu.name}' has no variable '{name}'")
-        variable, value = fmu.variables[name], next(iter(element))
+        variable, value = fmu.variables[name], element[0]
         text, kind = value.get("value", ""), value.tag.rpartition("}")[2]
         if kind == "String":
             found[name] = text

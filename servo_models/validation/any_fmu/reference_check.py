@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.errors import UserError
 from servo_models.report.numbers import number, plain, with_unit
 from servo_models.validation.any_fmu.comparison import (
     Allowed,
@@ -18,7 +19,7 @@ from servo_models.validation.any_fmu.comparison import (
     Trace,
     allowed,
     compare,
-    swapped,
+    interchanged,
 )
 from servo_models.validation.any_fmu.experiment import (
     Against,
@@ -49,6 +50,8 @@ def check_against(path: Path, against: Against, limits: Limits) -> ReferenceChec
         UserError: an FMU that cannot be read, no reference, or files that cannot be used.
     """
     with closing(AnyFmu(path, limits)) as fmu:
+        if fmu.over:
+            raise UserError(f"FMU '{path}' {fmu.over}: look at its files with --static-only")
         found = [_Run(fmu, one).checked(against) for one in experiments(fmu, against)]
     return ReferenceCheck(
         tuple(row for one in found for row in one.rows),
@@ -75,7 +78,7 @@ class _Run:
             )
         if folder := against.write_cross_check:
             outputs = dict(zip(self.outputs, values.T))
-            write_cross_check(self.fmu, self.experiment, self.times, outputs, folder)
+            write_cross_check(self.fmu, self.experiment, self.times, outputs, Path(folder))
         limits = {name: self._allowed(name) for name in self.outputs}
         compared = [
             self._compared(name, values[:, k], limits[name]) for k, name in enumerate(self.outputs)
@@ -115,17 +118,20 @@ class _Run:
 
     def _half(self, values: Array, limits: Mapping[str, Allowed]) -> list[Row]:
         """Run with the same inputs at half the step; what the FMU does may not change."""
+        fixed = float(self.fmu.description.coSimulation.fixedInternalStepSize or 0.0)
+        if fixed and abs(0.5 * self.step / fixed - round(0.5 * self.step / fixed)) > 1e-6:
+            note = f"not examined: the FMU has an internal step of {number(fixed)} s"
+            return [self._unknown(note)]
         middles = 0.5 * (self.times[:-1] + self.times[1:])
         finer = np.sort(np.concatenate([self.times, middles]))
         inputs = {name: np.repeat(column, 2)[:-1] for name, column in self.inputs.items()}
         try:
             again = self._run(finer, inputs)[::2]
         except FmuError as error:
-            where = self._where("run")
             if self.fmu.over:
-                return [failure(REFERENCE, where, f"at half the step: {error}", self.fmu.name)]
-            note = f"not examined: {error}"
-            return [judged(REFERENCE, where, HALF, None, note=note, subject=self.fmu.name)]
+                reason = f"at half the step: {error}"
+                return [failure(REFERENCE, self._where("run"), reason, self.fmu.name)]
+            return [self._unknown(f"not examined: {error}")]
         rows = []
         for k, name in enumerate(self.outputs):
             held = not self.fmu.variables[name].continuous
@@ -139,6 +145,10 @@ class _Run:
                 row = replace(row, note=self._depends(row))
             rows.append(row)
         return rows
+
+    def _unknown(self, note: str) -> Row:
+        where = self._where("run")
+        return judged(REFERENCE, where, HALF, None, note=note, subject=self.fmu.name)
 
     def _depends(self, row: Row) -> str:
         return plain(
@@ -188,7 +198,7 @@ def _with_swaps(
         return one.response.held == other.reference.held and compare(*asked).passed
 
     faults: dict[str, Any] = {}
-    for one, other in swapped(compared, fits):
+    for one, other in interchanged(compared, fits):
         faults |= dict.fromkeys(
             (one.name, other.name), f"outputs '{one.name}' and '{other.name}' are swapped"
         )

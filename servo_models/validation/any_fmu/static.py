@@ -129,7 +129,7 @@ def _description(fmu: AnyFmu) -> Iterator[Found]:
     if interface:
         tool = ["it needs a tool of its maker to run"] if interface.needsExecutionTool else []
         yield group, "execution tool", tool, False
-        identifier = str(interface.modelIdentifier)
+        identifier = str(interface.modelIdentifier or "")
         legal = re.fullmatch(r"[A-Za-z_]\w*", identifier)
         wrong = [] if legal else [f"'{identifier}' is no name of C"]
         yield group, "model identifier", wrong, True
@@ -193,6 +193,9 @@ def _dependencies(about: Any) -> list[str]:
     found = [f"output '{name}' is not in the structure" for name in outputs if name not in listed]
     found += [f"'{name}' is in it twice" for name, count in Counter(listed).items() if count > 1]
     for unknown in (*about.outputs, *about.derivatives, *about.initialUnknowns):
+        if unknown.variable is None:
+            found.append("an entry of the structure names no variable")
+            continue
         kinds, known = unknown.dependenciesKind, unknown.dependencies
         if kinds and len(kinds) != len(known or ()):
             found.append(f"'{unknown.variable.name}' has other counts of dependencies and kinds")
