@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from servo_models.core.types import Array
 from servo_models.report.numbers import number, plain, prefix, with_unit
@@ -334,6 +333,8 @@ class _Look:
 
     def delay(self) -> tuple[float, float]:
         """Return the shift [s] at which the reference fits the response best, and what is left."""
+        from scipy.optimize import minimize_scalar
+
         every = max(len(self.times) // MOST_POINTS, 1)
         times, got = self.times[::every], self.got[::every]
 
