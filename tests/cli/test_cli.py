@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from servo_models.actuators.torque_motor.variants import TABLE_1
+from servo_models.build import kinds_for
 from servo_models.cli import app
 from servo_models.cli.options import assignments
 from servo_models.core.catalogue import actuator, actuators, effects
@@ -176,8 +177,10 @@ def test_a_built_fmu_carries_the_settings(run: Run, tmp_path: Path) -> None:
     words = ("build", "torque_motor", "--variant", "estimated", "--out", tmp_path)
     code, out, _ = run(*words, "--set", "backlash.half_width=0.1 deg")
     assert code == 0
-    assert out.strip() == str(tmp_path / "torque_motor_estimated.fmu")
-    description = fmpy.read_model_description(out.strip())
+    built = out.splitlines()
+    assert built[0] == str(tmp_path / "torque_motor_estimated.fmu")
+    assert len(built) == len(kinds_for(tmp_path, native=False))
+    description = fmpy.read_model_description(built[-1])
     start = {variable.name: variable.start for variable in description.modelVariables}
     assert float(start["backlash.half_width"]) == pytest.approx(np.radians(0.1), rel=1e-15)
     assert float(start["torque_constant"]) == 5.23
@@ -188,8 +191,10 @@ def test_variants_are_files_of_their_own(run: Run, tmp_path: Path) -> None:
     for words in ([], ["--variant", "identified"], ["--variant", "measured"]):
         assert run("build", "torque_motor", *words, "--out", tmp_path)[0] == 0
     assert run("build", "torque_motor", "--out", tmp_path / "valve.fmu")[0] == 0
-    names = {"torque_motor.fmu", "torque_motor_measured.fmu", "valve.fmu"}
-    assert {path.name for path in tmp_path.iterdir()} == names
+    names = {"torque_motor", "torque_motor_measured", "valve"}
+    assert {path.name.split(".")[0] for path in tmp_path.iterdir()} == names
+    kinds = kinds_for(tmp_path, native=False)
+    assert len(list(tmp_path.iterdir())) == 2 * len(kinds) + 1
     first, named = (tmp_path / name for name in ("torque_motor.fmu", "valve.fmu"))
     assert first.read_bytes() == named.read_bytes()
 
