@@ -12,6 +12,7 @@ import pytest
 from servo_models.core.own_actuator import load_actuator
 from servo_models.errors import UserError
 from servo_models.validation import bare_host
+from servo_models.validation.any_fmu.static import inspect
 from servo_models.validation.host_process import Limits
 from servo_models.validation.rows import Validation
 from servo_models.validation.runner import validate
@@ -135,3 +136,17 @@ def test_the_host_has_the_standard_library_only() -> None:
     assert done.stdout.split() == ["None", "None"]
     loaded = [sys.executable, "-I", "-S", bare_host.__file__]
     assert subprocess.run(loaded, input=b"", check=False).returncode == 0
+
+
+@pytest.mark.thorough
+def test_files_alone_are_looked_at_without_harm(ground: Ground) -> None:
+    """A verdict, or a refusal in one line; never another exception."""
+    path = ground.home / "it.fmu"
+    for name in (*SHARE, *REFUSED, "model exchange"):
+        ground.cases[name].write(path)
+        if name in REFUSED and name not in ("a wrong unit", "an unknown actuator"):
+            with pytest.raises(UserError, match=r"\A[^\n]*\Z"):
+                inspect([path], LIMITS)
+            continue
+        rows = inspect([path], LIMITS).rows
+        assert all("\n" not in row.note and "\x1b" not in row.note for row in rows)
