@@ -361,12 +361,6 @@ def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step
             f"time runs backward in row {row} ({times[row - 1]:g} s, then {times[row]:g} s):"
             " sort the rows by time"
         )
-    furthest = FURTHEST * internal_step
-    if max(abs(float(times[0])), abs(float(times[-1]))) > furthest:
-        raise UserError(
-            f"the times, {times[0]:g} to {times[-1]:g} s, lie more than {furthest:.3g} s from 0,"
-            " where numbers are too coarse for the internal step: subtract the first one"
-        )
     lasts = float(times[-1]) - float(times[0])
     if lasts > LONGEST_RUN * internal_step:
         row = int(np.argmax(np.diff(times)))
@@ -374,6 +368,12 @@ def check_grid(times: Array, inputs: Array, wires: Sequence[Wire], internal_step
             f"the times last {lasts:.3g} s, {lasts / internal_step:.2g} internal steps, more than"
             f" {LONGEST_RUN:.0e}; the largest step, {times[row + 1] - times[row]:.3g} s, follows"
             f" row {row}: correct the unit or that row, or choose a longer internal_step"
+        )
+    furthest = FURTHEST * internal_step
+    if max(abs(float(times[0])), abs(float(times[-1]))) > furthest:
+        raise UserError(
+            f"the times, {times[0]:g} to {times[-1]:g} s, lie more than {furthest:.3g} s from 0,"
+            " where numbers are too coarse for the internal step: subtract the first one"
         )
     for wire, column in zip(wires, inputs.T):
         bad = np.flatnonzero(is_outside(column, wire) | ~np.isfinite(column))

@@ -10,7 +10,7 @@ import pytest
 
 import servo_models.actuators
 import servo_models.validation
-from servo_models.core.catalogue import actuators
+from servo_models.core.catalogue import actuators, all_actuators
 from servo_models.core.simulate import Model, model
 from servo_models.validation.cases import all_cases, offered
 from servo_models.validation.responses import response_rows
@@ -49,8 +49,10 @@ def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             (folder / f"{name}.py").write_text(text)
         monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder.parent)])
     actuators.cache_clear()
+    all_actuators.cache_clear()
     yield
     actuators.cache_clear()
+    all_actuators.cache_clear()
     for name in [name for name in sys.modules if name.endswith(".joint") or ".joint." in name]:
         del sys.modules[name]
 
