@@ -42,10 +42,11 @@ def build(
 ) -> None:
     """Build FMUs for co-simulation.
 
-    sg90.fmu is a Python FMU; sg90.native.fmu beside it runs in hosts without Python, and needs a C
-    compiler here: the machine's own for this platform, or pip install ".[native]" for all. sg90
-    stands for the default variant, sg90_printed for another one. --fmi 3 builds sg90.fmi3.fmu,
-    native for FMI 3.0. sg90_torque is the form for physics engines: angle and rate in, torque out.
+    sg90.fmu is Python; sg90.native.fmu beside it is compiled, for hosts without Python.
+
+    A native one needs a C compiler: the machine's own, or the extra "native" for all platforms.
+
+    sg90 is the default variant, sg90_printed another one; sg90_torque is for physics engines.
 
     Examples:
 
