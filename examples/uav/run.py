@@ -3,7 +3,7 @@
     python run.py
 
 writes FMUs, packages (``.ssp``, and folders with ``OspSystemStructure.xml``) and ``report.html``
-into ``fmus/``, or into the folder that is named.
+into ``fmus/`` beside this file, or into the folder that is named.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PACKAGES = {"libcosim": "libcosimpy", "ecos": "ecospy"}
 
 
 def main() -> None:
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "fmus")
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "fmus"
     build(folder)
     flown = [examine(case, folder) for case in cases()]
     systems = [case.system(folder, STEPS) for case in cases()]
