@@ -192,16 +192,16 @@ def ask_oracle(question: Question) -> dict[str, Any]:
 def _known(question: Question, names: Sequence[str]) -> Known:
     said, foreign = question.said, question.answer["kind"] == "foreign"
     noisy, clean = _logs(question)
-    fitter, measured = _fitter(clean, said), _fitter(noisy, said)
+    fitter, measured = fitter_of(clean, said), fitter_of(noisy, said)
     true = {**question.answer["parameters"], **_parameters(question.answer["effects"])}
-    truth = 0.0 if foreign else _error(_begun(fitter, names, true))
+    truth = 0.0 if foreign else _error(fit_from(fitter, names, true))
     hidden = [it["name"] for it in question.answer["hidden"]]
     found = dict(zip(map(tuple, said.tried), said.values))
     nearest = rivals(said, () if foreign else names, hidden)
-    others = [_begun(fitter, it, found[tuple(it)]) for it in nearest]
+    others = [fit_from(fitter, it, found[tuple(it)]) for it in nearest]
     # one search may stop short where what parameters alone can do is asked
     begins = [true, *(it.values for it in sorted(others, key=_error)[:2])]
-    retuned = min([fitter.fit((), ()), *(_begun(fitter, (), it) for it in begins)], key=_error)
+    retuned = min([fitter.fit((), ()), *(fit_from(fitter, (), it) for it in begins)], key=_error)
     best = min([retuned, *others], key=_error)
     samples, vector = retuned.problem.samples, retuned.evidence.vector
     apart = Problem(fitter.model, noisy.logs, fitter.nominal, dict(fitter.floors)).residuals(vector)
@@ -238,8 +238,8 @@ def rivals(said: Diagnosed, names: Iterable[str], hidden: Iterable[str]) -> list
     return [it for it in others if not truth or set(it) != truth][:RIVALS]
 
 
-def _begun(fitter: Fitter, names: Sequence[str], values: Mapping[str, float]) -> FittedModel:
-    """The fit of some effects that begins at these values [SI]."""
+def fit_from(fitter: Fitter, names: Sequence[str], values: Mapping[str, float]) -> FittedModel:
+    """Return the fit of some effects that begins at these values [SI]."""
     nominal = tuple(replace(free, start=values[free.name]) for free in fitter.nominal)
     every = candidates(fitter.model, fitter.logs)
     extra = [free for one in every if one.name in names for free in one.at(dict(values))]
@@ -281,7 +281,8 @@ def _error(fitted_model: FittedModel) -> float:
     return float(np.sqrt(np.mean(fitted_model.evidence.errors**2)))
 
 
-def _fitter(told: Description, said: Diagnosed) -> Fitter:
+def fitter_of(told: Description, said: Diagnosed) -> Fitter:
+    """Return the fitter of a diagnosis, with the noise floors that it took."""
     return Fitter(told.model, told.logs, prior_parameters(told), dict(said.floors)).surveyed()
 
 

@@ -125,10 +125,11 @@ def _rows(tier: str, cases: Cases) -> Iterator[tuple[Cell, ...]]:
             if bar:
                 said = standing(figure, bar)
                 beside = (f"{bar[0]} {bar[1]:g}", Mark(said, met(figure, bar)))
-            yield (define.__name__, _quantity(figure), figure.n, *beside)
+            yield (define.__name__, quantity(figure), figure.n, *beside)
 
 
-def _quantity(figure: Figure) -> Quantity:
+def quantity(figure: Figure) -> Quantity:
+    """Return a figure with its interval; it has cases."""
     assert figure.value is not None
     assert figure.low is not None
     assert figure.high is not None
@@ -156,7 +157,7 @@ def _good(case: Case) -> bool:
 
 def _calibration(cases: Cases) -> Section:
     rows = tuple(
-        (f"{one.low:g} to {one.high:g}", one.probability, _quantity(one.right), one.right.n)
+        (f"{one.low:g} to {one.high:g}", one.probability, quantity(one.right), one.right.n)
         for one in calibration(cases)
     )
     columns = ("probability", "mean", "effect is there (95 %)", "cases")

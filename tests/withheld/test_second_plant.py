@@ -1,0 +1,314 @@
+"""The rigs of the second withheld study against laws of mechanics, and its figures by hand."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.second_plant import figures, rigs
+from benchmarks.second_plant.firmware import CODE, Firmware, Plant, run
+from benchmarks.second_plant.judge import Observed, sets_of
+from benchmarks.second_plant.mujoco_plant import MujocoPlant, engine
+from benchmarks.second_plant.two_mass import STEP, Drive, TwoMass
+from servo_models.data.description import read_description
+from servo_models.errors import UserError
+from servo_models.report.terminal import text
+from servo_models.withheld.oracle import Diagnosed
+
+MOTOR = Drive(torque_constant=0.5, resistance=5.0, motor_inertia=3e-3, output_inertia=1e-3)
+COASTING = replace(MOTOR, resistance=1e12)
+TAU = (MOTOR.motor_inertia + MOTOR.output_inertia) * MOTOR.resistance / MOTOR.torque_constant**2
+"""Time constant [s] of the motor with its output."""
+Array = NDArray[np.float64]
+Build = Callable[[Drive], Plant]
+
+
+def _mujoco(drive: Drive) -> Plant:
+    pytest.importorskip("mujoco")
+    return MujocoPlant(drive)
+
+
+both_engines = pytest.mark.parametrize("build", [TwoMass, _mujoco], ids=["two_mass", "mujoco"])
+
+
+def angles(plant: Plant, voltage: float, seconds: float, every: float = 1e-3) -> Array:
+    """The angle of the output, after each of some intervals under a voltage."""
+    found = []
+    for _ in range(round(seconds / every)):
+        plant.advance(voltage, every)
+        found.append(plant.angle())
+    return np.array(found)
+
+
+def test_two_free_masses_ring_as_the_closed_form_says() -> None:
+    plant = TwoMass(replace(COASTING, contact=100.0, contact_damping=0.05))
+    twist = 1e-3
+    plant.state[:] = twist, 0.0, 0.0, 0.0
+    times = 1e-4 * np.arange(1, 301)
+    found = []
+    for _ in times:
+        plant.advance(0.0, 1e-4)
+        found.append(plant.state[0] - plant.state[2])
+    reduced = 1.0 / (1.0 / COASTING.motor_inertia + 1.0 / COASTING.output_inertia)
+    stiffness = COASTING.output_inertia * (2.0 * math.pi * 100.0) ** 2
+    damping = 2.0 * 0.05 * COASTING.output_inertia * 2.0 * math.pi * 100.0
+    decay = damping / (2.0 * reduced)
+    ringing = math.sqrt(stiffness / reduced - decay**2)
+    exact = np.exp(-decay * times)
+    exact *= np.cos(ringing * times) + decay / ringing * np.sin(ringing * times)
+    assert np.allclose(found, twist * exact, rtol=0.0, atol=0.01 * twist)
+
+
+def test_the_gear_keeps_the_momentum() -> None:
+    plant = TwoMass(replace(COASTING, play=0.01))
+    plant.state[:] = 0.0, 2.0, 0.0, -3.0
+    inertias = np.array([COASTING.motor_inertia, COASTING.output_inertia])
+    before = inertias @ plant.state[1::2]
+    plant.advance(0.0, 0.5)
+    assert inertias @ plant.state[1::2] == pytest.approx(before, rel=1e-9)
+    assert abs(plant.state[0] - plant.state[2]) > 0.0
+
+
+def test_energy_that_goes_in_is_stored_or_lost() -> None:
+    drive = replace(
+        MOTOR,
+        motor_friction=0.02,
+        output_friction=0.01,
+        motor_drag=2e-3,
+        output_drag=1e-3,
+        gravity=0.05,
+        contact_damping=0.0,
+    )
+    plant = TwoMass(drive)
+    work = lost = 0.0
+    for i in range(20_000):
+        voltage = 4.0 if i < 12_000 else -3.0
+        before = plant.state.copy()
+        plant.advance(voltage, STEP)
+        motor, output = 0.5 * (before[1::2] + plant.state[1::2])
+        k = drive.torque_constant
+        work += STEP * k * (voltage - k * motor) / drive.resistance * motor
+        lost += STEP * (drive.motor_drag * motor**2 + drive.output_drag * output**2)
+        lost += STEP * (drive.motor_friction * abs(motor) + drive.output_friction * abs(output))
+    a_m, w_m, a_o, w_o = plant.state
+    stiffness = drive.output_inertia * (2.0 * math.pi * drive.contact) ** 2
+    stored = 0.5 * (drive.motor_inertia * w_m**2 + drive.output_inertia * w_o**2)
+    stored += 0.5 * stiffness * (a_m - a_o) ** 2 + drive.gravity * (1.0 - math.cos(a_o))
+    assert lost > 0.2 * work
+    assert stored + lost == pytest.approx(work, rel=0.01)
+
+
+@both_engines
+def test_a_motor_comes_to_its_speed_in_its_time_constant(build: Build) -> None:
+    found = angles(build(MOTOR), 5.0, 4.0 * TAU)
+    times = 1e-3 * np.arange(1, len(found) + 1)
+    exact = 5.0 / MOTOR.torque_constant * (times - TAU * (1.0 - np.exp(-times / TAU)))
+    assert np.allclose(found, exact, rtol=0.0, atol=0.005 * exact[-1])
+
+
+@both_engines
+def test_below_its_level_dry_friction_holds(build: Build) -> None:
+    level, per_volt = 0.06, MOTOR.torque_constant / MOTOR.resistance
+    rubbing = replace(MOTOR, motor_friction=0.04, output_friction=0.02)
+    held = angles(build(rubbing), 0.8 * level / per_volt, 0.3)
+    assert np.abs(held).max() < CODE / 2.0
+    moved = angles(build(rubbing), 2.0 * level / per_volt, 0.05)
+    times = 0.05
+    speed = level / MOTOR.torque_constant**2 * MOTOR.resistance  # of the torque beyond the level
+    exact = speed * (times - TAU * (1.0 - math.exp(-times / TAU)))
+    assert moved[-1] == pytest.approx(exact, rel=0.03)
+
+
+def test_a_mass_that_sticks_stands_still() -> None:
+    plant = TwoMass(replace(MOTOR, motor_friction=0.05, output_friction=0.05))
+    plant.advance(0.4, 0.2)
+    at = plant.state.copy()
+    plant.advance(0.4, 0.2)
+    assert plant.state[3] == 0.0
+    assert np.array_equal(plant.state, at)
+
+
+@both_engines
+def test_a_reversal_is_lost_in_the_play(build: Build) -> None:
+    """By momentum: until the motor is through, the output rests; then both move on together."""
+    play = 0.02
+    plant = build(replace(MOTOR, motor_friction=0.01, output_friction=0.06, play=play))
+    angles(plant, 2.0, 0.2)
+    angles(plant, 0.0, 0.3)
+    rest = plant.angle()
+    there = angles(plant, -2.0, 0.3, 2e-4)
+    speed = 0.0  # of the motor alone, until it is through the play
+    crossed, time = 0.0, 0.0
+    while crossed < play:
+        torque = MOTOR.torque_constant * (2.0 - MOTOR.torque_constant * speed) / MOTOR.resistance
+        speed += 1e-5 * (torque - 0.01) / MOTOR.motor_inertia
+        crossed += 1e-5 * speed
+        time += 1e-5
+    begun = 2e-4 * (1 + np.flatnonzero(there < rest - CODE / 2.0)[0])
+    assert begun == pytest.approx(time, rel=0.15)
+
+
+@both_engines
+def test_an_arm_swings_with_its_own_frequency(build: Build) -> None:
+    """It hangs at -phase, a tenth of a radian beside where it begins."""
+    torque, phase = 0.2, 0.1
+    inertia = COASTING.motor_inertia + COASTING.output_inertia
+    period = 2.0 * math.pi * math.sqrt(inertia / torque)
+    found = angles(build(replace(COASTING, gravity=torque, phase=phase)), 0.0, period)
+    assert found[len(found) // 2] == pytest.approx(-2.0 * phase, rel=0.02)
+    assert found[-1] == pytest.approx(0.0, abs=0.02 * phase)
+
+
+def test_soft_friction_is_a_drag_at_low_speed() -> None:
+    """Terminal speed of a drag of level / speed."""
+    level, smooth = 0.3, 1.0
+    plant = TwoMass(replace(MOTOR, motor_friction=level, smooth_speed=smooth))
+    plant.advance(0.3, 2.0)
+    slope = level / smooth + MOTOR.torque_constant**2 / MOTOR.resistance
+    terminal = MOTOR.torque_constant / MOTOR.resistance * 0.3 / slope
+    assert plant.state[1] == pytest.approx(terminal, rel=0.01)
+
+
+def test_stribeck_friction_breaks_away_above_its_sliding_level() -> None:
+    per_volt = MOTOR.torque_constant / MOTOR.resistance
+    drive = replace(MOTOR, motor_friction=0.05, breakaway=1.5, stribeck_speed=0.2)
+    held, loose = TwoMass(drive), TwoMass(drive)
+    held.advance(0.07 / per_volt, 0.5)
+    loose.advance(0.08 / per_volt, 0.5)
+    assert abs(held.angle()) < CODE / 2.0
+    assert loose.angle() > 100 * CODE
+
+
+@dataclass
+class Follower:
+    """A plant whose angle is the voltage."""
+
+    now: float = 0.0
+
+    def angle(self) -> float:
+        return self.now
+
+    def advance(self, voltage: float, seconds: float) -> None:
+        self.now = voltage
+
+
+def test_a_goal_is_seen_as_many_ticks_late_as_the_bus_takes() -> None:
+    """Voltages are codes here: at each tick goal - angle; five ticks a row of the log."""
+    goals = CODE * np.array([0.0, 100.0, 100.0, 0.0])
+    prompt, late = (
+        run(Firmware(1.0, 1.0, 1e-3, delay), Follower(), goals, 1, 3, np.random.default_rng(0))
+        for delay in (0, 2)
+    )
+    assert prompt.tolist() == [0, 0, 100, 0]
+    assert late.tolist() == [0, 0, 0, 0]
+    longer = np.concatenate([goals, goals[:2]])
+    later = run(Firmware(1.0, 1.0, 1e-3, 2), Follower(), longer, 1, 3, np.random.default_rng(0))
+    assert later[2:].tolist() == prompt.tolist()
+
+
+def test_duty_has_a_limit_and_the_encoder_rounds() -> None:
+    goals = np.full(4, 10.0)
+    codes = run(Firmware(1.0, 2.6 * CODE, 1e-3), Follower(), goals, 1, 0, np.random.default_rng(0))
+    assert codes.tolist() == [0, 3, 3, 3]
+
+
+def test_without_mujoco_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(UserError, match="pip install"):
+        engine()
+
+
+def test_a_rig_is_the_same_in_every_run_and_lies_within_what_its_owner_states() -> None:
+    for number in range(40):
+        one, again = rigs.draw(3, number), rigs.draw(3, number)
+        assert one.answer() == again.answer()
+        for name, value in one.true.items():
+            off = (value / one.nominal[name] - 1.0) / rigs.UNCERTAINTY[name]
+            assert abs(off) <= rigs.FARTHEST * (1.0 + 1e-12)
+
+
+def test_its_owner_describes_it_and_reads_its_codes(tmp_path: Path) -> None:
+    rig = rigs.six()[0]
+    rigs.write(tmp_path / "study", [rig], lambda done, every: None)
+    told = read_description(tmp_path / "study" / "cases" / rig.name / "description.toml")
+    assert {it.path.name for it in told.logs} == set(rigs.LOGS)
+    assert told.model.values["coulomb_friction.level"] == pytest.approx(
+        rig.nominal["coulomb_friction.level"], rel=1e-5
+    )
+    assert told.model.values["backlash.half_width"] == 0.0
+    codes = told.logs[0].outputs["angle_reading"] / CODE
+    assert np.allclose(codes, np.round(codes), atol=1e-9)
+    assert codes.max() > 100
+
+
+def test_every_drawn_cause_is_in_the_drive_or_the_firmware() -> None:
+    """And the parameters of effects are those of the physics."""
+    for number in range(60):
+        rig = rigs.draw(4, number)
+        drive, near = rig.drive, rig.effects
+        assert ("delay" in rig.causes) == (rig.firmware.delay > 0)
+        assert ("play" in rig.causes) == (drive.play > 0.0)
+        assert ("gravity" in rig.causes) == (drive.gravity > 0.0)
+        assert ("viscous" in rig.causes) == (drive.motor_drag > 0.0)
+        added = drive.motor_inertia + drive.output_inertia - rig.true["inertia"]
+        assert near.get("load_inertia.inertia", 0.0) == pytest.approx(added, abs=1e-12)
+        rubbed = drive.motor_friction + drive.output_friction
+        known = {**rig.true, **near}.get("coulomb_friction.level", 0.0)
+        assert known == pytest.approx(rubbed, abs=1e-12)
+
+
+def test_two_causes_are_named_by_one_set_of_each() -> None:
+    assert set(sets_of(("inertia", "delay"))) == {
+        frozenset({"load_inertia", "transport_delay"}),
+        frozenset({"transport_delay"}),
+    }
+    assert sets_of(()) == [frozenset()]
+
+
+def case(causes: str, verdict: str, named: str, separated: bool = True) -> figures.Case:
+    kinds = ("nothing", "one", "two")
+    wrong, effects = causes.split(), named.split()
+    answer = {"case": "1", "kind": kinds[len(wrong)], "engine": "two_mass", "causes": wrong}
+    chances = {name: 0.9 - 0.1 * i for i, name in enumerate(effects)}
+    said = Diagnosed("1", verdict, 2.0, named=effects, chances=chances)
+    return figures.Case(answer, said, Observed("1", separated=separated))
+
+
+CASES = [
+    case("delay", "effect", "transport_delay"),
+    case("delay", "effects", "transport_delay viscous_friction"),
+    case("play", "effect", "drive_lag"),
+    case("play", "outside-catalogue", "backlash drive_lag"),
+    case("inertia", "parameters", ""),
+    case("friction_stiff", "effects", "coulomb_friction stribeck_friction", separated=False),
+    case("delay play", "effects", "backlash transport_delay"),
+    case("delay play", "effect", "transport_delay"),
+    case("", "parameters", ""),
+    case("", "effect", "backlash"),
+]
+
+
+def test_figures_counted_by_hand() -> None:
+    found = {define.__name__: define(CASES) for define in figures.FIGURES}
+    counted = {name: (one.value, one.n) for name, one in found.items()}
+    assert counted["first_place"] == (pytest.approx(4 / 5), 5)
+    assert counted["false_second"] == (pytest.approx(2 / 6), 6)
+    assert counted["false_beside_true"] == (pytest.approx(1 / 6), 6)
+    assert counted["both_named"] == (pytest.approx(1 / 2), 2)
+    assert counted["false_of_two"] == (0.0, 2)
+    assert counted["suspected"] == (pytest.approx(1 / 2), 2)
+    assert counted["abstained"] == (pytest.approx(1 / 8), 8)
+    assert counted["separated"] == (pytest.approx(7 / 8), 8)
+
+
+def test_the_report_tells_what_each_cause_was_taken_for() -> None:
+    told = text(figures.report("a study", CASES))
+    assert "transport_delay + viscous_friction 1" in told
+    assert "outside (backlash + drive_lag) 1" in told
