@@ -71,6 +71,8 @@ UNCERTAINTY = {
 """Standard deviations that the owner states, as shares."""
 FARTHEST = 2.0
 """Standard deviations by which a true value is off, at the most."""
+BEHIND = (0.02, 0.3)
+"""Inertia behind the gear over all of it: from a bare servo to one that carries an arm."""
 REST = 1.0
 """Time [s] for which the first goal is held before a log begins."""
 
@@ -208,7 +210,7 @@ def build(
         true["coulomb_friction.level"] = float(rng.uniform(0.01, 0.04)) * motor.stall_torque
     off = {key: float(np.clip(rng.standard_normal(), -FARTHEST, FARTHEST)) for key in true}
     nominal = {key: value / (1.0 + UNCERTAINTY[key] * off[key]) for key, value in true.items()}
-    behind = float(rng.uniform(0.1, 0.35))
+    behind = math.exp(float(rng.uniform(*np.log(BEHIND))))
     friction, slack = true.get("coulomb_friction.level", 0.0), float(rng.uniform(0.2, 0.5))
     drive = Drive(
         constant,
