@@ -60,6 +60,18 @@ class Case:
         """Effects that are named and are not there."""
         return frozenset(self.said.named) - self.there
 
+    @property
+    def claimed(self) -> bool:
+        """An effect is told that is not there."""
+        return bool(self.invented) and self.said.verdict not in UNCLAIMED
+
+    @property
+    def wrong(self) -> bool:
+        """Another answer was due."""
+        if self.kind == NOTHING:
+            return self.said.verdict not in (NO_GAP, PARAMETERS)
+        return self.claimed or (self.observed.separated and not self.right)
+
 
 Cases = Sequence[Case]
 
@@ -86,18 +98,13 @@ def first_place(cases: Cases) -> Figure:
 def false_second(cases: Cases) -> Figure:
     """One cause, separated or not: the explanation that is told names an effect that is not
     there.  Beside ``outside-catalogue`` none is told."""
-    claimed = (bool(case.invented) and case.said.verdict not in UNCLAIMED for case in _one(cases))
-    return share(claimed)
+    return share(case.claimed for case in _one(cases))
 
 
 def false_beside_true(cases: Cases) -> Figure:
     """The same where an effect that is there is named beside it: a false second in the narrow
     sense."""
-    flags = []
-    for case in _one(cases):
-        claimed = case.said.verdict not in UNCLAIMED
-        flags.append(claimed and bool(case.invented) and case.invented < set(case.said.named))
-    return share(flags)
+    return share(case.claimed and bool(case.there & {*case.said.named}) for case in _one(cases))
 
 
 def both_named(cases: Cases) -> Figure:
@@ -108,14 +115,12 @@ def both_named(cases: Cases) -> Figure:
 def false_of_two(cases: Cases) -> Figure:
     """Two causes, separated or not: the explanation that is told names an effect that is not
     there."""
-    two = [case for case in cases if case.kind == "two"]
-    return share(bool(case.invented) and case.said.verdict not in UNCLAIMED for case in two)
+    return share(case.claimed for case in cases if case.kind == "two")
 
 
 def suspected(cases: Cases) -> Figure:
     """Nothing wrong: the verdict is another one than ``no-gap`` or ``parameters``."""
-    verdicts = [case.said.verdict for case in cases if case.kind == NOTHING]
-    return share(verdict not in (NO_GAP, PARAMETERS) for verdict in verdicts)
+    return share(case.wrong for case in cases if case.kind == NOTHING)
 
 
 def abstained(cases: Cases) -> Figure:
@@ -197,7 +202,8 @@ def _answer(said: Diagnosed) -> str:
 
 def _wrong(cases: Cases) -> Table:
     """Errors are held out, in noise floors: of what was told, of the truth fitted by the product
-    from the true values, and of its best rival."""
+    from the true values, and of its best rival.  Left out is what nobody could have told: a
+    cause that is not separated, beside which no effect is claimed that is not there."""
     rows = tuple(
         (
             case.said.case,
@@ -207,8 +213,10 @@ def _wrong(cases: Cases) -> Table:
             case.observed.truth,
             f"{' + '.join(case.observed.rival_effects) or PARAMETERS} {case.observed.rival:.3g}",
             "yes" if case.observed.separated else "no",
+            ", ".join((*case.observed.beyond, *case.observed.told_bounds)),
         )
         for case in cases
-        if not case.right
+        if case.wrong
     )
-    return Table("", ("rig", "cause", "told", "told", "truth", "best rival", "separated"), rows)
+    columns = ("rig", "cause", "told", "told", "truth", "best rival", "separated", "bounds")
+    return Table("", columns, rows)

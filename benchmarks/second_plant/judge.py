@@ -47,6 +47,7 @@ class Observed:
         truth_values, truth_bounds: free parameters [SI] of that fit, and which lie on a bound.
         parameters: error of nominal parameters alone.
         rival: error of the best rival, and ``rival_effects``.
+        beyond: parameters of effects whose true values are outside the catalogue's bounds.
         told: error of the explanation that was told, fitted on, and ``told_bounds``.
         separated: the truth from its best rival.
     """
@@ -59,6 +60,7 @@ class Observed:
     parameters: float = 0.0
     rival: float = 0.0
     rival_effects: Sequence[str] = ()
+    beyond: Sequence[str] = ()
     told: float = 0.0
     told_bounds: Sequence[str] = ()
     separated: bool = False
@@ -103,6 +105,7 @@ def _observed(question: Question) -> Observed:
         parameters=alone.evidence.rms,
         rival=rival.evidence.rms,
         rival_effects=list(rival.effects),
+        beyond=_beyond(fitter, answer["effects"]),
         told=told.evidence.rms,
         told_bounds=_bounds(told),
         separated=separated(truth, rival),
@@ -130,6 +133,16 @@ def _bounds(fitted: FittedModel) -> list[str]:
     """Parameters that lie on a bound."""
     sides = fitted.problem.sides(fitted.evidence.vector)
     return [f"{free.name} {side}" for free, side in zip(fitted.problem.free, sides) if side]
+
+
+def _beyond(fitter: Fitter, effects: Mapping[str, float]) -> list[str]:
+    """Parameters of effects that are too large for the catalogue, or too small."""
+    known = {name: fitter.model.plant.parameters[name].param for name in effects}
+    return [
+        f"{name} is {value:.3g}, of {known[name].low:.3g} to {known[name].high:.3g}"
+        for name, value in effects.items()
+        if not known[name].low <= value <= known[name].high
+    ]
 
 
 def separated(truth: FittedModel, rival: FittedModel) -> bool:

@@ -308,6 +308,12 @@ def test_figures_counted_by_hand() -> None:
     assert counted["separated"] == (pytest.approx(7 / 8), 8)
 
 
+def test_a_rig_went_wrong_where_another_answer_was_due() -> None:
+    assert [case.wrong for case in CASES] == [
+        False, True, True, True, False, False, False, True, False, True
+    ]  # fmt: skip
+
+
 def test_the_report_tells_what_each_cause_was_taken_for() -> None:
     told = text(figures.report("a study", CASES))
     assert "transport_delay + viscous_friction 1" in told
