@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
-from servo_models.diagnosis.fitting.residuals import sure, unmodelled
 from servo_models.diagnosis.gap import not_followed
-from servo_models.diagnosis.repeatability import unrepeatable
+from servo_models.diagnosis.search.fitting import FittedModel, unrepeatable
+from servo_models.diagnosis.search.residuals import sure, unmodelled
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
 from servo_models.diagnosis.weights import covering, probabilities
 

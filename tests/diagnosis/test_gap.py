@@ -13,9 +13,9 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.audit import REPEATS, RESIDUAL, audit, noise_floors
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.crossval import CrossValidation
-from servo_models.diagnosis.fitting.fitted_model import Fitter
 from servo_models.diagnosis.gap import Gap, GapSummary, closed, gaps, whole_gap
+from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, log_of

@@ -13,14 +13,25 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.linearisation import Linearisation
-from servo_models.diagnosis.search.fits import TRIED, Teller, beside, likeliest, settled
-from servo_models.diagnosis.search.forward import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.search.pair_screening import pairs, residual_beside
-from servo_models.diagnosis.search.pairing import ambiguous, promising
-from servo_models.diagnosis.search.preselection import SIZES, Looks, preselect, seen_beside
-from servo_models.diagnosis.search.screening import Screened, screen
-from servo_models.diagnosis.search.selection import select_effects
+from servo_models.diagnosis.search.linearisation import Linearisation
+from servo_models.diagnosis.search.screening import Screened, pairs, residual_beside, screen
+from servo_models.diagnosis.search.selection import (
+    RIVAL,
+    RIVALS,
+    SIZES,
+    TRIED,
+    Looks,
+    Teller,
+    _rivals,
+    ambiguous,
+    beside,
+    likeliest,
+    preselect,
+    promising,
+    seen_beside,
+    select_effects,
+    settled,
+)
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
@@ -160,7 +171,7 @@ def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch
         asked.append([one.name for one in wanted])
         return screen(views, wanted, corrected)
 
-    monkeypatch.setattr("servo_models.diagnosis.search.preselection.screen", counted)
+    monkeypatch.setattr("servo_models.diagnosis.search.selection.screen", counted)
     found = looks.beside(first, others[:2])
     again = looks.beside(first, others)
     assert asked == [["cogging", "stribeck_friction"], ["dead_band"]]

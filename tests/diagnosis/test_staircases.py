@@ -11,17 +11,15 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.discontinuous import shifted
-from servo_models.diagnosis.search.fits import beside
-from servo_models.diagnosis.search.grid_search import shortened, shortlist
-from servo_models.diagnosis.search.pairing import screen_discontinuous
-from servo_models.diagnosis.search.preselection import seen_beside
-from servo_models.diagnosis.search.screening import screen
-from servo_models.diagnosis.trial_values import (
+from servo_models.diagnosis.search.candidates import (
     GRID_SPACING_IN_PERIODS,
     LARGEST_RELATIVE_GRID_SPACING,
     on_grid,
 )
+from servo_models.diagnosis.search.fitting import shifted
+from servo_models.diagnosis.search.grid_search import shortened, shortlist
+from servo_models.diagnosis.search.screening import screen
+from servo_models.diagnosis.search.selection import beside, screen_discontinuous, seen_beside
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, measured

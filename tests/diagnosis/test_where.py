@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from servo_models.core.simulate import PLANTS, Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.crossval import CrossValidation, blocks
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 from servo_models.diagnosis.localisation import Bin, Breakdown, localise
 from servo_models.diagnosis.localisation.breakdown import plain
 from servo_models.diagnosis.localisation.open_loop import by_block, opened
 from servo_models.diagnosis.localisation.regimes import _between, _digits
 from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.diagnosis.search.crossval import CrossValidation, blocks
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support import logs
