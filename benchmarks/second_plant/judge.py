@@ -20,8 +20,8 @@ from typing import Any
 from benchmarks.second_plant.rigs import NAMES
 from servo_models.core.workers import Workers
 from servo_models.data.description import read_description
-from servo_models.diagnosis.fitting.crossval import consistency
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.search.crossval import consistency
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.withheld.oracle import RIVALS, Diagnosed, fit_from, fitter_of
 
 TENTH, BY_CHANCE = 0.1, 0.05
