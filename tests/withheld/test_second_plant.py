@@ -166,6 +166,21 @@ def test_an_arm_swings_with_its_own_frequency(build: Build) -> None:
     assert found[-1] == pytest.approx(0.0, abs=0.02 * phase)
 
 
+def test_both_engines_say_the_same_of_a_loop_with_friction_and_gravity() -> None:
+    pytest.importorskip("mujoco")
+    drive = replace(
+        MOTOR, motor_friction=0.02, output_friction=0.01, motor_drag=5e-3, gravity=0.05, phase=0.5
+    )
+    goals = np.repeat([0.0, 0.6, -0.3, 0.1], 100)
+    loop = Firmware(0.9, 5.0, 1e-3, delay=7)
+    one, other = (
+        run(loop, plant, goals, 4, 200, np.random.default_rng(0))
+        for plant in (TwoMass(drive), MujocoPlant(drive))
+    )
+    assert np.ptp(one) > 500
+    assert np.sqrt(np.mean((one - other) ** 2.0)) < 1.0
+
+
 def test_soft_friction_is_a_drag_at_low_speed() -> None:
     """Terminal speed of a drag of level / speed."""
     level, smooth = 0.3, 1.0
