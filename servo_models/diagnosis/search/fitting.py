@@ -46,6 +46,7 @@ from servo_models.diagnosis.search.residuals import Residuals, residuals_of
 from servo_models.identification.descent import descend
 from servo_models.identification.optimise import steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
+from servo_models.identification.simulation import Steps
 from servo_models.identification.uncertainty import Spread, spread
 
 FIT_TOLERANCE, FIT_STEPS = 1e-4, 25
@@ -152,6 +153,7 @@ class Fitter:
         rough: over which slopes of the nominal parameters mean something, in scales, by name;
             none where small differences will do.
         trials: natural logarithm of the sizes and shapes that each effect may have.
+        steps: choose the internal step of every run; None for the model's own.
     """
 
     model: Model
@@ -161,11 +163,14 @@ class Fitter:
     workers: Workers = ALONE
     rough: dict[str, float] = field(default_factory=dict)
     trials: dict[str, float] = field(default_factory=dict)
+    steps: Steps | None = None
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
         free = [*self.nominal, *extra]
-        return Problem(self.model, self.logs, free, sigma=dict(self.floors), workers=self.workers)
+        return Problem(
+            self.model, self.logs, free, dict(self.floors), self.workers, steps=self.steps
+        )
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""
@@ -236,6 +241,11 @@ class Fitter:
     def finish(self, found: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
         return self.again(found, FINAL_TOLERANCE, FINAL_STEPS) if found.problem.free else found
+
+    def told(self, found: FittedModel) -> FittedModel:
+        """Fit on with the model's own internal step, so that no figure hangs on another one."""
+        own = replace(found.problem, steps=None)
+        return replace(self, steps=None).finish(replace(found, problem=own))
 
     def _judged(
         self,
@@ -374,7 +384,7 @@ def others_first(
     sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
     model = replace(problem.model, values={**problem.model.values, **sizes})
     free = [problem.free[i] for i in others]
-    rest = Problem(model, problem.logs, free, sigma=problem.sigma, workers=problem.workers)
+    rest = replace(problem, model=model, free=free, start=vector[others])
     found = vector.copy()
     own = None if widths is None else widths[others]
     found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)

@@ -129,7 +129,7 @@ def select_effects(
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = Teller(tell) if tell else Teller()
-    as_it_is = fitter.unfitted()
+    as_it_is = replace(fitter, steps=None).unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
         return Selection(before, as_it_is, [], [], [], as_it_is, {})
@@ -153,9 +153,10 @@ def select_effects(
     if taken is retuned:
         say("looking for what re-tuned parameters imitate")
         masked = masked_effects(fitter, retuned, results, max(tolerance, LEAST))
+        taken = retuned = fitter.told(retuned)
     else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
-        taken = fitter.finish(taken)
+        retuned, taken = fitter.told(retuned), fitter.told(fitter.finish(taken))
     return Selection(before, retuned, tried.singles, couples, more, taken, reach, masked)
 
 
