@@ -75,6 +75,7 @@ class FittedModel:
         chance: logarithm of how many trials its effects are the best of, and of how strange
             their sizes and the nominal parameters are.
         widths: over which slopes of it mean something, see ``slopes.steps``.
+        searched: ``problem`` with the internal steps of the search, where it was told anew.
     """
 
     effects: tuple[str, ...]
@@ -84,6 +85,7 @@ class FittedModel:
     converged: bool
     chance: float
     widths: Array | None = None
+    searched: Problem | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -107,8 +109,8 @@ class FittedModel:
 
     @cached_property
     def spread(self) -> Spread:
-        """The uncertainty of its free parameters."""
-        return spread(self.problem, self.evidence.vector)
+        """The uncertainty of its free parameters; slopes with longer steps tell as much."""
+        return spread(self.searched or self.problem, self.evidence.vector)
 
     @property
     def together(self) -> tuple[tuple[str, ...], ...]:
@@ -243,9 +245,10 @@ class Fitter:
         return self.again(found, FINAL_TOLERANCE, FINAL_STEPS) if found.problem.free else found
 
     def told(self, found: FittedModel) -> FittedModel:
-        """Fit on with the model's own internal step, so that no figure hangs on another one."""
-        own = replace(found.problem, steps=None)
-        return replace(self, steps=None).finish(replace(found, problem=own))
+        """Fit to the end with the model's own internal step, so that no value or error that is told
+        hangs on another one."""
+        own = replace(found, problem=replace(found.problem, steps=None))
+        return replace(replace(self, steps=None).finish(own), searched=found.problem)
 
     def _judged(
         self,

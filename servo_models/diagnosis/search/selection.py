@@ -156,7 +156,7 @@ def select_effects(
         taken = retuned = fitter.told(retuned)
     else:
         say(f"fitting {' and '.join(taken.effects)} to the end")
-        retuned, taken = fitter.told(retuned), fitter.told(fitter.finish(taken))
+        retuned, taken = fitter.told(retuned), fitter.told(taken)
     return Selection(before, retuned, tried.singles, couples, more, taken, reach, masked)
 
 
