@@ -159,7 +159,7 @@ def select_effects(
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = tell or (lambda _: None)
-    as_it_is = fitter.unfitted()
+    as_it_is = replace(fitter, steps=None).unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
         return Selection(before, as_it_is, [], as_it_is, {})
@@ -183,9 +183,10 @@ def select_effects(
         search.say("looking for effects that re-tuned parameters mask")
         least = max(tolerance, LEAST_MASKED_FLOORS)
         masked = masked_effects(fitter, retuned, results, least)
+        taken = retuned = fitter.told(retuned)
     else:
         search.say(f"fitting {' and '.join(taken.effects)} to the end")
-        taken = fitter.finish(taken)
+        retuned, taken = fitter.told(retuned), fitter.told(taken)
     return Selection(before, retuned, search.tried(), taken, reaches(results, every), masked)
 
 
