@@ -352,8 +352,8 @@ JUMP_OVER_RANGE = 0.2
 other ones."""
 DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
 """Of the delay before such a reading."""
-DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
-"""Of a delay before a hold."""
+DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
+"""Of a delay before a hold: one tick off, it would be made up for by a friction or an inertia."""
 MOVED_COST_OVER_COST = 0.98
 """From which a move is taken."""
 MOST_MOVES = 8
