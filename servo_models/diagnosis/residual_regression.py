@@ -2,17 +2,18 @@
 
 Slow noise looks like something that is missing, until one asks whether it comes again with the
 motion.  So the errors are whitened and regressed on functions of command, position, rate, its
-sign, and time since the last reversal, less what the fitted parameters can do of these.  What
-noise explains by chance is seen with the same errors, blocks of which are given random signs: they
-stay as large as they are, where they are.  (Errors shifted against the command told less: what a
-stop or a step leaves in few places is hardly ever shifted to where it would be explained as well.)
+sign, and time since the last reversal, less what the fitted parameters can do of these.  By chance
+they explain as much as they do of the same errors shifted round their log against the command, the
+colour of which is the same.  Logs of one command are not swapped: errors that are locked to it
+would stay so.
+
+Random signs of short blocks would see more, and too much: on the functions of real logs they call
+noise with a memory locked far more often than they say, since no whitening is exact.
 
 Sources: Ramsey, J. Royal Statistical Society B 31 (1969) 350 (regression specification test);
 Billings, Voon, Int. J. Control 44 (1986) 235 (residuals against nonlinear functions of inputs
-and outputs); Haugh, J. American Statistical Association 71 (1976) 378 (whitening first);
-Cochrane, Orcutt, J. American Statistical Association 44 (1949) 32 (colour from what a regression
-leaves); Hoerl, Kennard, Technometrics 12 (1970) 55 (ridge); Liu, Annals of Statistics 16 (1988)
-1696, Shao, J. American Statistical Association 105 (2010) 218 (random signs, in blocks).
+and outputs); Haugh, J. American Statistical Association 71 (1976) 378 (whitening first); Hoerl,
+Kennard, Technometrics 12 (1970) 55 (ridge); Harris, arXiv:2012.06862 (2020) (null by shifts).
 """
 
 from __future__ import annotations
@@ -27,18 +28,15 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.identification.problem import Problem
 
-DRAWS = 499
-"""Random signs that the regression is compared with."""
-BLOCK_SAMPLES = 8
-"""Samples of whitened errors that share a sign: what whitening leaves of a memory is shorter."""
+SHIFTS = 499
+"""Shifts of the errors that the regression is compared with."""
+LEAST_SHIFT = 0.05
+"""Share of a log by which its errors are shifted at least, either way round."""
 LEAST_SAMPLES = 128
 """Of an output, all logs together, that is tested: of fewer the colour is hardly known."""
 ORDER = 2
-"""Of the autoregression that whitens errors: noise of one memory, and a reading step beside it."""
-WHITENINGS = 4
-"""Regressions that find the colour, each with that of the one before: by then it has settled."""
-COLOUR_RIDGE = 0.1
-"""Of these regressions, in mean squares of a function: free of it they take slow noise along."""
+"""Of the autoregression that whitens errors: noise of one memory, and a reading step beside it.  It
+is that of the errors as they are: what a regression leaves of them looks too white."""
 RIDGE = 1.0
 """Of the test, where each function has length 1: directions that hardly any function has do
 not count, since noise fits them as well as any other."""
@@ -51,6 +49,13 @@ LONGEST_TIME_SCALE = 0.05
 """Of the motion, as a share of the log: a longer one is not seen often enough."""
 DEPENDENT = 1e-6
 """Part of a function that is its own, below which slopes can do all of it."""
+SIGNIFICANT = 0.02
+"""Probability by chance, beside which the test of slow power has its own."""
+EXPLAINED_OVER_NOISE = 0.3
+"""Explained part over the noise that is worth speaking of."""
+EXPLAINED_OVER_GAP = 0.2
+"""Explained part over the error after re-tuning alone, from which on a fitted model has missed
+something."""
 FORCES = (
     "position^2",
     "position^3",
@@ -87,6 +92,22 @@ class LockedTest:
     share_explained: float
     strongest: str
 
+    def matters(self, noise: float, gap: float, limit_cycle: float = 0.0) -> bool:
+        """Return whether this is something that the model lacks, and not a law that is a little
+        other than the actuator's.
+
+        Args:
+            noise: RMS in the errors [noise floors].
+            gap: RMS error [noise floors] after re-tuning alone.
+            limit_cycle: RMS [noise floors] by which the model differs from itself.
+        """
+        explained = math.sqrt(max(self.explained**2 - limit_cycle**2, 0.0))
+        return (
+            self.p_value <= SIGNIFICANT
+            and explained > EXPLAINED_OVER_NOISE * noise
+            and explained > EXPLAINED_OVER_GAP * gap
+        )
+
 
 NOTHING_TESTED = LockedTest(1.0, 0.0, 0.0, "")
 
@@ -96,7 +117,7 @@ class Record:
     """One output of one log.
 
     Attributes:
-        log: its number; outputs of one log share their random signs.
+        log: its number; outputs of one log are shifted together.
         output: name of the output; all its records share the coefficients of a regression.
         errors: in noise floors, shape (n,).
         functions: of what the actuator does, by name, each of shape (n,).
@@ -192,16 +213,15 @@ def locked_test(records: Sequence[Record]) -> LockedTest:
     every = [them for them in by_output.values() if _samples(them) >= LEAST_SAMPLES]
     if not every:
         return NOTHING_TESTED
-    random = np.random.default_rng(0)
-    signs = {
-        record.log: random.choice((-1.0, 1.0), (1 + DRAWS, _blocks(len(record.errors))))
-        for record in records
-    }
-    for drawn in signs.values():
-        drawn[0] = 1.0  # the errors as they are
     regressions = [_Regression(them) for them in every]
-    found = [regression.explained(signs) for regression in regressions]
-    white, coloured = np.sum(found, axis=0)
+    logs = {log: i for i, log in enumerate(sorted({record.log for record in records}))}
+    turns = np.random.default_rng(0).uniform(LEAST_SHIFT, 1.0 - LEAST_SHIFT, (SHIFTS, len(logs)))
+    shifts = np.vstack([np.zeros(len(logs)), turns])  # the errors as they are come first
+    found = [
+        [one.explained({log: turn[i] for log, i in logs.items()}) for turn in shifts]
+        for one in regressions
+    ]
+    white, coloured = np.sum(found, axis=0).T
     samples = sum(map(_samples, every))
     return LockedTest(
         p_value=float(np.mean(white >= white[0])),
@@ -222,7 +242,7 @@ class _Regression:
         functions = _scaled(np.vstack([np.column_stack([*r.functions.values()]) for r in records]))
         slopes = np.vstack([record.slopes for record in records])
         known = _span(_scaled(np.column_stack([np.ones(len(errors)), slopes])))
-        self.filter = self._whitener(errors, functions, known)
+        self.filter = _autoregression([record.errors for record in records])
         self.errors = self._white(errors)[:, 0]
         self.power = float(np.mean(self.errors**2)) or 1.0
         # what parameters can do has been done by the fit
@@ -238,37 +258,21 @@ class _Regression:
         back = (functions - known @ imitated) * scale @ (right.T * (self.kept / _safe(singular)))
         self.gram = back.T @ back
 
-    def explained(self, signs: Mapping[int, Array]) -> tuple[Array, Array]:
+    def explained(self, shifts: Mapping[int, float]) -> tuple[float, float]:
         """Return squares explained of the whitened errors over their mean, and of the errors
-        before whitening, each of shape (draws,).
+        before whitening.
 
-        ``signs`` of the blocks of each log, shape (draws, blocks), by its number.
+        ``shifts`` are shares of its length by which each log is shifted, by its number.
         """
-        products = np.split(self.basis * self.errors[:, None], self.cuts)
-        found = sum(
-            signs[log] @ np.add.reduceat(product, _firsts(len(product)))
-            for log, product in zip(self.logs, products)
-        )
-        return found**2 @ self.kept / self.power, np.sum(found @ self.gram * found, axis=1)
+        parts = zip(self.logs, np.split(self.errors, self.cuts))
+        shifted = [np.roll(part, round(shifts[log] * len(part))) for log, part in parts]
+        found = np.concatenate(shifted) @ self.basis
+        return float(found**2 @ self.kept) / self.power, float(found @ self.gram @ found)
 
     def strongest(self) -> tuple[str, float]:
         """Return the function that explains most alone, and how many squares over their mean."""
         alone = (self.functions.T @ self.errors) ** 2 / self.power
         return self.names[int(np.argmax(alone))], float(np.max(alone))
-
-    def _whitener(self, errors: Array, functions: Array, known: Array) -> Array:
-        """Filter, shape (ORDER + 1,), that makes white what functions leave of errors."""
-        every, left = np.hstack([functions, known]), errors
-        for _ in range(WHITENINGS):
-            self.filter = _autoregression(np.split(left[:, 0], self.cuts))
-            seen = self._white(every)
-            gram = seen.T @ seen
-            count = functions.shape[1]
-            ridge = COLOUR_RIDGE * np.trace(gram[:count, :count]) / count
-            gram[range(count), range(count)] += ridge
-            there = seen.T @ self._white(errors)
-            left = errors - every @ np.linalg.lstsq(gram, there, rcond=DEPENDENT**2)[0]
-        return _autoregression(np.split(left[:, 0], self.cuts))
 
     def _white(self, columns: Array) -> Array:
         """Columns of shape (n, k) through the filter, log by log."""
@@ -282,6 +286,7 @@ class _Regression:
 
 
 def _autoregression(parts: Sequence[Array]) -> Array:
+    """Filter, shape (ORDER + 1,), that makes errors white."""
     pasts = [
         np.column_stack([part[ORDER - k : len(part) - k] for k in range(1, ORDER + 1)])
         for part in parts
@@ -310,15 +315,6 @@ def _lagged(signal: Array, samples: float) -> Array:
 
 def _samples(records: Sequence[Record]) -> int:
     return sum(len(record.errors) for record in records)
-
-
-def _blocks(samples: int) -> int:
-    return max(1, samples // BLOCK_SAMPLES)
-
-
-def _firsts(samples: int) -> Array:
-    """First samples of the blocks of a log; the last block takes what is left over."""
-    return BLOCK_SAMPLES * np.arange(_blocks(samples))
 
 
 def _scaled(columns: Array) -> Array:
