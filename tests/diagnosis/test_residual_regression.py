@@ -12,6 +12,7 @@ from scipy.stats import kstest
 from servo_models.core.types import Array
 from servo_models.diagnosis.residual_regression import (
     NOTHING_TESTED,
+    LockedTest,
     Record,
     command_locked,
     functions_of,
@@ -21,6 +22,7 @@ from tests.support.diagnoses import made
 
 STEP = 1e-3
 COUNT = 600
+TIMES: Array = STEP * np.arange(float(COUNT))
 DRAWS = 40
 
 
@@ -46,7 +48,7 @@ def lag(signal: Array) -> Array:
 
 def record(errors: Array, command: Array, position: Array, log: int = 0) -> Record:
     """Errors of a fit of a gain and a delay."""
-    functions = functions_of(STEP * np.arange(COUNT), command, position)
+    functions = functions_of(TIMES, command, position)
     slopes = np.column_stack([position, np.gradient(position, STEP)])
     return Record(log, "angle", errors, functions, slopes)
 
@@ -88,7 +90,7 @@ def test_a_drag_as_large_as_the_noise_is_found(memory: float) -> None:
 def test_the_strongest_function_is_that_of_the_errors() -> None:
     random = np.random.default_rng(1)
     command, position = moved(random)
-    functions = functions_of(STEP * np.arange(COUNT), command, position)
+    functions = functions_of(TIMES, command, position)
     for name in ("rate |rate|", "acceleration", "|position|"):
         errors = 0.3 * coloured(random, 0.0) + 2.0 * functions[name]
         assert locked_test([record(errors, command, position)]).strongest == name
@@ -139,3 +141,20 @@ def test_of_a_fitted_model() -> None:
     noise = np.random.default_rng(5).normal(size=len(errors))
     assert command_locked(left.problem, left.values, errors, slopes).p_value < 0.02
     assert command_locked(left.problem, left.values, noise, slopes).p_value > 0.02
+
+
+@pytest.mark.parametrize(
+    ("p_value", "explained", "limit_cycle", "lacks"),
+    [
+        (0.002, 1.5, 0.0, True),
+        (0.2, 1.5, 0.0, False),  # by chance
+        (0.002, 0.5, 0.0, False),  # a quarter of the noise
+        (0.002, 0.9, 0.0, False),  # less than a fifth of the gap
+        (0.002, 1.5, 1.4, False),  # what hunting does
+    ],
+)
+def test_what_matters_is_sure_and_large(
+    p_value: float, explained: float, limit_cycle: float, lacks: bool
+) -> None:
+    test = LockedTest(p_value, explained, 0.1, "rate")
+    assert test.matters(noise=2.0, gap=5.0, limit_cycle=limit_cycle) is lacks
