@@ -97,7 +97,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
         for name in fitted_model.effects:
             # shares of 1 may add up to more by a rounding
             by_effect[name] = min(1.0, by_effect.get(name, 0.0) + float(chance))
-    alone = {one.effects: one.loss for one in selection.singles}
+    alone = {one.effects: one.loss for one in selection.of_size(1)}
     ranked = dict(sorted(by_effect.items(), key=lambda it: _rank(it[1], alone.get((it[0],)))))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS

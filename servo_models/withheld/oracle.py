@@ -40,8 +40,8 @@ from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter, prior_parameters
-from servo_models.diagnosis.search.screening import Screened, pairs, screen
-from servo_models.diagnosis.search.selection import beside, likeliest, together
+from servo_models.diagnosis.search.joint_fits import beside, together
+from servo_models.diagnosis.search.screening import Screened, likeliest, pairs, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -145,9 +145,7 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
 
 def _said(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
     selection, verdict = found.selection, found.verdict
-    tried = sorted(
-        [*selection.singles, *selection.pairs, *selection.more], key=lambda one: one.evidence.rms
-    )
+    tried = sorted(selection.tried, key=lambda one: one.evidence.rms)
     return Diagnosed(
         case=case,
         verdict=verdict.kind,

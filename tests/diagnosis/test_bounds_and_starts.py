@@ -14,14 +14,15 @@ from servo_models.data.description import read_description
 from servo_models.diagnosis.search import grid_search as staircases
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import prior_parameters
+from servo_models.diagnosis.search.joint_fits import beside, best_start
 from servo_models.diagnosis.search.screening import (
     Detectability,
-    best_start,
+    likeliest,
     reaches,
     screen,
     screening_results,
 )
-from servo_models.diagnosis.search.selection import beside, likeliest, select_effects
+from servo_models.diagnosis.search.selection import select_effects
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
 from tests.support.delayed_motor import DESCRIPTION, describe

@@ -17,8 +17,8 @@ from servo_models.diagnosis.search.candidates import candidates, travel
 from servo_models.diagnosis.search.crossval import blocks, cross_validate
 from servo_models.diagnosis.search.fitting import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.screening import reaches, screen
-from servo_models.diagnosis.search.selection import beside
 from servo_models.identification.descent import _Point, _step, descend
 from servo_models.identification.problem import Free
 from tests.support.diagnoses import made

@@ -60,6 +60,9 @@ COARSE_WIDTH_IN_SCALES, COARSE_RELATIVE_WIDTH = 0.02, 0.01
 """Widths of slopes where an effect makes a staircase of the response, or a jump in it: of the
 parameters in scales, and of a stepwise size relative to it."""
 
+SETTLED_OVER_NOISE = 0.3
+"""Structured part of the errors over the noise, below which nothing is left to explain."""
+
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
@@ -120,6 +123,17 @@ class FittedModel:
     def left(self) -> Residuals:
         """What the errors that it leaves consist of."""
         return residuals_of(self.problem, self.evidence)
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is left is noise."""
+        return self.left.structured < SETTLED_OVER_NOISE * self.left.noise
+
+    def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
+        """Return its effects without one, and their free parameters."""
+        own = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
+        kept = [it for it in self.problem.free if it.prior is None and own[it.name] != name]
+        return tuple(it for it in self.effects if it != name), kept
 
     @property
     def cost(self) -> float:

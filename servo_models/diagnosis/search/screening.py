@@ -1,34 +1,18 @@
-"""Look at every effect, and every pair, without fitting any: a score test in the large.
+"""Screen every effect, and every pair, without fitting any: a score test in the large.
 
-Each effect is simulated at a few sizes.  What is left of the gap is regressed on such a
-difference and on the slopes of the nominal parameters, held by their priors and inside their
-bounds, so a look gives the start of a fit as well.  Source: Rao, Proc. Cambridge Phil. Soc. 44
-(1948) (score test); the sizes replace its derivative, since many effects have none at 0.
-
-
-What an effect changes: simulated at its sizes, other parameters where it would take them.
-
-Where a response is a staircase of the size, other parameters have made up for the cause, and the
-true size looks like any other until they are taken back.
-
-
-Pairs of effects by what both would leave together, before any is fitted.
-
-What each is worth alone says little: it has then made up for what the other one does.
-
-
-From where a fit begins: of what looks suggest, what leaves least once it is simulated.
-
-A look is straight: it takes a share of the difference that an effect makes at one size, and
-moves the other parameters along their slopes.  The effect at that size, at the share of it, and
-the other parameters there are simulated before a fit of dozens of simulations begins.
-
-
-How far an effect moves the outputs of logs, and how far beyond what parameters imitate."""
+Each effect is simulated at a few trial values.  What is left of the gap is regressed on the change
+that it makes and on the slopes of the nominal parameters, held by their priors and inside their
+bounds, so screening gives the start of a fit as well.  What each effect is worth alone says little
+of a pair: it has then made up for what the other one does.  Where a response jumps with a
+parameter, other parameters have made up for the cause, and the true value looks like any other
+until they are corrected.
+Source: Rao, Proc. Cambridge Phil. Soc. 44 (1948) (score test); trial values replace its derivative,
+since many effects have none at 0.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, product
@@ -40,14 +24,19 @@ from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, Settings
-from servo_models.diagnosis.search.fitting import delays_of
+from servo_models.diagnosis.search.fitting import FittedModel, delays_of
 from servo_models.diagnosis.search.linearisation import Linearisation, least_in_box, value_at
 from servo_models.errors import UserError
-from servo_models.identification.problem import Free
 
 LARGEST_SHARE, LEAST_SHARE = 1.6, 0.5
 """A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
 limit on a rate at least this part: a small part of what a tight one does is what none does."""
+VALUES_BESIDE = 6
+"""Trial values at which an effect is screened beside others."""
+VALUES_SIMULATED = 5
+"""Of an effect before a fit of it, where screening puts the other parameters."""
+NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))
+"""From its value in a model, at which a discontinuous parameter is sought again."""
 LARGEST_RIPPLE_SHARE = 10.0
 """The same for a ripple, of which one size is looked at."""
 
@@ -460,52 +449,6 @@ def _limits(part: Sequence[Screened]) -> tuple[Array, Array]:
     return low[:, None], high[:, None]
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where a fit may begin.
-
-    Attributes:
-        results: of screening the effects that are fitted together.
-        free: their parameters, with their starts.
-        values: estimates [SI] of the other parameters.
-        cost: squared errors that are left there, priors included.
-    """
-
-    results: tuple[Screened, ...]
-    free: tuple[Free, ...]
-    values: dict[str, float]
-    cost: float
-
-
-def best_start(results: Sequence[Screened], thorough: bool = True) -> Start:
-    """Return the best start of effects that are fitted together, each seen at one size.
-
-    Other parameters are tried where they make up for the whole effects only, unless ``thorough``.
-    """
-    options = [(1.0,) if it.share in (0.0, 1.0) else (1.0, it.share) for it in results]
-    starts = (_start(results, scales, thorough) for scales in product(*options))
-    return min(starts, key=lambda it: it.cost)
-
-
-def _start(results: Sequence[Screened], scales: Sequence[float], thorough: bool) -> Start:
-    """The start with the effects at so many times the sizes at which they were seen."""
-    seen = results[0].seen
-    free = tuple(one for it, scale in zip(results, scales) for one in it.candidate.at(it.at(scale)))
-    own = {it.name: it.start for it in free}
-    full = tuple(scale / it.share if it.share else 0.0 for it, scale in zip(results, scales))
-    parts = dict.fromkeys((full, (1.0,) * len(results), (0.0,) * len(results)))
-    wholes = [
-        np.sum([share * it.whole for it, share in zip(results, shares)], axis=0)
-        for shares in (parts if thorough else (full,))
-    ]
-    tried = [seen.start(whole) for whole in wholes]
-    if thorough:
-        stays = seen.problem.values(seen.vector)
-        tried += [stays, *(seen.near_start(whole) for whole in wholes)]
-    found = (Start(tuple(results), free, it, seen.cost({**it, **own})) for it in tried)
-    return min(found, key=lambda it: it.cost)
-
-
 @dataclass(frozen=True)
 class Detectability:
     """How far an effect moves the outputs at the sizes looked at, RMS in noise floors.
@@ -539,3 +482,121 @@ def _reach(result: Screened) -> Detectability:
     return Detectability(
         *(float(np.sqrt((it**2).sum(axis=0).max() / samples)) for it in (moved, shown))
     )
+
+
+Seen = tuple[str, list[Screened]]
+"""An effect, and the sizes at which it was seen that promise most."""
+
+
+def names_of(results: Iterable[Screened]) -> list[str]:
+    return list(dict.fromkeys(result.candidate.name for result in results))
+
+
+def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator[Seen]:
+    """The effects seen first, each with the sizes from which its fit begins."""
+    for name in names_of(results)[:count]:
+        yield name, likeliest([result for result in results if result.candidate.name == name])
+
+
+def likeliest(own: Sequence[Screened]) -> list[Screened]:
+    """Of the sizes of one effect, best first, those that are worth a simulation.
+
+    A fit finds the size, but hardly another shape: of each shape the best size is one of them.
+    """
+    best: dict[Hashable, Screened] = {}
+    for result in own:
+        best.setdefault(result.candidate.shape_at(result.settings), result)
+    first = list(best.values())
+    return [*first, *(it for it in own if it not in first)][:VALUES_SIMULATED]
+
+
+def _at_likely_sizes(seen: Linearisation, one: Candidate) -> Candidate:
+    """An effect at the sizes that would leave least from there if changes add up."""
+    if len(one.alone) <= VALUES_BESIDE:
+        return one
+    left, _ = best_scales(seen, [one] * len(one.alone), one.alone)
+    best = np.argsort(left, kind="stable")[:VALUES_BESIDE]
+    return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
+
+
+def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[Candidate]:
+    """Return effects with what ``results``, best first, have shown of their sizes alone.
+
+    Of the thousands of sizes of a staircase, those stay that were promising once.  Others keep all:
+    alone, each takes the size that imitates what is missing as well.
+    """
+    found = []
+    for one in every:
+        own = [result for result in results if result.candidate.name == one.name]
+        first = {_place(one, it.settings): it for it in reversed(own)}
+        if one.grid and own:
+            sizes = {_place(one, it.settings): it.settings for it in own}
+            found.append(replace(one, trial_values=tuple(sizes.values())[:VALUES_BESIDE]))
+        elif one.discontinuous or not own:
+            found.append(one)
+        else:
+            none = np.zeros_like(own[0].columns)
+            known = (first.get(_place(one, size)) for size in one.trial_values)
+            found.append(replace(one, alone=tuple(it.columns if it else none for it in known)))
+    return found
+
+
+def _place(one: Candidate, settings: Settings) -> Hashable:
+    """Which of its sizes some settings are: of a ripple they come with another size and phase."""
+    return tuple(it for it in settings.items() if it[0] not in (one.ripple or ()))
+
+
+class Screener:
+    """Screens effects beside fitted models, at the trial values that promised something alone.
+
+    As far as changes add up, those tell what a value would leave beside other effects, and only the
+    likeliest are simulated there, each once.  Of smooth effects the results are kept from which a
+    fit may begin: every one holds a response.
+    """
+
+    def __init__(
+        self,
+        every: Iterable[Candidate],
+        results: Sequence[Screened],
+        before: Screener | None = None,
+    ) -> None:
+        self.candidates = {one.name: one for one in preselect(every, results)}
+        self._known: dict[Hashable, list[Screened]] = before._known if before else {}
+
+    def beside(self, first: FittedModel, pool: Iterable[Candidate]) -> list[Screened]:
+        """Return what is seen of effects beside those of a model, best first."""
+        others = [self.candidates[one.name] for one in pool if one.name not in first.effects]
+        keys = {_key(first, one): one for one in others}
+        new = {one.name: key for key, one in keys.items() if key not in self._known}
+        self._known |= {key: [] for key in new.values()}
+        found = _screened_beside(first, [keys[key] for key in new.values()])
+        for name in names_of(found):
+            own = [result for result in found if result.candidate.name == name]
+            self._known[new[name]] = own if own[0].candidate.discontinuous else likeliest(own)
+        known = chain.from_iterable(self._known[key] for key in keys)
+        return sorted(known, key=lambda result: result.left)
+
+    def again_beside(self, stays: FittedModel, model: FittedModel) -> list[Screened]:
+        """Return the same of all effects beside a model of which one effect was taken out."""
+        every = self.candidates.values()
+        others = [_nearer(one, model) for one in every if one.name not in stays.effects]
+        return _screened_beside(stays, others)
+
+
+def _screened_beside(first: FittedModel, others: Iterable[Candidate]) -> list[Screened]:
+    return screen((first.linearised,), [_at_likely_sizes(first.linearised, it) for it in others])
+
+
+def _key(first: FittedModel, one: Candidate) -> Hashable:
+    """An effect at its trial values, seen from a fit."""
+    return first, one.name, tuple(tuple(size.items()) for size in one.trial_values)
+
+
+def _nearer(one: Candidate, model: FittedModel) -> Candidate:
+    """A discontinuous effect with values very near that of a model which has it: beside another
+    effect the narrow minimum may lie next to where it was alone."""
+    if not one.discontinuous or one.name not in model.effects:
+        return one
+    switch = one.free[0].name
+    near = [{switch: model.values[switch] * (1.0 + it)} for it in NEAR_RELATIVE_CHANGES]
+    return replace(one, trial_values=(*one.trial_values, *near))

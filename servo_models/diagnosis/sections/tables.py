@@ -214,7 +214,8 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
 
 def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
     """Return them among fitted models of as many effects as were taken, "" for others."""
-    if fitted_models is not diagnosis.selection.alike or not diagnosis.selection.taken.effects:
+    alike = diagnosis.selection.alike
+    if list(fitted_models) != alike or not diagnosis.selection.taken.effects:
         return [""] * len(fitted_models)
     chances = weights_of(diagnosis.selection, diagnosis.verdict.rest)
     return [_chance(float(chance)) for chance in chances]
