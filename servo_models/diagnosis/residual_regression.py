@@ -81,7 +81,8 @@ class LockedTest:
     """How far errors follow the command.
 
     Attributes:
-        p_value: probability that noise of this colour is explained as well.
+        p_value: probability that noise of this colour is explained as well; of few samples it comes
+            out too small, noise passes 0.02 in about 1 of 20, so it never decides alone.
         explained: RMS [noise floors] that is explained, less what is by chance.
         share_explained: of the power of the whitened errors, less what is by chance.
         strongest: function that explains most of them alone; "" where nothing was tested.
