@@ -20,7 +20,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
-from servo_models.diagnosis.verdict import model_weights
+from servo_models.diagnosis.verdict import weights_by_effects
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
@@ -131,7 +131,7 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
 
 def _confidence_set(diagnosis: Diagnosis) -> dict[str, Any]:
     """The fitted models that cannot be told apart, and the choices that they leave."""
-    weights = model_weights(diagnosis.selection, diagnosis.verdict)
+    weights = weights_by_effects(diagnosis.selection, diagnosis.verdict)
     return {
         "models": [
             {"effects": list(one.effects), "model_weight": weights[one.effects]}

@@ -13,7 +13,7 @@ from servo_models.diagnosis.fitting.residuals import sure, unmodelled
 from servo_models.diagnosis.gap import closed, not_followed
 from servo_models.diagnosis.repeatability import unrepeatable
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
-from servo_models.diagnosis.weights import covering, probabilities
+from servo_models.diagnosis.weights import covering, model_weights
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -68,10 +68,10 @@ def weights_of(selection: Selection, rest: float) -> Array:
 
     ``rest`` is the RMS [noise floors] of what is surely missing.
     """
-    return probabilities(selection.alike, selection.taken.problem.samples * rest**2)
+    return model_weights(selection.alike, selection.taken.problem.samples * rest**2)
 
 
-def model_weights(selection: Selection, verdict: Verdict) -> dict[tuple[str, ...], float]:
+def weights_by_effects(selection: Selection, verdict: Verdict) -> dict[tuple[str, ...], float]:
     """Return the model weight of each fitted model of as many effects as were taken, by these."""
     if not verdict.weights:
         return {}

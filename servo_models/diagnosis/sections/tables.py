@@ -17,7 +17,7 @@ from servo_models.diagnosis.localisation import Bin, Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.signatures import sentence
-from servo_models.diagnosis.verdict import OUTSIDE, model_weights
+from servo_models.diagnosis.verdict import OUTSIDE, weights_by_effects
 from servo_models.identification.readings import error_table
 from servo_models.report.numbers import Quantity, number, percent, prefix
 from servo_models.report.sections import Cell, Table
@@ -218,7 +218,7 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
 
 def shown_weights(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
     """Return model weights of fitted models of as many effects as were taken, "" for others."""
-    weights = model_weights(diagnosis.selection, diagnosis.verdict)
+    weights = weights_by_effects(diagnosis.selection, diagnosis.verdict)
     return [_weight(weights[it.effects]) if it.effects in weights else "" for it in fitted_models]
 
 
