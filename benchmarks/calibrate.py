@@ -104,11 +104,12 @@ def cross_validated(runs: Sequence[Run]) -> list[Case]:
 
 
 def before(cases: Iterable[Case]) -> list[Case]:
-    """The same cases with their weights told as if they were probabilities."""
+    """The same cases with their weights told as if they were probabilities, where any are told."""
     return [
         replace(case, said=replace(case.said, probabilities=case.said.chances))
+        if case.said.probabilities
+        else case
         for case in cases
-        if case.said.verdict != OUTSIDE
     ]
 
 
