@@ -97,7 +97,7 @@ def _voltage() -> Array:
 @pytest.fixture(scope="module")
 def unsure(found: Diagnosis) -> Diagnosis:
     """As if the two best effects could not be told apart."""
-    rivals = tuple(found.selection.singles[:2])
+    rivals = tuple(found.selection.of_size(1)[:2])
     members = tuple(name for one in rivals for name in one.effects)
     ranking = tuple(replace(one, in_set=one.name in members) for one in found.ranking)
     verdict = replace(found.verdict, kind=EFFECT, members=members, rivals=rivals)
@@ -275,7 +275,7 @@ def test_model_weights_are_shown_for_the_kind_of_explanation_that_was_taken(
 ) -> None:
     """Among pairs of which none was taken they would mean nothing."""
     rows = {row[0]: row[2] for row in Page(text).rows if row[-1] == "converged"}
-    alone = [one.effects[0] for one in found.selection.singles if one.converged]
+    alone = [one.effects[0] for one in found.selection.of_size(1) if one.converged]
     assert sum(float(rows[name]) for name in alone) == pytest.approx(1.0, abs=0.01 * len(alone))
     assert all(not weight for name, weight in rows.items() if " and " in name)
 
@@ -301,7 +301,7 @@ def test_outside_the_catalogue_effects_are_ranked_and_no_probability_is_told(
 
 def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:
     """Not as a flat list: in the sentence, in the report and structured in the document."""
-    one = found.selection.singles[0]
+    one = found.selection.of_size(1)[0]
     names = [
         (load, friction)
         for load in ("constant_load", "gravity_load")
@@ -316,7 +316,7 @@ def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:
     for kind in (EFFECTS, NOT_IDENTIFIABLE):
         verdict = replace(found.verdict, kind=kind, rivals=tuple(models), members=flat)
         taken = replace(found.selection.taken, effects=names[0])
-        selection = replace(found.selection, taken=taken, pairs=models)
+        selection = replace(found.selection, taken=taken, tried=models)
         two = replace(found, selection=selection, verdict=verdict, written=())
         told = json.loads(two.to_json())
         check_schema(told)
@@ -330,7 +330,7 @@ def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:
 
 def test_intervals_compare_with_the_best(found: Diagnosis) -> None:
     """One that is worse by the same factor in every block is so in every draw."""
-    best = found.selection.singles[0]
+    best = found.selection.of_size(1)[0]
     twice = replace(best, evidence=replace(best.evidence, unseen=2.0 * best.evidence.unseen))
     same, worse = intervals([best, twice])
     assert same == pytest.approx((best.evidence.rms, best.evidence.rms))

@@ -21,7 +21,7 @@ from servo_models.diagnosis.experiments import experiment
 from servo_models.diagnosis.experiments.commands import FAMILIES, Command
 from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
 from servo_models.diagnosis.experiments.experiment_search import Stage
-from servo_models.diagnosis.fitting.fitted_model import Fitter
+from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.grid_search import shortened
 from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.verdict import Verdict, decide

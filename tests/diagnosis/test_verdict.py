@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servo_models.core.types import Array
 from servo_models.diagnosis import verdict as verdicts
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection, select_effects
 from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
 from servo_models.diagnosis.weights import TEMPER, model_weights
@@ -25,7 +25,7 @@ def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None
     assert verdict.kind == EFFECTS
     assert set(selection.taken.effects) == {"transport_delay", "drive_saturation"}
     assert verdict.weights["transport_delay"] > 0.995
-    assert selection.singles[0].effects == ("drive_saturation",)
+    assert selection.of_size(1)[0].effects == ("drive_saturation",)
     assert list(verdict.weights)[:2] == ["drive_saturation", "transport_delay"]
 
 
@@ -35,7 +35,7 @@ def friction() -> Selection:
 
 
 def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Selection) -> None:
-    rivals = friction.singles[:3]
+    rivals = friction.of_size(1)[:3]
     plain = model_weights(rivals)
     doubtful = [model_weights(rivals, 50.0 * rival.loss) for rival in rivals]
     for chances in doubtful:
@@ -69,7 +69,7 @@ def test_two_models_as_wrong_as_each_other_get_half_each_where_one_posterior_com
 
 def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Selection) -> None:
     """A likelier one may not have earned its place: both are told then."""
-    last = friction.singles[-1]
+    last = friction.of_size(1)[-1]
     verdict = decide(replace(friction, taken=last))
     assert verdict.weights[last.effects[0]] < 0.01
     assert set(verdict.members) == {*decide(friction).members, *last.effects}
@@ -82,7 +82,7 @@ def test_no_effect_is_surer_than_sure(friction: Selection, parts: list[float]) -
     one = friction.retuned
     every = [replace(one, effects=("backlash", f"other {k}")) for k in range(len(parts))]
     shares = np.array(parts) + 1e-9
-    selection = Selection(one.evidence, one, [], every, [], every[0], {})
+    selection = Selection(one.evidence, one, every, every[0], {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verdicts, "weights_of", lambda *_: shares / shares.sum())
         assert max(decide(selection, tolerance=0.0).weights.values()) <= 1.0
@@ -99,7 +99,7 @@ def test_an_output_that_is_not_followed_counts_from_the_tolerance_that_was_asked
     noise = 1.5 * np.random.default_rng(0).standard_normal(len(one.evidence.errors))
     left = replace(one, evidence=replace(one.evidence, errors=noise, unseen=noise))
     before = replace(one.evidence, unseen=10.0 * noise)
-    verdict = decide(Selection(before, left, [], [], [], left, {}), tolerance)
+    verdict = decide(Selection(before, left, [], left, {}), tolerance)
     assert (verdict.kind, verdict.rest) == (kind, 0.0)
 
 

@@ -17,7 +17,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.tables import write_signals
 from servo_models.diagnosis.experiments.experiment_search import Stage
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.verdict import FEW
 
 TELLING = 1.0

@@ -20,9 +20,9 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.experiments.commands import FAMILIES, PACES, Command, grid
 from servo_models.diagnosis.experiments.refit import residual_after_refit
-from servo_models.diagnosis.fitting.crossval import dispersion
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.diagnosis.search.crossval import dispersion
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 

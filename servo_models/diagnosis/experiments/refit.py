@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.identification.problem import Problem
 
 EVALUATIONS = 40

@@ -11,11 +11,11 @@ import numpy as np
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.diagnosis import summary
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import DRAWS, Gap
 from servo_models.diagnosis.localisation import Bin, Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.signatures import sentence
 from servo_models.diagnosis.verdict import OUTSIDE, weights_by_effects
 from servo_models.identification.readings import error_table
