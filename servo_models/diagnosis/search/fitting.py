@@ -43,8 +43,7 @@ from servo_models.data.log import ROUNDING, Log
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
 from servo_models.diagnosis.search.linearisation import Linearisation, linearised
 from servo_models.diagnosis.search.residuals import Residuals, residuals_of
-from servo_models.identification.descent import descend
-from servo_models.identification.optimise import steps
+from servo_models.identification.optimise import descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
 from servo_models.identification.uncertainty import Spread, spread
 
