@@ -20,10 +20,11 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
+from servo_models.diagnosis.verdict import weights_by_effects
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
-VERSION = 2
+VERSION = 3
 """Of the schema: it counts up when a reader of the one before would go wrong."""
 FLOORS = "noise floor"
 
@@ -41,6 +42,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
         "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
         "effects": [_effect(diagnosis, effect) for effect in diagnosis.ranking],
+        "confidence_set": _confidence_set(diagnosis),
         "ruled_out": [
             {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
         ],
@@ -113,6 +115,7 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
     return {
         "name": effect.name,
         "block": effect.wire,
+        "model_weight": effect.model_weight,
         "probability": effect.probability,
         "in_set": effect.in_set,
         "taken": effect.taken,
@@ -123,6 +126,24 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
         "detectability": effect.detectability,
         "beside": list(effect.beside),
         "detected": None if effect.detected is None else _detected(effect.detected),
+    }
+
+
+def _confidence_set(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The fitted models that cannot be told apart, and the choices that they leave."""
+    weights = weights_by_effects(diagnosis.selection, diagnosis.verdict)
+    return {
+        "models": [
+            {"effects": list(one.effects), "model_weight": weights[one.effects]}
+            for one in diagnosis.verdict.rivals
+        ],
+        "alternatives": [
+            [
+                {"family": slot.family, "count": slot.count, "effects": list(slot.effects)}
+                for slot in slots
+            ]
+            for slots in diagnosis.alternatives
+        ],
     }
 
 

@@ -14,13 +14,14 @@ import numpy as np
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
+from servo_models.diagnosis.ambiguity import Slot, alternatives
 from servo_models.diagnosis.gap import Gap, GapSummary
 from servo_models.diagnosis.held_out import HeldOut, held_out_scores
 from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
-from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
+from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict, parameters_explain
 from servo_models.identification.readings import Reading, reading
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from servo_models.diagnosis.experiments.experiment import Experiment
     from servo_models.diagnosis.localisation import Breakdown
 
-EXPLAINED = 0.5
-"""Share of what can be closed from which parameters explain a gap."""
 MUCH = 0.5
 """Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
 
@@ -106,9 +105,7 @@ class Diagnosis(Result):
     @property
     def explained(self) -> bool:
         """Whether re-tuned parameters explain the gap: else, without an effect, it is noise."""
-        share = self.gap.closed
-        alone = self.verdict.kind == PARAMETERS and bool(self.moved)
-        return alone and share is not None and share[0] >= EXPLAINED
+        return self.verdict.kind == PARAMETERS and parameters_explain(self.selection)
 
     @property
     def masked(self) -> tuple[MaskedEffect, ...]:
@@ -122,6 +119,13 @@ class Diagnosis(Result):
         least = MUCH * self.gap.rms["before"]
         large = [it.fitted_model for it in self.masked if it.moved >= least]
         return (self.selection.retuned, *large) if large else self.verdict.rivals
+
+    @property
+    def alternatives(self) -> tuple[tuple[Slot, ...], ...]:
+        """What the confidence set leaves open, as choices between effects."""
+        plant = self.model.plant
+        models = [one.effects for one in self.verdict.rivals]
+        return alternatives(models, lambda name: plant.main(name).effect.hints.family)
 
     @cached_property
     def held_out(self) -> tuple[HeldOut, ...]:

@@ -34,6 +34,8 @@ UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
 MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+MOST_ALTERNATIVES = 3
+"""Alternatives of a confidence set that a sentence names."""
 SURPRISING = 3.0
 """Prior standard deviations from which a nominal parameter has moved further than it should."""
 
@@ -113,13 +115,21 @@ def headline(diagnosis: Diagnosis) -> str:
     if kind == OUTSIDE:
         alone = "with parameters re-tuned" if diagnosis.moved else "with the nominal model"
         best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
-        return f"Outside the catalogue: {best}, something is left"
+        return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
     return f"{placed(diagnosis, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+
+
+def none_explains(diagnosis: Diagnosis) -> str:
+    """Return a clause on a ranking of effects outside the catalogue, "" where there is none."""
+    ranks = diagnosis.verdict.kind == OUTSIDE and diagnosis.verdict.weights
+    return "; the ranking is of effects none of which explains all" if ranks else ""
 
 
 def _undecided(diagnosis: Diagnosis) -> str:
     """What is not told apart; effects that every fitted model left names are no part of it."""
     left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
+    if sum(slot.open for slots in diagnosis.alternatives for slot in slots) > 1:
+        return f"These logs cannot tell which effects they are: {choices(diagnosis)}"
     surely = [name for name in members if left and all(name in one.effects for one in left)]
     others = ", ".join(name for name in members if name not in surely)
     said = "These logs cannot tell which effect it is"
@@ -137,7 +147,18 @@ def rivals(diagnosis: Diagnosis) -> str:
     others = [
         name for name in diagnosis.verdict.members if name not in diagnosis.selection.taken.effects
     ]
+    if diagnosis.verdict.kind == EFFECTS and others:
+        return f"; cannot be told apart: {choices(diagnosis)}"
     return f"; cannot be told apart from {', '.join(others)}" if others else ""
+
+
+def choices(diagnosis: Diagnosis) -> str:
+    """Return what the confidence set leaves open: "a load (a or b) and a friction (c or d)"."""
+    every = diagnosis.alternatives
+    said = [" and ".join(map(str, slots)) for slots in every[:MOST_ALTERNATIVES]]
+    many = len(every) - len(said)
+    more = [f"{many} other combination{'s' * (many > 1)}"] if many else []
+    return ", or ".join([*said, *more])
 
 
 def listed(names: Iterable[str]) -> str:

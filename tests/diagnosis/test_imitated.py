@@ -76,6 +76,12 @@ def test_the_cause_is_among_what_parameters_imitate(found: Diagnosis) -> None:
     assert {"drive_dead_zone"} <= {name for it in found.undecided for name in it.effects}
 
 
+def test_the_set_of_parameters_is_what_they_mask(found: Diagnosis) -> None:
+    assert set(found.verdict.members) == masked(found).keys()
+    ranked = {one.name: one.in_set for one in found.ranking}
+    assert all(ranked[name] for name in masked(found).keys() & ranked.keys())
+
+
 def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
     """By plain simulations: parameters as they were, and as they were re-tuned beside it."""
     (log,) = found.logs
@@ -248,7 +254,15 @@ def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
 
 def test_parameters_that_explain_little_imitate_nothing(found: Diagnosis) -> None:
     """The gap cannot be told from noise then, and whatever they do is no reason to doubt that."""
-    little = replace(found, gap=replace(found.gap, closed=(0.2, 0.1, 0.3)))
+    judged = found.selection.retuned.evidence
+    left = 3.0 / judged.rms  # 3 noise floors of the 3.5 before are left: a fifth is closed
+    evidence = replace(judged, unseen=left * judged.unseen)
+    selection = replace(
+        found.selection,
+        before=replace(found.selection.before, unseen=3.5 / judged.rms * judged.unseen),
+        retuned=replace(found.selection.retuned, evidence=evidence),
+    )
+    little = replace(found, selection=selection)
     assert "cannot be told from noise" in summary.headline(little)
     assert little.masked == ()
     assert little.undecided == ()

@@ -89,8 +89,7 @@ def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
         for value in effect.parameters
     )
-    told = diagnosis.verdict.weights and diagnosis.verdict.kind != OUTSIDE
-    chance = f", {tables.probability(effect)}" if told else ""
+    chance = f", {tables.likelihood(effect)}" if effect.probability is not None else ""
     return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {sizes}"
 
 
@@ -182,9 +181,8 @@ def _effects(diagnosis: Diagnosis) -> Section:
         EFFECTS,
         "Every effect was switched on and fitted, with the nominal parameters free inside their"
         " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
-        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability. Read"
-        " probabilities as a ranking: they come out too sure."
-        f"{_refined(diagnosis)}",
+        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability."
+        f" {_likely(diagnosis)}{_refined(diagnosis)}",
         tables=(
             tables.effects(diagnosis),
             *(tables.fits(diagnosis, fits, title) for title, fits in groups.items()),
@@ -193,6 +191,16 @@ def _effects(diagnosis: Diagnosis) -> Section:
             pictures.fits(diagnosis, fits, title) for title, fits in groups.items() if fits
         ),
         folded=True,
+    )
+
+
+def _likely(diagnosis: Diagnosis) -> str:
+    """What the figures beside effects are."""
+    if diagnosis.verdict.kind == OUTSIDE:
+        return "Model weights rank effects none of which explains all: they are no probabilities."
+    return (
+        "A probability says of how many withheld rigs an effect with such a model weight was there;"
+        " several effects may be, so probabilities need not add up to 100 %."
     )
 
 

@@ -115,7 +115,8 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
         title,
         partial(_draw_fits, diagnosis, fitted_models),
         "Upright marks: the noise floor; dotted: the best. Lines: 95 % intervals of the comparison"
-        " with the best: one that reaches the best does as well. Filled: in the set.",
+        " with the best: one that reaches the best does as well. Filled: in the set."
+        " At the right: model weight.",
         height=MARGIN + ROW * (len(fitted_models) + 1),
     )
 
@@ -126,9 +127,9 @@ def _draw_fits(
     (panel,) = axes
     count, best = len(fitted_models), fitted_models[0].evidence.rms
     edge = BEYOND * diagnosis.selection.before.rms
-    chances = tables.probabilities(diagnosis, fitted_models)
+    weights = tables.shown_weights(diagnosis, fitted_models)
     limits = tables.intervals(fitted_models)
-    for row, (one, interval, chance) in enumerate(zip(fitted_models, limits, chances)):
+    for row, (one, interval, weight) in enumerate(zip(fitted_models, limits, weights)):
         member, error = one in diagnosis.verdict.rivals, one.evidence.rms
         tint = colour("blue" if member else "muted")
         if error > edge:
@@ -139,7 +140,7 @@ def _draw_fits(
         curves.draw_label(
             panel, row - 0.2, tables.together(one.effects), tint="ink" if member else "muted"
         )
-        curves.draw_label(panel, row - 0.2, chance, right=True)
+        curves.draw_label(panel, row - 0.2, weight, right=True)
     alone = diagnosis.selection.retuned.evidence.rms
     panel.plot(min(alone, edge), count, "D", color=colour("green"), ms=4.5)
     curves.draw_label(panel, count - 0.2, "nominal parameters alone", tint="muted")
