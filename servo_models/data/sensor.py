@@ -19,6 +19,8 @@ STILL = 0.01
 """Share of its range by which a reading at rest may move."""
 REST_SAMPLES = 5
 """Samples for which a command must stand still so that its next move begins a repetition."""
+REST_SHARE, REST_PARTS = 0.5, 4
+"""Last part of the stretch before such a move that is compared, and in how many pieces."""
 LATE_SAMPLES = 2
 """By which stretches of one command may differ in length: it is sampled late."""
 ORDERS = (1, 2, 3)
@@ -141,7 +143,11 @@ def spread_of_repeats(values: Array, command: Array) -> float | None:
     moved = np.concatenate([[False], np.any(command[1:] != command[:-1], axis=1)])
     at = np.flatnonzero(moved)
     onsets = at[np.diff(at, prepend=0) > REST_SAMPLES]
-    resting = {int(i) for i in onsets if np.ptp(values[i - REST_SAMPLES : i]) <= still}
+    resting = {
+        int(i)
+        for begin, i in pairwise([0, *onsets])
+        if np.ptp(values[i - REST_SAMPLES : i]) <= still and _settled(values[begin:i], still)
+    }
     squares, freedom = 0.0, 0
     for group in _same_commands(command, [*map(int, onsets), len(values)], resting):
         length = min(stop - start for start, stop in group)
@@ -149,6 +155,12 @@ def spread_of_repeats(values: Array, command: Array) -> float | None:
         squares += float(np.sum((responses - responses.mean(axis=0)) ** 2))
         freedom += (len(group) - 1) * length
     return float(np.sqrt(squares / freedom)) if freedom else None
+
+
+def _settled(stretch: Array, still: float) -> bool:
+    """Whether the last part of a stretch stays; a delayed actuator also pauses where it turns."""
+    last = stretch[-max(int(REST_SHARE * len(stretch)), REST_PARTS) :]
+    return float(np.ptp([part.mean() for part in np.array_split(last, REST_PARTS)])) <= still
 
 
 def _same_commands(
