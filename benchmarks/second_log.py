@@ -65,7 +65,12 @@ def examined(seed: int, number: int) -> Row:
     if not planned:
         return row
     asked = planned[0]
-    row |= {"text": asked.text, "separation": asked.separation}
+    row |= {
+        "text": asked.text,
+        "explanations": [list(effects) for effects in asked.explanations],
+        "separations": asked.separations.tolist(),
+        "told": asked.told.tolist(),
+    }
     commands = {
         ASKED: asked.command,
         CONTROL: another_command(case, len(asked.command), _random(seed, number, CONTROL_COMMAND)),
