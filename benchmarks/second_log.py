@@ -125,7 +125,8 @@ def table(found: Sequence[Row]) -> str:
     """The figures of all tiers and of each."""
     lines = [
         "tier | rigs | open after the first log | no command tells | right and alone: asked"
-        " | control | asked alone, control alone | McNemar p"
+        " | where it is expected to tell all apart | control | asked alone, control alone"
+        " | McNemar p"
     ]
     for tier in ("all", *TIERS):
         here = [row for row in found if tier in ("all", row["tier"])]
@@ -135,12 +136,17 @@ def table(found: Sequence[Row]) -> str:
         pairs = list(zip(right[ASKED], right[CONTROL]))
         better, worse = pairs.count((True, False)), pairs.count((False, True))
         p = binomtest(better, better + worse).pvalue if better + worse else 1.0
-        figures = " | ".join(_share(flags) for flags in right.values())
+        sure = [row[ASKED]["right_and_alone"] for row in cases if _tells_all(row["told"])]
+        figures = " | ".join(map(_share, (right[ASKED], sure, right[CONTROL])))
         lines.append(
             f"{tier} | {len(here)} | {len(open_)} | {len(open_) - len(cases)} | {figures}"
             f" | {better}, {worse} | {p:.3g}"
         )
     return "\n".join(lines)
+
+
+def _tells_all(told: Sequence[Sequence[bool]]) -> bool:
+    return all(flag for i, row in enumerate(told) for k, flag in enumerate(row) if i != k)
 
 
 def _share(flags: Sequence[bool]) -> str:

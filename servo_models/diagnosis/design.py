@@ -35,6 +35,7 @@ from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
 from servo_models.data.audit import REPEATS
 from servo_models.data.log import Log
+from servo_models.data.sensor import difference_noise, spread_of_repeats
 from servo_models.data.tables import write_signals
 from servo_models.diagnosis.fitting.crossval import dispersion
 from servo_models.diagnosis.fitting.fitted_model import FittedModel
@@ -71,6 +72,8 @@ FARTHEST = 1000.0
 experiment."""
 FINEST = 5.0
 """Sampling steps that a pace takes at least."""
+MOTION_AS_NOISE = 0.5
+"""Noise [floors] that the audit may see in a response without any: more would hide what differs."""
 REPEATS_WANTED = 4
 
 
@@ -415,14 +418,22 @@ class Stage:
     def differences(self, command: Command) -> Array:
         """RMS differences [noise floors] of the rivals as they are, shape (n, n).
 
-        They are 0 where any of them cannot run or runs away.
+        They are 0 where any of them cannot run or runs away, and where motion looks like noise.
         """
         responses = [self.response(i, command) for i in range(len(self.rivals))]
         sound = [it for it in responses if it is not None and np.abs(it).max() <= self.farthest]
-        if len(sound) < len(responses):
+        if len(sound) < len(responses) or self._noise(sound[0], command) > MOTION_AS_NOISE:
             return np.zeros((len(responses), len(responses)))
         every = np.array(sound)
         return np.asarray(np.sqrt(np.mean((every[:, None] - every) ** 2, axis=2)))
+
+    def _noise(self, response: Array, command: Command) -> float:
+        """Noise [floors] that the audit sees in a response without any."""
+        played_ = command.values(self.times)[:, None]
+        parts = np.split(response, len(self.problem.sigma))
+        return max(
+            max(difference_noise(part), spread_of_repeats(part, played_) or 0.0) for part in parts
+        )
 
     def separations(self, command: Command) -> Array:
         """RMS [noise floors] that rival k leaves of the response of rival i, re-fitted linearly,
