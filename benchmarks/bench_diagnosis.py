@@ -25,8 +25,8 @@ import numpy as np
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.search.candidates import candidates
 
 COMMAND = "import sys; from servo_models.cli import main; sys.exit(main())"
 PEAK = (

@@ -27,7 +27,7 @@ from known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import TOLERANCE
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.files import write_whole

@@ -37,10 +37,10 @@ from servo_models.data.audit import REPEATS
 from servo_models.data.log import Log
 from servo_models.data.sensor import difference_noise, spread_of_repeats
 from servo_models.data.tables import write_signals
-from servo_models.diagnosis.fitting.crossval import dispersion
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
-from servo_models.diagnosis.fitting.residuals import LARGE, Residuals, sure
 from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.diagnosis.search.crossval import dispersion
+from servo_models.diagnosis.search.fitting import FittedModel
+from servo_models.diagnosis.search.residuals import STRUCTURED_OVER_NOISE, Residuals, sure
 from servo_models.diagnosis.weights import TEMPER
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -193,7 +193,7 @@ def repeats_wanted(left: Residuals, origins: Iterable[str], logs: Sequence[Log])
         origins: where the noise floor of each output is from.
         logs: of the diagnosis.
     """
-    open_ = left.structured > LARGE * left.noise and not sure(left)
+    open_ = left.structured > STRUCTURED_OVER_NOISE * left.noise and not sure(left)
     if not open_ or REPEATS in origins:
         return ""
     shortest = min(logs, key=lambda log: log.duration)

@@ -12,14 +12,12 @@ from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
-from servo_models.diagnosis.fitting.fitted_model import Fitter
-from servo_models.diagnosis.fitting.priors import prior_parameters
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs, without_flags
 from servo_models.diagnosis.ranking import estimates, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.fits import Tell
-from servo_models.diagnosis.search.selection import TOLERANCE, select_effects
+from servo_models.diagnosis.search.fitting import Fitter, prior_parameters
+from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
 from servo_models.diagnosis.verdict import decide
 from servo_models.errors import UserError
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array
 from servo_models.data.audit import RESIDUAL
 from servo_models.data.sensor import difference_noise
-from servo_models.diagnosis.fitting.crossval import CrossValidation
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 

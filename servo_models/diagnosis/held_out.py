@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.crossval import BLOCKS
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.localisation.breakdown import grows
+from servo_models.diagnosis.search.crossval import BLOCKS
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 
 

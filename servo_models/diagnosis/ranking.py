@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import closed
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.signatures import Signature, signature
 from servo_models.diagnosis.verdict import Verdict

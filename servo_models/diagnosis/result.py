@@ -14,10 +14,10 @@ import numpy as np
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import Gap, GapSummary
 from servo_models.diagnosis.held_out import HeldOut, held_out_scores
 from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict, weights_of

@@ -22,7 +22,7 @@ from servo_models.core.plant import Placement, Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.codes import FEWEST_CODES, MOST_CODES, NOISE_MEMORY_SAMPLES
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.identification.simulation import prepared
 
 DOUBTFUL_PROBABILITY = 0.05

@@ -8,13 +8,13 @@ import numpy as np
 
 from servo_models.analysis.experiment import display
 from servo_models.data.audit import EXACT, REPEATS
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
-from servo_models.diagnosis.fitting.residuals import LEAST_SAMPLES
 from servo_models.diagnosis.gap import GapSummary, not_followed
 from servo_models.diagnosis.held_out import HeldOut
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.detectability import Detectability
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
+from servo_models.diagnosis.search.residuals import LEAST_SAMPLES
+from servo_models.diagnosis.search.screening import Detectability
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -223,7 +223,7 @@ def marks(diagnosis: Diagnosis, fitted: FittedModel) -> list[str]:
     worse = fitted.evidence.rms >= diagnosis.gap.rms["retuned"]
     said = {
         "worse than parameters alone": worse,
-        "on a bound": fitted.disguised,
+        "on a bound": fitted.held_by_bound,
         "its fit did not converge": not fitted.converged,
     }
     return [text for text, holds in said.items() if holds]

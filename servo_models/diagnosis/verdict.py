@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
-from servo_models.diagnosis.fitting.residuals import sure, unmodelled
 from servo_models.diagnosis.gap import not_followed
-from servo_models.diagnosis.repeatability import unrepeatable
+from servo_models.diagnosis.search.fitting import FittedModel, unrepeatable
+from servo_models.diagnosis.search.residuals import sure, unmodelled
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
 from servo_models.diagnosis.weights import covering, probabilities
 
@@ -88,7 +87,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
         for name in fitted_model.effects:
             # shares of 1 may add up to more by a rounding
             by_effect[name] = min(1.0, by_effect.get(name, 0.0) + float(chance))
-    alone = {one.effects: one.loss for one in selection.singles}
+    alone = {one.effects: one.loss for one in selection.of_size(1)}
     ranked = dict(sorted(by_effect.items(), key=lambda it: _rank(it[1], alone.get((it[0],)))))
     inside = tuple(dict.fromkeys(name for i in held for name in rivals[i].effects))
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS

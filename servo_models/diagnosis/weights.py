@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
 
 COVERED = 0.95
 TEMPER = 3.0

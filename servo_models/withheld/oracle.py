@@ -36,14 +36,12 @@ from servo_models.core.workers import Workers
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.data.readers import read_columns
-from servo_models.diagnosis.candidates import candidates
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.fitting.crossval import dispersion
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
-from servo_models.diagnosis.fitting.priors import prior_parameters
-from servo_models.diagnosis.search.fits import beside, likeliest, together
-from servo_models.diagnosis.search.pair_screening import pairs
-from servo_models.diagnosis.search.screening import Screened, screen
+from servo_models.diagnosis.search.candidates import candidates
+from servo_models.diagnosis.search.crossval import dispersion
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter, prior_parameters
+from servo_models.diagnosis.search.joint_fits import beside, together
+from servo_models.diagnosis.search.screening import Screened, likeliest, pairs, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -147,9 +145,7 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
 
 def _said(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
     selection, verdict = found.selection, found.verdict
-    tried = sorted(
-        [*selection.singles, *selection.pairs, *selection.more], key=lambda one: one.evidence.rms
-    )
+    tried = sorted(selection.tried, key=lambda one: one.evidence.rms)
     return Diagnosed(
         case=case,
         verdict=verdict.kind,

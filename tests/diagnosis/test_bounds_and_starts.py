@@ -11,14 +11,18 @@ from scipy.stats import norm
 
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
-from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.priors import prior_parameters
 from servo_models.diagnosis.search import grid_search as staircases
-from servo_models.diagnosis.search.detectability import Detectability, reaches
-from servo_models.diagnosis.search.fits import beside, likeliest
-from servo_models.diagnosis.search.screening import screen, screening_results
+from servo_models.diagnosis.search.candidates import candidates
+from servo_models.diagnosis.search.fitting import prior_parameters
+from servo_models.diagnosis.search.joint_fits import beside, best_start
+from servo_models.diagnosis.search.screening import (
+    Detectability,
+    likeliest,
+    reaches,
+    screen,
+    screening_results,
+)
 from servo_models.diagnosis.search.selection import select_effects
-from servo_models.diagnosis.search.starts import best_start
 from servo_models.errors import UserError
 from servo_models.identification.problem import REFUSED
 from tests.support.delayed_motor import DESCRIPTION, describe

@@ -9,9 +9,8 @@ import pytest
 from servo_models.core.simulate import simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.conditions import conditions, leave_one_condition_out
-from servo_models.diagnosis.fitting.fitted_model import Fitter
+from servo_models.diagnosis.search.candidates import candidates
+from servo_models.diagnosis.search.fitting import Fitter, conditions, leave_one_condition_out
 from tests.support.diagnoses import made
 from tests.support.logs import changed
 

@@ -29,9 +29,9 @@ from servo_models.diagnosis.design import (
     next_experiments,
     repeats_wanted,
 )
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
-from servo_models.diagnosis.fitting.residuals import Residuals
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.grid_search import shortened
+from servo_models.diagnosis.search.residuals import Residuals
 from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter

@@ -18,8 +18,8 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
-from servo_models.diagnosis.fitting import fitted_model
-from servo_models.diagnosis.fitting.descent import descend
+from servo_models.diagnosis.search import fitting
+from servo_models.identification.descent import descend
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear
 from tests.conftest import Run
@@ -248,7 +248,7 @@ def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
         stuck = any(free.name.startswith("backlash.") for free in problem.free)
         return descend(problem, start, *((0.0, 1) if stuck else (tolerance, limit)), *rest)
 
-    monkeypatch.setattr(fitted_model, "descend", hindered)
+    monkeypatch.setattr(fitting, "descend", hindered)
     code, out, _ = run("diagnose", describe(tmp_path, seconds=0.2), "--format", "json")
     document = json.loads(out)
     assert code == 1

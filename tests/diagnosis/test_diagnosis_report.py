@@ -87,7 +87,7 @@ def _voltage() -> Array:
 @pytest.fixture(scope="module")
 def unsure(found: Diagnosis) -> Diagnosis:
     """As if the two best effects could not be told apart."""
-    rivals = tuple(found.selection.singles[:2])
+    rivals = tuple(found.selection.of_size(1)[:2])
     members = tuple(name for one in rivals for name in one.effects)
     ranking = tuple(replace(one, in_set=one.name in members) for one in found.ranking)
     verdict = replace(found.verdict, kind=EFFECT, members=members, rivals=rivals)
@@ -265,14 +265,14 @@ def test_probabilities_are_shown_for_the_kind_of_explanation_that_was_taken(
 ) -> None:
     """Among pairs of which none was taken they would mean nothing."""
     rows = {row[0]: row[2] for row in Page(text).rows if row[-1] == "converged"}
-    alone = [one.effects[0] for one in found.selection.singles if one.converged]
+    alone = [one.effects[0] for one in found.selection.of_size(1) if one.converged]
     assert all("%" in rows[name] for name in alone)
     assert all("%" not in chance for name, chance in rows.items() if " and " in name)
 
 
 def test_intervals_compare_with_the_best(found: Diagnosis) -> None:
     """One that is worse by the same factor in every block is so in every draw."""
-    best = found.selection.singles[0]
+    best = found.selection.of_size(1)[0]
     twice = replace(best, evidence=replace(best.evidence, unseen=2.0 * best.evidence.unseen))
     same, worse = intervals([best, twice])
     assert same == pytest.approx((best.evidence.rms, best.evidence.rms))

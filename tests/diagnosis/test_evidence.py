@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.crossval import CrossValidation, consistency
+from servo_models.diagnosis.search.crossval import CrossValidation, consistency
 
 BLOCKS, ROWS = 20, 50
 

@@ -9,14 +9,13 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
-from servo_models.diagnosis.fitting.residuals import Residuals
 from servo_models.diagnosis.held_out import held_out_scores
-from servo_models.diagnosis.repeatability import unrepeatable
+from servo_models.diagnosis.search.candidates import candidates
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter, unrepeatable
+from servo_models.diagnosis.search.joint_fits import best_start
+from servo_models.diagnosis.search.residuals import Residuals
 from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.search.selection import select_effects
-from servo_models.diagnosis.search.starts import best_start
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
@@ -45,7 +44,7 @@ def test_two_causes_are_not_joined_by_a_third() -> None:
     fitter, _ = made(dict(list(THREE.items())[:2]))
     selection = select_effects(fitter)
     assert set(selection.taken.effects) == {"coulomb_friction", "drive_saturation"}
-    assert not selection.more
+    assert not selection.of_size(3)
 
 
 @pytest.mark.parametrize("name", ["drive_saturation", "coulomb_friction", "gear_compliance"])

@@ -13,9 +13,9 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.audit import REPEATS, RESIDUAL, audit, noise_floors
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.crossval import CrossValidation
-from servo_models.diagnosis.fitting.fitted_model import Fitter
 from servo_models.diagnosis.gap import Gap, GapSummary, closed, gaps, whole_gap
+from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, log_of
@@ -46,7 +46,7 @@ def found(*logs: Log) -> dict[str, Gap]:
     """Gaps of the nominal model, by output."""
     floors = {name: 1e-5 for log in logs for name in log.outputs}
     nominal = Fitter(MODEL, logs, (), floors).unfitted()
-    selection = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
+    selection = Selection(nominal.evidence, nominal, [], nominal, {})
     return {gap.output: gap for gap in gaps(selection, floors, dict.fromkeys(floors, ""), 0)}
 
 
@@ -76,7 +76,7 @@ def test_a_log_without_noise_has_a_floor_of_motion_alone() -> None:
     moved = replace(log(angle), inputs={"voltage": jumps})
     floors = noise_floors([audit(moved, MODEL.plant)])
     nominal = Fitter(MODEL, (moved,), (), floors).unfitted()
-    selection = Selection(nominal.evidence, nominal, [], [], [], nominal, {})
+    selection = Selection(nominal.evidence, nominal, [], nominal, {})
     (gap,) = gaps(selection, floors, {"current": RESIDUAL}, 0)
     assert gap.motion == pytest.approx(floors["current"], rel=1e-6)
     (gap,) = gaps(selection, floors, {"current": REPEATS}, 0)

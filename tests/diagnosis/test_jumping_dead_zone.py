@@ -7,10 +7,10 @@ import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.fitted_model import Fitter
-from servo_models.diagnosis.search.fits import beside, starts_of
-from servo_models.diagnosis.search.screening import screen
+from servo_models.diagnosis.search.candidates import Candidate, candidates
+from servo_models.diagnosis.search.fitting import Fitter
+from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.screening import screen, starts_of
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, measured
 

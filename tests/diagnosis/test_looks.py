@@ -12,16 +12,14 @@ from scipy.optimize import lsq_linear
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.box import least_in_box, value_at
-from servo_models.diagnosis.fitting.crossval import advantage
-from servo_models.diagnosis.fitting.discontinuous import shifted
-from servo_models.diagnosis.fitting.entry_test import LIKELY, passes_entry_test
-from servo_models.diagnosis.fitting.fitted_model import Fitter
-from servo_models.diagnosis.search.fits import beside
+from servo_models.diagnosis.search.candidates import candidates
+from servo_models.diagnosis.search.crossval import advantage
+from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.pair_screening import pairs
-from servo_models.diagnosis.search.screening import screen
+from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.linearisation import least_in_box, value_at
+from servo_models.diagnosis.search.screening import pairs, screen
+from servo_models.diagnosis.search.selection import ENTRY_ADVANTAGE, passes_entry_test
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, log_of
@@ -137,9 +135,9 @@ def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     results = screen((retuned.linearised,), [every["sensor_offset"]])
     found = beside(fitter, retuned, results[:1])
     worth = advantage(found.evidence, retuned.evidence)
-    assert worth > LIKELY
+    assert worth > ENTRY_ADVANTAGE
     assert passes_entry_test(replace(found, chance=0.0), retuned)
-    assert not passes_entry_test(replace(found, chance=0.6 * (worth - LIKELY)), retuned)
+    assert not passes_entry_test(replace(found, chance=0.6 * (worth - ENTRY_ADVANTAGE)), retuned)
 
 
 def test_a_phase_goes_on_beyond_half_a_turn() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,14 +14,28 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.linearisation import Linearisation
-from servo_models.diagnosis.search.fits import TRIED, Teller, beside, likeliest, settled
-from servo_models.diagnosis.search.forward import RIVAL, RIVALS, _rivals
-from servo_models.diagnosis.search.pair_screening import pairs, residual_beside
-from servo_models.diagnosis.search.pairing import ambiguous, promising
-from servo_models.diagnosis.search.preselection import SIZES, Looks, preselect, seen_beside
-from servo_models.diagnosis.search.screening import Screened, screen
-from servo_models.diagnosis.search.selection import select_effects
+from servo_models.diagnosis.search.candidates import Candidate
+from servo_models.diagnosis.search.fitting import Fitter
+from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.linearisation import Linearisation
+from servo_models.diagnosis.search.screening import (
+    VALUES_BESIDE,
+    VALUES_SIMULATED,
+    Screened,
+    Screener,
+    likeliest,
+    pairs,
+    preselect,
+    residual_beside,
+    screen,
+)
+from servo_models.diagnosis.search.selection import (
+    BASE_LOSS_OVER_BEST,
+    BASES,
+    SubsetSelection,
+    promising,
+    select_effects,
+)
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
@@ -33,6 +48,11 @@ SHARED = {
 }
 """Between which shares of what was simulated an effect may change the response."""
 PAIR = {"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0}
+
+
+def selection_of(fitter: Fitter, every: Iterable[Candidate]) -> SubsetSelection:
+    """A search that has fitted nothing yet, and screened every effect as it is."""
+    return SubsetSelection(fitter, fitter.unfitted(), list(every), [], lambda _: None)
 
 
 def test_effects_that_change_the_response_alike_take_one_place() -> None:
@@ -55,9 +75,12 @@ def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
     fitter, every = made({**load, "cogging.torque": 3e-4, "cogging.count": 200.0})
     names = ("coulomb_friction", "constant_load")
     found = fitter.fit(names, [free for name in names for free in every[name].at(load)])
-    assert not settled(found)
-    alike = ambiguous(fitter, found, list(every.values()), Teller())
-    twin = next(it for it in alike if set(it.effects) == {"constant_load", "load_friction"})
+    assert not found.settled
+    search = selection_of(fitter, every.values())
+    search.exchange(found)
+    twin = next(
+        it for it in search.tried() if set(it.effects) == {"constant_load", "load_friction"}
+    )
     assert twin.cost == pytest.approx(found.cost, rel=1e-3)
 
 
@@ -71,8 +94,8 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     assert ripple.trial_values == every["cogging"].trial_values
     friction = every["stribeck_friction"].at({"stribeck_friction.excess": 2e-3})
     first = fitter.fit(("stribeck_friction",), friction)
-    own = [it for it in seen_beside(first, near) if it.candidate.name == "cogging"]
-    found = beside(fitter, first, own[:TRIED]).values
+    own = Screener([ripple], results).beside(first, [ripple])
+    found = beside(fitter, first, own[:VALUES_SIMULATED]).values
     assert found["cogging.count"] == pytest.approx(200.0, rel=0.01)
     assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
 
@@ -93,18 +116,21 @@ def test_few_sizes_show_beside_an_effect_what_all_sizes_do(
 ) -> None:
     """None of these laws adds to another one, and the sizes are those that would do if they did."""
     fitter, every = made({**first, **second})
-    near = preselect(every.values(), screen((fitter.fit((), ()).linearised,), list(every.values())))
+    results = screen((fitter.fit((), ()).linearised,), list(every.values()))
+    near = preselect(every.values(), results)
     (name,), (cause,) = ({it.partition(".")[0] for it in part} for part in (first, second))
     fitted = fitter.fit((name,), every[name].at(first))
-    few = seen_beside(fitted, near)
+    few = Screener(every.values(), results).beside(fitted, every.values())
     most = screen((fitted.linearised,), [one for one in every.values() if one.name != name])
-    smooth = [one.name for one in near if len(one.alone) > SIZES and one.name != name]
+    smooth = [one.name for one in near if len(one.alone) > VALUES_BESIDE and one.name != name]
     assert len(smooth) > 10
     best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
     assert best[1][cause] == best[0][cause]
     apart = [best[1][it] / best[0][it] for it in smooth if it in best[0]]
     assert np.quantile(apart, 0.9) < 1.01
-    assert max(len([it for it in few if it.candidate.name == one]) for one in smooth) <= SIZES
+    assert (
+        max(len([it for it in few if it.candidate.name == one]) for one in smooth) <= VALUES_BESIDE
+    )
 
 
 @pytest.fixture(scope="module")
@@ -154,19 +180,20 @@ def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch
     fitter, every = made({"coulomb_friction.level": 2e-3})
     first = fitter.fit(("coulomb_friction",), every["coulomb_friction"].free)
     others = [every[name] for name in ("cogging", "stribeck_friction", "dead_band")]
-    looks, asked = Looks(), []
+    asked: list[list[str]] = []
+    screener = Screener(others, [])
 
     def counted(views: Any, wanted: Any, corrected: bool = True) -> Any:
         asked.append([one.name for one in wanted])
         return screen(views, wanted, corrected)
 
-    monkeypatch.setattr("servo_models.diagnosis.search.preselection.screen", counted)
-    found = looks.beside(first, others[:2])
-    again = looks.beside(first, others)
+    monkeypatch.setattr("servo_models.diagnosis.search.screening.screen", counted)
+    found = screener.beside(first, others[:2])
+    again = screener.beside(first, others)
     assert asked == [["cogging", "stribeck_friction"], ["dead_band"]]
     assert {id(it) for it in found} <= {id(it) for it in again}
     assert [it.left for it in again] == sorted(it.left for it in again)
-    best = min(it.left for it in seen_beside(first, others))
+    best = min(it.left for it in Screener(others, []).beside(first, others))
     assert again[0].left == pytest.approx(best, rel=1e-9)
 
 
@@ -178,7 +205,7 @@ def test_a_fit_begins_with_several_shapes() -> None:
     results = screen((fitter.fit((), ()).linearised,), [one])
     tried = likeliest(results)
     speeds = [it.settings["stribeck_friction.speed"] for it in tried]
-    assert len(set(speeds)) == len(speeds) == TRIED
+    assert len(set(speeds)) == len(speeds) == VALUES_SIMULATED
     assert tried[0] is results[0]
     wrong = sorted(tried, key=lambda it: it.settings["stribeck_friction.speed"])
     found = beside(fitter, fitter.fit((), ()), wrong[:2])
@@ -236,11 +263,19 @@ def test_where_hardly_any_effect_is_left_the_gap_is_outside(kept: tuple[str, ...
 
 
 @given(st.lists(st.tuples(st.sampled_from(["ab", "ac", "cd", "ce", "de"]), st.floats(0.5, 2.0))))
-def test_a_rival_is_a_pair_of_quite_other_effects_that_leaves_little_more(
+def test_further_effects_are_sought_beside_models_that_share_none(
     pairs: list[tuple[str, float]],
 ) -> None:
-    taken: Any = SimpleNamespace(effects=("a", "b"), loss=1.0)
-    couples: list[Any] = [SimpleNamespace(effects=tuple(it), loss=loss) for it, loss in pairs]
-    found = _rivals(taken, couples)
-    possible = [it for it in couples if it.loss < RIVAL and set("cde") >= set(it.effects)]
-    assert found == possible[:RIVALS]
+    search = object.__new__(SubsetSelection)
+    search.models = {}
+    for names, loss in pairs:
+        one: Any = SimpleNamespace(effects=tuple(names), loss=loss)
+        search.keep(one)
+    found = search.bases(2)
+    assert [it.loss for it in found] == sorted(it.loss for it in found)
+    assert len(found) <= BASES
+    for k, one in enumerate(found):
+        assert one.loss <= BASE_LOSS_OVER_BEST[2] * found[0].loss
+        assert not any(set(one.effects) & set(it.effects) for it in found[:k])
+    if pairs:
+        assert found[0].loss == min(loss for _, loss in pairs)

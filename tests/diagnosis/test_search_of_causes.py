@@ -13,15 +13,13 @@ from scipy.optimize import least_squares, lsq_linear
 
 from servo_models.core.simulate import model
 from servo_models.data.description import read_description
-from servo_models.diagnosis.candidates import candidates
-from servo_models.diagnosis.fitting.crossval import blocks, cross_validate
-from servo_models.diagnosis.fitting.descent import _Point, _step, descend
-from servo_models.diagnosis.fitting.priors import BELIEVED, prior_parameters
-from servo_models.diagnosis.search.detectability import reaches
-from servo_models.diagnosis.search.fits import beside
+from servo_models.diagnosis.search.candidates import candidates, travel
+from servo_models.diagnosis.search.crossval import blocks, cross_validate
+from servo_models.diagnosis.search.fitting import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.diagnosis.search.grid_search import shortlist
-from servo_models.diagnosis.search.screening import screen
-from servo_models.diagnosis.trial_values import travel
+from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.screening import reaches, screen
+from servo_models.identification.descent import _Point, _step, descend
 from servo_models.identification.problem import Free
 from tests.support.diagnoses import made
 
@@ -142,8 +140,8 @@ def test_only_a_bound_that_holds_a_fit_back_makes_a_disguise() -> None:
     held = fitter.fit(("coulomb_friction",), [replace(level, high=1e-3)])
     at_the_best = fitter.fit(("coulomb_friction",), [level]).values[level.name]
     idle = fitter.fit(("coulomb_friction",), [replace(level, high=0.9999 * at_the_best)])
-    assert held.disguised
-    assert not idle.disguised
+    assert held.held_by_bound
+    assert not idle.held_by_bound
     assert idle.problem.sides(idle.evidence.vector)[-1] == "high"
 
 
@@ -220,8 +218,8 @@ def test_nominal_parameters_stay_within_what_is_believed(tmp_path: Path) -> None
     told = read_description(tmp_path / "rig.toml")
     free: dict[str, Free] = {one.name: one for one in prior_parameters(told)}
     constant = free["torque_constant"]
-    assert constant.high == pytest.approx((1.0 + 0.1 * BELIEVED) * constant.nominal)
-    assert constant.low == pytest.approx((1.0 - 0.1 * BELIEVED) * constant.nominal)
+    assert constant.high == pytest.approx((1.0 + 0.1 * PRIOR_BOUND_SIGMAS) * constant.nominal)
+    assert constant.low == pytest.approx((1.0 - 0.1 * PRIOR_BOUND_SIGMAS) * constant.nominal)
 
 
 def test_a_block_left_out_never_more_than_doubles_its_errors() -> None:

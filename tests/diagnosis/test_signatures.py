@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servo_models.core.simulate import model
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.sections import pictures
 from servo_models.diagnosis.signatures import (
     DOUBTFUL_PROBABILITY,

@@ -11,17 +11,15 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.discontinuous import shifted
-from servo_models.diagnosis.search.fits import beside
-from servo_models.diagnosis.search.grid_search import shortened, shortlist
-from servo_models.diagnosis.search.pairing import screen_discontinuous
-from servo_models.diagnosis.search.preselection import seen_beside
-from servo_models.diagnosis.search.screening import screen
-from servo_models.diagnosis.trial_values import (
+from servo_models.diagnosis.search.candidates import (
     GRID_SPACING_IN_PERIODS,
     LARGEST_RELATIVE_GRID_SPACING,
     on_grid,
 )
+from servo_models.diagnosis.search.fitting import shifted
+from servo_models.diagnosis.search.grid_search import shortened, shortlist
+from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.screening import Screener, screen
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, measured
@@ -124,7 +122,8 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     first = beside(fitter, retuned, friction[:2])
     others = [one for one in every.values() if not one.grid]
     both = [*others, every["sample_hold"]]
-    seen = screen_discontinuous(fitter, first, both, seen_beside(first, both))
+    known = Screener(both, []).beside(first, both)
+    seen = screen((first.linearised,), shortlist(fitter, first, both, known))
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
 

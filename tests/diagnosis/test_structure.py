@@ -17,9 +17,9 @@ from scipy.signal import lfilter
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.data.sensor import difference_noise
-from servo_models.diagnosis.fitting.crossval import CrossValidation
-from servo_models.diagnosis.fitting.residuals import (
-    LOUDEST,
+from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.search.residuals import (
+    LOUDEST_NOISE_IN_FLOORS,
     Residuals,
     residuals_of,
     sure,
@@ -113,7 +113,7 @@ def test_audited_floor_is_a_seventh_of_noise_or_more(memory: float) -> None:
     """What bounds the noise is what the audit sees of it beside a motion."""
     for seed in range(DRAWS):
         reading = coloured(seed, 400, memory) + 20.0 * motion(400)
-        assert difference_noise(reading) > 1.0 / LOUDEST
+        assert difference_noise(reading) > 1.0 / LOUDEST_NOISE_IN_FLOORS
 
 
 @pytest.mark.thorough

@@ -23,7 +23,7 @@ def test_of_two_causes_that_are_both_sure_the_larger_one_is_told_first() -> None
     assert verdict.kind == EFFECTS
     assert set(selection.taken.effects) == {"transport_delay", "drive_saturation"}
     assert verdict.weights["transport_delay"] > 0.995
-    assert selection.singles[0].effects == ("drive_saturation",)
+    assert selection.of_size(1)[0].effects == ("drive_saturation",)
     assert list(verdict.weights)[:2] == ["drive_saturation", "transport_delay"]
 
 
@@ -33,7 +33,7 @@ def friction() -> Selection:
 
 
 def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Selection) -> None:
-    rivals = friction.singles[:3]
+    rivals = friction.of_size(1)[:3]
     plain = probabilities(rivals)
     doubtful = [probabilities(rivals, 50.0 * rival.loss) for rival in rivals]
     for chances in doubtful:
@@ -44,7 +44,7 @@ def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Se
 
 def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Selection) -> None:
     """A likelier one may not have earned its place: both are told then."""
-    last = friction.singles[-1]
+    last = friction.of_size(1)[-1]
     verdict = decide(replace(friction, taken=last))
     assert verdict.weights[last.effects[0]] < 0.01
     assert set(verdict.members) == {*decide(friction).members, *last.effects}
@@ -57,7 +57,7 @@ def test_no_effect_is_surer_than_sure(friction: Selection, parts: list[float]) -
     one = friction.retuned
     every = [replace(one, effects=("backlash", f"other {k}")) for k in range(len(parts))]
     shares = np.array(parts) + 1e-9
-    selection = Selection(one.evidence, one, [], every, [], every[0], {})
+    selection = Selection(one.evidence, one, every, every[0], {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verdicts, "weights_of", lambda *_: shares / shares.sum())
         assert max(decide(selection, tolerance=0.0).weights.values()) <= 1.0
@@ -74,7 +74,7 @@ def test_an_output_that_is_not_followed_counts_from_the_tolerance_that_was_asked
     noise = 1.5 * np.random.default_rng(0).standard_normal(len(one.evidence.errors))
     left = replace(one, evidence=replace(one.evidence, errors=noise, unseen=noise))
     before = replace(one.evidence, unseen=10.0 * noise)
-    verdict = decide(Selection(before, left, [], [], [], left, {}), tolerance)
+    verdict = decide(Selection(before, left, [], left, {}), tolerance)
     assert (verdict.kind, verdict.rest) == (kind, 0.0)
 
 

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from servo_models.core.simulate import PLANTS, Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.diagnosis.fitting.crossval import CrossValidation, blocks
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
 from servo_models.diagnosis.localisation import Bin, Breakdown, localise
 from servo_models.diagnosis.localisation.breakdown import plain
 from servo_models.diagnosis.localisation.open_loop import by_block, opened
 from servo_models.diagnosis.localisation.regimes import _between, _digits
 from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.diagnosis.search.crossval import CrossValidation, blocks
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support import logs
@@ -56,9 +56,7 @@ def found(
     parts = blocks(fitted.problem)
     empty = np.empty(0)
     taken = replace(fitted, evidence=CrossValidation(empty, after, after, parts))
-    selection = Selection(
-        CrossValidation(empty, before, before, parts), fitted, [], [], [], taken, {}
-    )
+    selection = Selection(CrossValidation(empty, before, before, parts), fitted, [], taken, {})
     return {one.dimension: one for one in localise(selection)}
 
 
@@ -179,7 +177,7 @@ def alone(chosen: Model, changes: Mapping[str, float], command: str, values: Arr
     rig = changed(chosen, changes)
     log = logs.measured(rig, TIMES, {command: values}, dict.fromkeys(outputs, 0.0))
     fitted = Fitter(chosen, [log], (), dict.fromkeys(outputs, 1e-5)).fit((), ())
-    found = by_block(Selection(fitted.evidence, fitted, [], [], [], fitted, {}))
+    found = by_block(Selection(fitted.evidence, fitted, [], fitted, {}))
     assert found is not None
     return found
 
@@ -206,7 +204,7 @@ def test_each_model_is_judged_at_the_moment_that_suits_it_best() -> None:
     late = fitter.unfit(("sensor_lag",), free, {lag: 5e-4})
 
     def block(taken: FittedModel) -> Bin:
-        found = by_block(Selection(nominal.evidence, nominal, [], [], [], taken, {}))
+        found = by_block(Selection(nominal.evidence, nominal, [], taken, {}))
         assert found is not None
         return found.bins[0]
 
@@ -240,7 +238,7 @@ def test_windows_of_time_count_from_the_files_first_row() -> None:
     noisy = clean()["angle"] + 10.0 * FLOOR["angle"] * noise(3)
     log = replace(measured({"angle": noisy}), begin=7.0)
     fitted = Fitter(MODEL, [log], (), {"angle": FLOOR["angle"]}).fit((), ())
-    places = localise(Selection(fitted.evidence, fitted, [], [], [], fitted, {}))
+    places = localise(Selection(fitted.evidence, fitted, [], fitted, {}))
     (time,) = [one for one in places if one.dimension == "time"]
     assert (time.bins[0].low, time.bins[-1].high) == (7.0, 7.0 + TIMES[-1])
     assert sum(one.count for one in time.bins) == len(TIMES)
@@ -309,7 +307,7 @@ def test_edges_about_an_offset_differ(offset: float, width: float) -> None:
 def test_a_single_sample_has_no_spectrum() -> None:
     log = measured({"angle": clean()["angle"] + 1e-3}, np.arange(len(TIMES)) != 700)
     fitted = Fitter(MODEL, [log], (), {"angle": 1e-4}).fit((), ())
-    places = localise(Selection(fitted.evidence, fitted, [], [], [], fitted, {}))
+    places = localise(Selection(fitted.evidence, fitted, [], fitted, {}))
     assert "frequency" not in {one.dimension for one in places}
     assert next(one for one in places if one.dimension == "signal").bins[0].count == 1
 

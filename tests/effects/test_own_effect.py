@@ -10,7 +10,7 @@ import pytest
 
 import servo_models as sm
 from servo_models.analysis.isolability import cause, experiment
-from servo_models.diagnosis.candidates import candidates
+from servo_models.diagnosis.search.candidates import candidates
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effect.md"
 STEP = 0.06

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Channel
-from servo_models.diagnosis.fitting.descent import descend
+from servo_models.identification.descent import descend
 from servo_models.identification.fit import fit
 from servo_models.identification.information import Information
 from servo_models.identification.problem import Problem, free_parameter

@@ -6,8 +6,8 @@ import numpy as np
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
+from servo_models.diagnosis.search.candidates import Candidate, candidates
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.identification.problem import free_parameter
 from tests.support.logs import changed, measured
 

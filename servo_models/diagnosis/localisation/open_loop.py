@@ -21,8 +21,8 @@ from servo_models.core.block import Block, Param, effect
 from servo_models.core.plant import Placement, Plant, Wire, place
 from servo_models.core.simulate import PLANTS, Model, flat_of
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.crossval import BLOCKS
 from servo_models.diagnosis.localisation.breakdown import WORSE, Breakdown, Sums, tabulate
+from servo_models.diagnosis.search.crossval import BLOCKS
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.errors import UserError
 from servo_models.identification.simulation import Run

@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.data.log import Log
-from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
-from servo_models.diagnosis.fitting.linearisation import linearised
-from servo_models.diagnosis.search.pair_screening import residual_beside
-from servo_models.diagnosis.search.screening import Screened, screen
-from servo_models.diagnosis.trial_values import Settings
+from servo_models.diagnosis.search.candidates import Candidate, Settings, candidates
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.linearisation import linearised
+from servo_models.diagnosis.search.screening import Screened, residual_beside, screen
 
 BRIEF, LONG = 1000, 5000
 """Samples of the parts of the logs in which every size is looked at, and the best of them closer:

@@ -13,19 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
-from servo_models.diagnosis.fitting.linearisation import Linearisation
+from servo_models.diagnosis.search.candidates import Settings
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.diagnosis.search.screening import Screened
-from servo_models.diagnosis.trial_values import Settings
 from servo_models.errors import UserError
 
-SHOWN = 3.0
+SHOWN_IN_SIGMAS = 3.0
 """Standard deviations, of noise or of the parameters together, by which an effect stands out."""
-UNLIKE = 0.3
+UNMASKED_SHARE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
 HALVINGS = 2
 """Of the way between a size that does not show and the next one, which does."""
-SHAPES, STEPS = 2, 8
+SHAPES_TRIED, MASKED_FIT_STEPS = 2, 8
 """Shapes and signs of an effect that are tried, those first that may move most, and steps of a fit:
 what parameters imitate they find at once."""
 
@@ -70,7 +70,7 @@ def masked_effects(
     for own in sorted(alike.values(), key=lambda it: -_promised(it)):
         name = own[0].candidate.name
         wanted = max(least, largest[name].moved) if name in largest else least
-        if _promised(own) > wanted and tried[name] < SHAPES:
+        if _promised(own) > wanted and tried[name] < SHAPES_TRIED:
             tried[name] += 1
             one = _Walk(fitter, retuned, own).largest()
             if one and one.moved > wanted:
@@ -95,7 +95,7 @@ def _promised(own: Iterable[Screened]) -> float:
 
 def _alike(result: Screened) -> bool:
     """Whether slopes of the parameters lead to most of a change."""
-    return bool(np.linalg.norm(result.difference) < UNLIKE * np.linalg.norm(result.change))
+    return bool(np.linalg.norm(result.difference) < UNMASKED_SHARE * np.linalg.norm(result.change))
 
 
 class _Walk:
@@ -149,7 +149,7 @@ class _Walk:
         other = replace(self.fitter, model=replace(model, values={**model.values, **settings}))
         if self.candidate.discontinuous:
             other = other.surveyed()
-        found = other.fit((self.candidate.name,), (), start, limit=STEPS)
+        found = other.fit((self.candidate.name,), (), start, limit=MASKED_FIT_STEPS)
         if _stands_out(found, self.retuned):
             return False
         moved = _moved(found, self.retuned)
@@ -168,7 +168,9 @@ def _stands_out(found: FittedModel, retuned: FittedModel) -> bool:
             np.split(found.linearised.errors, [n]), np.split(retuned.linearised.errors, [n])
         )
     ]
-    return more[0] > SHOWN**2 * retuned.evidence.dispersion or more[1] > SHOWN**2
+    return (
+        more[0] > SHOWN_IN_SIGMAS**2 * retuned.evidence.dispersion or more[1] > SHOWN_IN_SIGMAS**2
+    )
 
 
 def _moved(found: FittedModel, retuned: FittedModel) -> float:

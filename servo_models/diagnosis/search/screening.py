@@ -1,32 +1,43 @@
-"""Look at every effect, and every pair, without fitting any: a score test in the large.
+"""Screen every effect, and every pair, without fitting any: a score test in the large.
 
-Each effect is simulated at a few sizes.  What is left of the gap is regressed on such a
-difference and on the slopes of the nominal parameters, held by their priors and inside their
-bounds, so a look gives the start of a fit as well.  Source: Rao, Proc. Cambridge Phil. Soc. 44
-(1948) (score test); the sizes replace its derivative, since many effects have none at 0.
+Each effect is simulated at a few trial values.  What is left of the gap is regressed on the change
+that it makes and on the slopes of the nominal parameters, held by their priors and inside their
+bounds, so screening gives the start of a fit as well.  What each effect is worth alone says little
+of a pair: it has then made up for what the other one does.  Where a response jumps with a
+parameter, other parameters have made up for the cause, and the true value looks like any other
+until they are corrected.
+Source: Rao, Proc. Cambridge Phil. Soc. 44 (1948) (score test); trial values replace its derivative,
+since many effects have none at 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
-from math import atan2, hypot
+from itertools import chain, product
+from math import atan2, hypot, pi
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.candidates import Candidate
-from servo_models.diagnosis.fitting.box import least_in_box, value_at
-from servo_models.diagnosis.fitting.linearisation import Linearisation
-from servo_models.diagnosis.search.changes import changes, corrected_changes, neighbours
-from servo_models.diagnosis.trial_values import Settings
+from servo_models.diagnosis.search.candidates import Candidate, Settings
+from servo_models.diagnosis.search.fitting import FittedModel, delays_of
+from servo_models.diagnosis.search.linearisation import Linearisation, least_in_box, value_at
+from servo_models.errors import UserError
 
-STRETCH, LEAST = 1.6, 0.5
+LARGEST_SHARE, LEAST_SHARE = 1.6, 0.5
 """A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
 limit on a rate at least this part: a small part of what a tight one does is what none does."""
-LARGEST = 10.0
+VALUES_BESIDE = 6
+"""Trial values at which an effect is screened beside others."""
+VALUES_SIMULATED = 5
+"""Of an effect before a fit of it, where screening puts the other parameters."""
+NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))
+"""From its value in a model, at which a discontinuous parameter is sought again."""
+LARGEST_RIPPLE_SHARE = 10.0
 """The same for a ripple, of which one size is looked at."""
 
 
@@ -85,10 +96,10 @@ def screen(
     Other parameters are ``corrected`` before a staircase is judged: one of the wrong step looks
     as good while they are still at values that made up for it.
     """
-    return promising(screening_results(views, every, corrected))
+    return moving(screening_results(views, every, corrected))
 
 
-def promising(results: Iterable[Screened]) -> list[Screened]:
+def moving(results: Iterable[Screened]) -> list[Screened]:
     """Return those that move the outputs beyond what parameters can imitate, best first."""
     return sorted((it for it in results if it.difference.any()), key=lambda it: it.left)
 
@@ -149,10 +160,10 @@ def best_scales(
 def scales(one: Candidate) -> tuple[float, float]:
     """Between which shares of a change the best is sought."""
     if one.ripple:
-        return -LARGEST, LARGEST
+        return -LARGEST_RIPPLE_SHARE, LARGEST_RIPPLE_SHARE
     if one.hints.inverse:
-        return LEAST, STRETCH
-    return (1.0, 1.0) if one.discontinuous else (0.0, STRETCH)
+        return LEAST_SHARE, LARGEST_SHARE
+    return (1.0, 1.0) if one.discontinuous else (0.0, LARGEST_SHARE)
 
 
 def _screened(
@@ -176,7 +187,7 @@ def turned(ripple: Screened, share: Array, left: float) -> Screened:
     assert ripple.candidate.ripple
     assert ripple.waves is not None
     switch, phase = ripple.candidate.ripple
-    size = ripple.candidate.trial_values[0][switch] * min(hypot(*share), LARGEST)
+    size = ripple.candidate.trial_values[0][switch] * min(hypot(*share), LARGEST_RIPPLE_SHARE)
     shown = {**ripple.settings, switch: size, phase: atan2(share[1], share[0])}
     change = ripple.waves @ share
     without = ripple.seen.without(change)
@@ -189,3 +200,403 @@ def remains(
     """Return the squared errors that are left at the best steps inside a box, and these steps."""
     best = least_in_box(gram, towards, low, high)
     return float(seen.errors @ seen.errors) + value_at(gram, towards, best), best
+
+
+CORRECTIONS, NEIGHBOUR_RATIO, LARGEST_GROUP = 2, 1.05, 32
+"""Times that other parameters are corrected before a staircase is judged, and sizes, relative to
+each other, so near that once is enough; so many of them are looked at one after another."""
+DELAY_LESS_IN_PERIODS = (0.25, 0.5, 0.75)
+"""Parts of a hold's period by which a delay is less beside it, of which the best is taken; at a
+first look it is half of it, which is as often among the best sizes."""
+
+
+def neighbours(one: Candidate) -> list[list[Settings]]:
+    """Sizes of an effect that are simulated one after another: those of a staircase that are
+    near each other, since one tells where the other parameters are at the next."""
+    if not one.discontinuous:
+        return [[size] for size in one.trial_values]
+    found: list[list[Settings]] = []
+    for size in sorted(one.trial_values, key=lambda it: max(it.values())):
+        last = found[-1][-1] if found and len(found[-1]) < LARGEST_GROUP else None
+        if last and max(size.values()) < NEIGHBOUR_RATIO * max(last.values()):
+            found[-1].append(size)
+        else:
+            found.append([size])
+    return found
+
+
+def changes(
+    seen: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+) -> list[Array]:
+    """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
+    one, sizes = task
+    if one.late and _delay(seen):
+        return _held(seen, base, sizes, (0.5,))
+    return [_simulated(seen, base, one, size) for size in sizes]
+
+
+def corrected_changes(
+    seen: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+) -> list[Array]:
+    """The same, other parameters corrected beside a staircase."""
+    one, sizes = task
+    if not one.discontinuous:
+        return changes(seen, base, task)
+    if one.late and _delay(seen):
+        return _held(seen, base, sizes, DELAY_LESS_IN_PERIODS)
+    whole = _difference(seen, {**base, **sizes[0]})
+    for _ in range(CORRECTIONS - 1):
+        whole = _corrected(seen, sizes[0], whole)
+    found = []
+    for size in sizes:
+        whole = _corrected(seen, size, whole)
+        if _left(seen, whole) > seen.left:  # slopes may have led astray
+            whole = min(whole, _difference(seen, {**base, **size}), key=partial(_left, seen))
+        found.append(whole[:, None])
+    return found
+
+
+def _simulated(seen: Linearisation, base: Settings, one: Candidate, size: Settings) -> Array:
+    """The change by an effect; of a ripple, those by its sine and by its cosine."""
+    phases = (0.0, pi / 2.0) if one.ripple else ()
+    probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
+    return np.column_stack([_difference(seen, {**base, **probe}) for probe in probes])
+
+
+def _corrected(seen: Linearisation, size: Settings, whole: Array) -> Array:
+    """A change by an effect once more, from where it would take the other parameters."""
+    return _change(seen, seen.start(whole), size)
+
+
+def _held(
+    seen: Linearisation, base: Settings, sizes: Sequence[Settings], parts: Sequence[float]
+) -> list[Array]:
+    """Changes by a hold, with the delay less by the part of its period that leaves least.
+
+    A hold is late by half its period on average, and by how much at an edge of the command no
+    slope tells: the clock may tick just after it.
+    """
+    delay = _delay(seen)
+    least = next(free.low for free in seen.problem.free if free.name == delay)
+    found = []
+    for size in sizes:
+        (period,) = size.values()
+        sooner = dict.fromkeys(max(base[delay] - part * period, least) for part in parts)
+        tried = [_change(seen, {**base, delay: time}, size) for time in sooner]
+        best = tried[0] if len(tried) == 1 else min(tried, key=partial(_left, seen))
+        found.append(best[:, None])
+    return found
+
+
+def _left(seen: Linearisation, change: Array) -> float:
+    """Squared errors beside a change, without what parameters imitate."""
+    return float(np.sum(seen.without(seen.errors + change) ** 2))
+
+
+def _delay(seen: Linearisation) -> str:
+    """The free delay of a problem, empty where there is none."""
+    delays = delays_of(seen.problem)
+    return seen.problem.free[delays[0]].name if delays else ""
+
+
+def _change(seen: Linearisation, values: Settings, size: Settings) -> Array:
+    """A change by an effect with other parameters at ``values``, less what their slopes do."""
+    change = _difference(seen, {**values, **size})
+    if not change.any():  # also where nothing can be simulated: slopes would make a change of it
+        return change
+    vector = np.array(list(values.values())) / seen.problem.scales
+    change -= seen.slopes @ (vector - seen.vector)
+    change[seen.problem.samples :] = 0.0
+    return change
+
+
+def _difference(seen: Linearisation, values: dict[str, float]) -> Array:
+    """Change of the weighted errors, none where nothing can be simulated; the priors do not
+    change."""
+    problem = seen.problem
+    try:
+        changed = problem.errors_with(values, strict=True)
+    except UserError:
+        return np.zeros(len(seen.errors))
+    changed -= seen.errors
+    changed[problem.samples :] = 0.0
+    return changed
+
+
+VALUES_IN_PAIRS = 3
+"""Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it
+takes one that imitates the other effect as well."""
+
+
+class _Pair(NamedTuple):
+    """Two results by their places, squared errors that both would leave, and at which shares."""
+
+    left: float
+    places: tuple[int, int]
+    scales: tuple[Array, Array]
+
+
+def pairs(results: Sequence[Screened], enough: float = np.inf) -> list[tuple[Screened, Screened]]:
+    """Return pairs of different effects by what both would leave together, best first.
+
+    Pairs that leave more than ``enough`` squared errors are none.
+    """
+    scored: list[_Pair] = []
+    for seen in dict.fromkeys(result.seen for result in results):
+        scored += _pairs(results, _taking_part(results, seen))
+    best: dict[frozenset[str], tuple[Screened, Screened]] = {}
+    for pair in sorted(scored, key=lambda it: it.left):
+        if pair.left > enough:
+            break
+        one, other = (results[k] for k in pair.places)
+        names = frozenset((one.candidate.name, other.candidate.name))
+        if names not in best:
+            best[names] = (_at(one, pair.scales[0]), _at(other, pair.scales[1]))
+    return list(best.values())
+
+
+def _at(result: Screened, share: Array) -> Screened:
+    """A ripple at the amplitude and the phase that it has beside another effect."""
+    return result if result.waves is None else turned(result, share, result.left)
+
+
+def _taking_part(results: Sequence[Screened], seen: Linearisation) -> list[int]:
+    """Which results from a linearisation take part in pairs: of each effect those that leave least
+    alone, of a ripple all, and of a discontinuous one those that leave least beside a smooth one.
+    """
+    groups: dict[str, list[int]] = {}
+    for i, result in enumerate(results):
+        if result.seen is seen:
+            groups.setdefault(result.candidate.name, []).append(i)
+    best = [i for group in groups.values() for i in group[:VALUES_IN_PAIRS]]
+    smooth = [results[i] for i in best if not results[i].candidate.discontinuous]
+    for group in groups.values():
+        if smooth and results[group[0]].candidate.discontinuous:
+            left = residual_beside([results[i] for i in group], smooth)
+            best += [group[k] for k in np.argsort(left)[:VALUES_IN_PAIRS]]
+        elif results[group[0]].waves is not None:
+            best += group
+    return list(dict.fromkeys(best))
+
+
+def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> Array:
+    """Return the squared errors that each of some results leaves beside the best of the others.
+
+    All are from the same linearisation.  Shape (results,).
+    """
+    seen = results[0].seen
+    rest = seen.without(np.column_stack([seen.errors + it.change for it in results]))
+    columns = np.column_stack([it.difference for it in others])
+    low, high = np.array([scales(it.candidate) for it in others]).T[..., None]
+    power, along = np.sum(columns**2, axis=0)[:, None], columns.T @ rest
+    share: Array = np.clip(-along / power, low, high)
+    return np.asarray(
+        np.sum(rest**2, axis=0) + np.min(share * (2.0 * along + share * power), axis=0)
+    )
+
+
+def _pairs(results: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
+    """What pairs from one view would leave."""
+    part = [results[k] for k in own]
+    seen = part[0].seen
+    widths = np.array([it.columns.shape[1] for it in part])
+    columns = np.column_stack([seen.slopes, *(it.columns for it in part)])
+    gram, towards, p = columns.T @ columns, columns.T @ seen.errors, seen.slopes.shape[1]
+    begins = p + np.cumsum(widths) - widths
+    found: list[_Pair] = []
+    i, j = _different(part)
+    for wide in product((1, 2), repeat=2):
+        group = (widths[i] == wide[0]) & (widths[j] == wide[1])
+        ends = list(zip((i[group], j[group]), wide))
+        if not group.any():
+            continue
+        first = [np.tile(np.arange(p), (group.sum(), 1))]
+        chosen = np.hstack([*first, *(begins[k][:, None] + np.arange(n) for k, n in ends)])
+        low, high = (
+            np.hstack([np.tile(room, (group.sum(), 1)), *(np.tile(end[k], n) for k, n in ends)])
+            for room, end in zip(seen.room, _limits(part))
+        )
+        both = gram[chosen[:, :, None], chosen[:, None, :]]
+        left, steps = remains(seen, both, towards[chosen], low, high)
+        middle = p + wide[0]
+        for rest, step, k, m in zip(left, steps, i[group], j[group]):
+            found.append(_Pair(float(rest), (own[k], own[m]), (step[p:middle], step[middle:])))
+    return found
+
+
+def _different(part: Sequence[Screened]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Pairs of different effects that do not change the response alike, each of shape (k,)."""
+    names = np.array([it.candidate.name for it in part])
+    i, j = np.triu_indices(len(part), 1)
+    apart = np.column_stack([it.difference for it in part])
+    gram = apart.T @ apart
+    a, b, c = gram[i, i], gram[j, j], gram[i, j]
+    ripple = np.array([it.waves is not None for it in part])
+    unlike = (a * b - c * c > 1e-6 * a * b) | ripple[i] | ripple[j]
+    differ = (names[i] != names[j]) & unlike
+    return i[differ], j[differ]
+
+
+def _limits(part: Sequence[Screened]) -> tuple[Array, Array]:
+    """Least and largest shares of each column of some results in pairs, shapes (k, 1)."""
+    ends = [
+        scales(it.candidate)
+        if it.waves is not None
+        else (LEAST_SHARE if it.candidate.hints.inverse else 0.0, LARGEST_SHARE)
+        for it in part
+    ]
+    low, high = np.array(ends).T
+    return low[:, None], high[:, None]
+
+
+@dataclass(frozen=True)
+class Detectability:
+    """How far an effect moves the outputs at the sizes looked at, RMS in noise floors.
+
+    Attributes:
+        moved: at most.
+        shown: at most, without what nominal parameters imitate.
+    """
+
+    moved: float = 0.0
+    shown: float = 0.0
+
+
+def reaches(results: Iterable[Screened], every: Sequence[Candidate]) -> dict[str, Detectability]:
+    """Return the reach of each effect by its name, from all that was seen of it."""
+    found = {one.name: Detectability() for one in every}
+    for result in results:
+        before, own = found[result.candidate.name], _reach(result)
+        larger = Detectability(max(before.moved, own.moved), max(before.shown, own.shown))
+        found[result.candidate.name] = larger
+    return found
+
+
+def _reach(result: Screened) -> Detectability:
+    """That of one size; of a ripple, that of the phase which does more."""
+    moved, shown = result.change[:, None], result.difference[:, None]
+    if result.waves is not None:
+        moved = LARGEST_RIPPLE_SHARE * result.waves
+        shown = result.seen.without(moved)
+    samples = max(result.seen.problem.samples, 1)
+    return Detectability(
+        *(float(np.sqrt((it**2).sum(axis=0).max() / samples)) for it in (moved, shown))
+    )
+
+
+Seen = tuple[str, list[Screened]]
+"""An effect, and the sizes at which it was seen that promise most."""
+
+
+def names_of(results: Iterable[Screened]) -> list[str]:
+    return list(dict.fromkeys(result.candidate.name for result in results))
+
+
+def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator[Seen]:
+    """The effects seen first, each with the sizes from which its fit begins."""
+    for name in names_of(results)[:count]:
+        yield name, likeliest([result for result in results if result.candidate.name == name])
+
+
+def likeliest(own: Sequence[Screened]) -> list[Screened]:
+    """Of the sizes of one effect, best first, those that are worth a simulation.
+
+    A fit finds the size, but hardly another shape: of each shape the best size is one of them.
+    """
+    best: dict[Hashable, Screened] = {}
+    for result in own:
+        best.setdefault(result.candidate.shape_at(result.settings), result)
+    first = list(best.values())
+    return [*first, *(it for it in own if it not in first)][:VALUES_SIMULATED]
+
+
+def _at_likely_sizes(seen: Linearisation, one: Candidate) -> Candidate:
+    """An effect at the sizes that would leave least from there if changes add up."""
+    if len(one.alone) <= VALUES_BESIDE:
+        return one
+    left, _ = best_scales(seen, [one] * len(one.alone), one.alone)
+    best = np.argsort(left, kind="stable")[:VALUES_BESIDE]
+    return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
+
+
+def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[Candidate]:
+    """Return effects with what ``results``, best first, have shown of their sizes alone.
+
+    Of the thousands of sizes of a staircase, those stay that were promising once.  Others keep all:
+    alone, each takes the size that imitates what is missing as well.
+    """
+    found = []
+    for one in every:
+        own = [result for result in results if result.candidate.name == one.name]
+        first = {_place(one, it.settings): it for it in reversed(own)}
+        if one.grid and own:
+            sizes = {_place(one, it.settings): it.settings for it in own}
+            found.append(replace(one, trial_values=tuple(sizes.values())[:VALUES_BESIDE]))
+        elif one.discontinuous or not own:
+            found.append(one)
+        else:
+            none = np.zeros_like(own[0].columns)
+            known = (first.get(_place(one, size)) for size in one.trial_values)
+            found.append(replace(one, alone=tuple(it.columns if it else none for it in known)))
+    return found
+
+
+def _place(one: Candidate, settings: Settings) -> Hashable:
+    """Which of its sizes some settings are: of a ripple they come with another size and phase."""
+    return tuple(it for it in settings.items() if it[0] not in (one.ripple or ()))
+
+
+class Screener:
+    """Screens effects beside fitted models, at the trial values that promised something alone.
+
+    As far as changes add up, those tell what a value would leave beside other effects, and only the
+    likeliest are simulated there, each once.  Of smooth effects the results are kept from which a
+    fit may begin: every one holds a response.
+    """
+
+    def __init__(
+        self,
+        every: Iterable[Candidate],
+        results: Sequence[Screened],
+        before: Screener | None = None,
+    ) -> None:
+        self.candidates = {one.name: one for one in preselect(every, results)}
+        self._known: dict[Hashable, list[Screened]] = before._known if before else {}
+
+    def beside(self, first: FittedModel, pool: Iterable[Candidate]) -> list[Screened]:
+        """Return what is seen of effects beside those of a model, best first."""
+        others = [self.candidates[one.name] for one in pool if one.name not in first.effects]
+        keys = {_key(first, one): one for one in others}
+        new = {one.name: key for key, one in keys.items() if key not in self._known}
+        self._known |= {key: [] for key in new.values()}
+        found = _screened_beside(first, [keys[key] for key in new.values()])
+        for name in names_of(found):
+            own = [result for result in found if result.candidate.name == name]
+            self._known[new[name]] = own if own[0].candidate.discontinuous else likeliest(own)
+        known = chain.from_iterable(self._known[key] for key in keys)
+        return sorted(known, key=lambda result: result.left)
+
+    def again_beside(self, stays: FittedModel, model: FittedModel) -> list[Screened]:
+        """Return the same of all effects beside a model of which one effect was taken out."""
+        every = self.candidates.values()
+        others = [_nearer(one, model) for one in every if one.name not in stays.effects]
+        return _screened_beside(stays, others)
+
+
+def _screened_beside(first: FittedModel, others: Iterable[Candidate]) -> list[Screened]:
+    return screen((first.linearised,), [_at_likely_sizes(first.linearised, it) for it in others])
+
+
+def _key(first: FittedModel, one: Candidate) -> Hashable:
+    """An effect at its trial values, seen from a fit."""
+    return first, one.name, tuple(tuple(size.items()) for size in one.trial_values)
+
+
+def _nearer(one: Candidate, model: FittedModel) -> Candidate:
+    """A discontinuous effect with values very near that of a model which has it: beside another
+    effect the narrow minimum may lie next to where it was alone."""
+    if not one.discontinuous or one.name not in model.effects:
+        return one
+    switch = one.free[0].name
+    near = [{switch: model.values[switch] * (1.0 + it)} for it in NEAR_RELATIVE_CHANGES]
+    return replace(one, trial_values=(*one.trial_values, *near))

@@ -1,48 +1,103 @@
-"""Which effects explain a gap: fits of the promising ones, singly and in pairs, judged held out.
+"""Which effects explain a gap: stepwise selection over fitted models of any size.
 
-An effect is taken only if it predicts blocks that its fit has not seen, and beside a pair
-each half has to earn its place, also under conditions that were left out.
+Forward, swap, backward: one more effect is fitted beside the best few models, each effect of the
+best one is sought again beside the others, and each has to earn its place against the model without
+it.  An effect earns its place where it predicts blocks of time that its fit has not seen, and, from
+two effects on, conditions that were left out as well.
+Sources: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed., sec. 3.3
+(forward and backward selection); Miller, Subset Selection in Regression, 2nd ed. (2002), sec. 3.5
+(replacing one variable at a time).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, log
 
-from servo_models.diagnosis.candidates import Candidate, candidates
-from servo_models.diagnosis.fitting.conditions import leave_one_condition_out
-from servo_models.diagnosis.fitting.crossval import CrossValidation
-from servo_models.diagnosis.fitting.entry_test import passes_entry_test
-from servo_models.diagnosis.fitting.fitted_model import FittedModel, Fitter
-from servo_models.diagnosis.search.detectability import Detectability, reaches
-from servo_models.diagnosis.search.first_fits import FirstFits, first_fits
-from servo_models.diagnosis.search.fits import (
-    Tell,
-    Teller,
-    beside_each,
-    best_of_each,
-    settled,
+import numpy as np
+
+from servo_models.diagnosis.search.candidates import Candidate, candidates
+from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
+from servo_models.diagnosis.search.fitting import (
+    FittedModel,
+    Fitter,
+    leave_one_condition_out,
+)
+from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.joint_fits import beside, together
+from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
+from servo_models.diagnosis.search.residuals import sure
+from servo_models.diagnosis.search.screening import (
+    Detectability,
+    Screened,
+    Screener,
+    Seen,
+    likeliest,
+    moving,
+    names_of,
+    pairs,
+    reaches,
+    screen,
+    screening_results,
     starts_of,
 )
-from servo_models.diagnosis.search.forward import forward_selection
-from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
-from servo_models.diagnosis.search.pairing import LESS, ambiguous, singles_of
-from servo_models.diagnosis.search.preselection import preselect
-from servo_models.diagnosis.search.screening import Screened, promising, screening_results
 
 TOLERANCE = 2.0
 """Gap in noise floors that counts as none."""
-QUIET = 4
-"""Effects that are fitted where nominal parameters leave noise only."""
-FINALISTS, NEARLY = 3, 1.5
-"""Those are fitted on that leave less than this over the best."""
-FINER, LONGER = 1e-6, 60
-"""Relative tolerance and steps of these fits."""
-HALVED = 2
-"""Pairs of which each half is tried alone again."""
-LEAST = 1.0
-"""Movement of the outputs [RMS, noise floors] from which what parameters imitate is told."""
+MOST_EFFECTS = 5
+"""In a fitted model."""
+ALONE = 10
+"""Smooth effects that are fitted alone."""
+FIRST_ALONE = 4
+"""Those that are fitted before it is asked whether the others could do as well."""
+ADDED = 4
+"""Effects that are fitted beside each of the best models."""
+BASES = 3
+"""Models beside which further effects are fitted, none with an effect of a better one: that of two
+look-alikes which is closer to the cause gains more by what both lack."""
+BASE_LOSS_OVER_BEST = {1: inf, 2: 1.25}
+"""By the size of such models; of larger ones there is the best alone."""
+PAIRS_AT_ONCE = 6
+"""Pairs of effects that were screened together and are fitted so."""
+SWAPS = 3
+"""Effects that are fitted in the place of another one, for each of a model."""
+EXCHANGES = 8
+"""The same for the set of models that do as well as the one that is taken."""
+PROMISED_COST = 0.95
+"""Cost that screening promises over the cost of the model without an effect, below which the effect
+is worth a fit."""
+EXCHANGED_COST = 1.1
+"""The same over that of the model itself, for one that may do as well."""
+AS_GOOD_SHARE = 0.5
+"""Share of what a model closes that leaves noise only, which another one has to promise."""
+HALF_LOSS = 0.5
+"""Loss of a pair over that of one effect, below which discontinuous effects are not sought anew
+beside that one."""
+SAME_COSINE = 0.99
+"""Between two changes of the response, from which they are one."""
+FINALISTS = 3
+"""Models of a size that are fitted to the end before they are compared."""
+FINALIST_LOSS_OVER_BEST = 1.5
+PARTS_OF = 2
+"""Best models of a size of which every part is fitted again, begun where the whole has ended."""
+LEAST_MASKED_FLOORS = 1.0
+"""Movement of the outputs [RMS, noise floors] from which masked effects are told."""
+
+ENTRY_ADVANTAGE = 20.0
+"""Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
+what the best of so many trials does by chance."""
+ENTRY_PROBABILITY = 0.05
+"""Probability that so many blocks favour it by chance."""
+ENTRY_SHARE = 0.02
+"""Share of the mean square error left that an effect has to take away."""
+ENTRY_SHARE_ON_BOUND = 0.2
+"""The same where a bound holds it back: what it imitates may be another effect."""
+ENTRY_SHARE_OF_THIRD = 0.2
+"""The same for a third effect and each after it: many together imitate what is none of them."""
+
+Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,32 +107,33 @@ class Selection:
     Attributes:
         before: the nominal model.
         retuned: nominal parameters alone.
-        singles, pairs: fitted models by one and by two effects, best first.
-        more: by as many as were taken, where further ones were added to a pair.
-        taken: the fitted model that earns its place.
+        tried: the best fitted model of each set of effects, best first.
+        taken: the fitted model whose effects earn their place.
         detectability: how far each effect can move the outputs, by its name.
         masked: effects that may be there beside nominal parameters alone, if these were taken.
     """
 
     before: CrossValidation
     retuned: FittedModel
-    singles: list[FittedModel]
-    pairs: list[FittedModel]
-    more: list[FittedModel]
+    tried: Sequence[FittedModel]
     taken: FittedModel
     detectability: dict[str, Detectability]
     masked: Sequence[MaskedEffect] = ()
 
+    def of_size(self, count: int) -> list[FittedModel]:
+        """Return the fitted models by so many effects, best first."""
+        return [it for it in self.tried if len(it.effects) == count]
+
     @property
     def alike(self) -> list[FittedModel]:
-        """Fitted models by as many effects as were taken."""
-        return self.more or (self.pairs if len(self.taken.effects) == 2 else self.singles)
+        """Fitted models by as many effects as were taken, by one where none was."""
+        return self.of_size(max(1, len(self.taken.effects)))
 
     @property
     def fitted(self) -> dict[str, FittedModel]:
         """By each effect that was fitted: alone, or else the best fitted model that has it."""
         found: dict[str, FittedModel] = {}
-        for one in (*self.singles, *self.pairs, *self.more):
+        for one in sorted(self.tried, key=lambda it: len(it.effects)):
             for name in one.effects:
                 found.setdefault(name, one)
         return found
@@ -97,11 +153,11 @@ def select_effects(
         tell: is told what goes on.
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
-    say = Teller(tell) if tell else Teller()
+    say = tell or (lambda _: None)
     as_it_is = fitter.unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
-        return Selection(before, as_it_is, [], [], [], as_it_is, {})
+        return Selection(before, as_it_is, [], as_it_is, {})
     say("re-tuning nominal parameters")
     fitter = fitter.surveyed()
     retuned = fitter.finish(fitter.fit((), ()))
@@ -109,87 +165,322 @@ def select_effects(
     owners = {fitter.model.plant.parameters[free.name].owner for free in fitter.nominal}
     every = candidates(fitter.model, fitter.logs, owners.union(left_out))
     fitter = replace(fitter, trials={one.name: log(one.trials) for one in every})
-    say(f"looking at {len(every)} effects")
+    say(f"screening {len(every)} effects")
     plain = [retuned]
-    if not settled(retuned):
+    if not retuned.settled:
         nominal = {free.name: free.nominal for free in fitter.nominal}
         plain.insert(0, fitter.unfit((), (), nominal))
     results = screening_results([it.linearised for it in plain], every)
-    reach = reaches(results, every)
-    tried = _tried(fitter, retuned, promising(results), every, say)
-    couples, more, taken = _explained(fitter, retuned, tried, say)
+    search = SubsetSelection(fitter, retuned, every, moving(results), say)
+    taken = search.run()
     masked: Sequence[MaskedEffect] = ()
     if taken is retuned:
-        say("looking for what re-tuned parameters imitate")
-        masked = masked_effects(fitter, retuned, results, max(tolerance, LEAST))
+        search.say("looking for effects that re-tuned parameters mask")
+        least = max(tolerance, LEAST_MASKED_FLOORS)
+        masked = masked_effects(fitter, retuned, results, least)
     else:
-        say(f"fitting {' and '.join(taken.effects)} to the end")
+        search.say(f"fitting {' and '.join(taken.effects)} to the end")
         taken = fitter.finish(taken)
-    return Selection(before, retuned, tried.singles, couples, more, taken, reach, masked)
+    return Selection(before, retuned, search.tried(), taken, reaches(results, every), masked)
 
 
-def _tried(
-    fitter: Fitter,
-    retuned: FittedModel,
-    results: Sequence[Screened],
-    every: Sequence[Candidate],
-    say: Teller,
-) -> FirstFits:
-    """Fits of one and of two effects, those to the end that leave least."""
-    if settled(retuned):
-        few = beside_each(fitter, retuned, starts_of(results, QUIET), say)
-        found = FirstFits(few, [], preselect(every, results))
-    else:
-        found = first_fits(fitter, retuned, results, every, say)
-    singles, couples, near = found
-    better = [it for it in couples[:HALVED] if it.loss < LESS * singles[0].loss]
-    singles = best_of_each([*singles, *singles_of(fitter, better)])
-    if not settled(retuned):
-        say("fitting the best to the end")
-        least = min((it.loss for it in (*singles, *couples)), default=inf)
-        singles, couples = _finals(fitter, singles, least), _finals(fitter, couples, least)
-    return FirstFits(singles, couples, near)
+Task = tuple[tuple[str, ...], Callable[[Fitter], FittedModel]]
+"""Effects, and the fit of them."""
 
 
-def _explained(
-    fitter: Fitter, retuned: FittedModel, tried: FirstFits, say: Teller
-) -> tuple[list[FittedModel], list[FittedModel], FittedModel]:
-    """Fitted models by two effects, by more, and the one that is taken."""
-    couples = tried.couples
-    taken = _taken(fitter, retuned, tried.singles, couples)
-    if len(taken.effects) < 2:
-        return couples, [], taken
-    more = forward_selection(fitter, taken, couples, tried.near, say)
-    if more:
-        return couples, more, more[0]
-    if not settled(taken):
-        # beside a pair that leaves noise only they have been sought already
-        couples = best_of_each([*couples, *ambiguous(fitter, taken, tried.near, say)])
-        taken = _taken(fitter, retuned, tried.singles, couples)
-    return couples, [], taken
+class SubsetSelection:
+    """The selection: what was fitted so far, and how it grows.
+
+    Attributes:
+        fitter, retuned, every: see ``select_effects``.
+        results: of screening every effect beside nominal parameters alone, best first.
+        models: the best fitted model of each set of effects.
+    """
+
+    def __init__(
+        self,
+        fitter: Fitter,
+        retuned: FittedModel,
+        every: Sequence[Candidate],
+        results: Sequence[Screened],
+        tell: Tell,
+    ) -> None:
+        self.fitter, self.retuned, self.every, self.tell = fitter, retuned, every, tell
+        self.results = list(results)
+        self.screener = Screener(every, results)
+        self.models: dict[frozenset[str], FittedModel] = {frozenset(): retuned}
+        self.carried: dict[FittedModel, float] = {}
+
+    def run(self) -> FittedModel:
+        """Return the model whose effects earn their place."""
+        smooth = [one for one in self.every if not one.grid]
+        self.grow(1, smooth)
+        if self.retuned.settled:
+            return self.accepted()
+        self.grow(2, smooth)
+        if self.settled(2):
+            self.add(self.retuned, self.as_good(self.starts(self.every), ADDED))
+        else:
+            self.search_grids()
+            self.grow(1, self.every)
+            self.grow(2, self.every)
+        taken = self.accepted()
+        for size in range(3, MOST_EFFECTS + 1):
+            if len(taken.effects) < size - 1 or taken.settled:
+                break
+            self.grow(size, self.every)
+            taken = self.accepted()
+        if len(taken.effects) > 1:
+            self.exchange(taken)
+        return self.accepted()
+
+    def say(self, text: str) -> None:
+        """Tell what goes on, with the best fitted model so far."""
+        for best in self.tried()[:1]:
+            names, left = " and ".join(best.effects), best.evidence.rms
+            text = f"{text}; best so far {names}, {left:.3g} noise floors"
+        self.tell(text)
+
+    # -- growing -----------------------------------------------------------------------------------
+
+    def grow(self, size: int, pool: Sequence[Candidate]) -> None:
+        """Fit models by so many effects of a pool: forward, and then by swaps in the best one."""
+        if size == 1:
+            self.grow_alone(pool)
+        elif self.settled(size - 1):
+            self.grow_beside(self.bases(size - 1)[:1], pool, 1.0 - ENTRY_SHARE)
+        else:
+            if size == 2:
+                self.add_pairs(pool)
+            if not self.settled(size):
+                share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
+                self.grow_beside(self.bases(size - 1), pool, share)
+                self.grow_discontinuous(size, pool)
+        if size > 1 and self.gains(size):
+            self.swap(self.best(size)[0])
+        self.finish_best(size)
+
+    def grow_alone(self, pool: Sequence[Candidate]) -> None:
+        """Fit the most promising effects of a pool, each alone."""
+        starts = list(self.starts(pool))[: ADDED if self.retuned.settled else ALONE]
+        self.add(self.retuned, starts[:FIRST_ALONE])
+        self.add(self.retuned, self.as_good(starts[FIRST_ALONE:]))
+
+    def grow_beside(
+        self, bases: Sequence[FittedModel], pool: Sequence[Candidate], share: float
+    ) -> None:
+        """Fit the effects of a pool that promise to leave less than a share of what each of some
+        smaller models leaves."""
+        for base in bases:
+            seen = self.screener.beside(base, pool)
+            self.add(base, promising(seen, share * base.cost, ADDED))
+
+    def grow_discontinuous(self, size: int, pool: Sequence[Candidate]) -> None:
+        """Fit discontinuous effects beside the best smaller model, unless another one halves it."""
+        for base in self.bases(size - 1)[:1]:
+            halved = self.loss(size) < HALF_LOSS * base.loss
+            if not any(one.grid for one in pool) or halved or self.settled(size):
+                return
+            self.say(f"searching discontinuous effects beside {' and '.join(base.effects)}")
+            short = shortlist(self.fitter, base, pool, self.screener.beside(base, pool))
+            seen = screen((base.linearised,), short)
+            self.add(base, promising(seen, PROMISED_COST * base.cost, ADDED))
+
+    def bases(self, size: int) -> list[FittedModel]:
+        """The best models of a size that share no effect."""
+        found: list[FittedModel] = []
+        for one in self.best(size):
+            near = one.loss < BASE_LOSS_OVER_BEST.get(size, 1.0) * self.loss(size)
+            apart = not any(set(one.effects) & set(it.effects) for it in found)
+            if apart and (near or not found):
+                found.append(one)
+        return found[:BASES]
+
+    def add_pairs(self, pool: Sequence[Candidate]) -> None:
+        """Fit pairs that were screened together."""
+        names = {one.name for one in pool}
+        own = [it for it in self.results if it.candidate.name in names]
+        chosen = pairs(own, PROMISED_COST * min(it.cost for it in self.best(1) or [self.retuned]))
+        tasks = [(tuple(names_of(it)), partial(together, pair=it)) for it in chosen]
+        self.fit(self.new(tasks[:PAIRS_AT_ONCE]))
+
+    def search_grids(self) -> None:
+        """Screen discontinuous effects at all their values, from where the best fit has put the
+        nominal parameters, and from where these alone go."""
+        self.say("searching discontinuous effects")
+        best = min([self.retuned, *self.best(1)], key=lambda it: it.loss)
+        there = self.fitter.unfit((), (), best.values)
+        near = [it for it in self.results if it.seen is self.retuned.linearised]
+        short = shortlist(self.fitter, there, self.every, near)
+        found = screen((self.retuned.linearised, there.linearised), short)
+        self.results = sorted([*self.results, *found], key=lambda it: it.left)
+        self.screener = Screener(self.every, self.results, self.screener)
+
+    # -- swapping ----------------------------------------------------------------------------------
+
+    def swap(self, model: FittedModel) -> None:
+        """Seek each effect of a model again, the others kept as they are."""
+        if model.settled:
+            self.exchange(model)
+            return
+        for name, stays, seen in self.without_each(model):
+            likely = dict(promising(seen, PROMISED_COST * model.cost, SWAPS))
+            own = likeliest([it for it in seen if it.candidate.name == name])
+            if len({it.candidate.shape_at(it.settings) for it in own}) > 1:
+                likely.setdefault(name, own)  # no slope may have led to another shape
+            self.add(stays, likely.items(), again=True)
+
+    def exchange(self, model: FittedModel) -> None:
+        """Fit others in the place of each effect of a model that may do as well."""
+        for name, stays, seen in self.without_each(model):
+            others = [it for it in seen if it.candidate.name != name]
+            likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
+            self.add(stays, likely)
+
+    def without_each(self, model: FittedModel) -> Iterator[tuple[str, FittedModel, list[Screened]]]:
+        """Each effect of a model, the model as it is without it, and what is seen beside that."""
+        for name in model.effects:
+            stays = self.fitter.unfit(*model.without(name), model.values)
+            yield name, stays, self.screener.again_beside(stays, model)
+
+    # -- fitting -----------------------------------------------------------------------------------
+
+    def add(self, base: FittedModel, starts: Iterable[Seen], again: bool = False) -> None:
+        """Fit some effects beside those of a model, those only that were not fitted yet unless
+        ``again``."""
+        tasks = [
+            ((*base.effects, name), partial(beside, first=base, own=own)) for name, own in starts
+        ]
+        self.fit(tasks if again else self.new(tasks))
+
+    def new(self, tasks: Iterable[Task]) -> list[Task]:
+        """Those of effects that were not fitted together yet."""
+        return [it for it in tasks if frozenset(it[0]) not in self.models]
+
+    def fit(self, tasks: Sequence[Task]) -> None:
+        """Fit together what can be, and keep the better of two models by the same effects."""
+        fits = self.fitter.workers.map(lambda task: task[1](self.fitter), tasks)
+        for (names, _), found in zip(tasks, fits):
+            self.say(f"fitting {' and '.join(names)}")
+            self.keep(found)
+
+    def keep(self, found: FittedModel) -> None:
+        known = self.models.get(frozenset(found.effects))
+        if known is None or found.loss < known.loss:
+            self.models[frozenset(found.effects)] = found
+
+    def finish_best(self, size: int) -> None:
+        """Fit the best models of a size to the end, and the parts of the very best."""
+        if self.retuned.settled:
+            return
+        for one in self.best(size)[:FINALISTS]:
+            if one.loss < FINALIST_LOSS_OVER_BEST * self.loss(size) and not one.settled:
+                self.keep(self.fitter.finish(one))
+        if size > 1 and self.gains(size):
+            for one in self.best(size)[:PARTS_OF]:
+                for name in one.effects:
+                    self.keep(self.fitter.fit(*one.without(name), one.values))
+
+    # -- comparing ---------------------------------------------------------------------------------
+
+    def accepted(self) -> FittedModel:
+        """Return the largest model whose effects earn their place, grown one by one."""
+        best = self.retuned
+        for size in range(1, MOST_EFFECTS + 1):
+            better = next((it for it in self.best(size) if self.belongs(it, best)), None)
+            if better is None and size > 1:
+                break
+            best = better or best
+        return best
+
+    def belongs(self, model: FittedModel, fewer: FittedModel) -> bool:
+        """Whether each effect of a model earns its place, also under conditions left out."""
+        share = ENTRY_SHARE if len(model.effects) < 3 else ENTRY_SHARE_OF_THIRD
+        if not passes_entry_test(model, fewer, share):
+            return False
+        if len(model.effects) == 1:
+            return True
+        parts = [frozenset(model.effects) - {name} for name in model.effects]
+        return all(
+            passes_entry_test(model, self.models[it]) for it in parts if it in self.models
+        ) and self.carries_over(model) <= self.carries_over(fewer)
+
+    def carries_over(self, model: FittedModel) -> float:
+        """Squared errors under conditions that were left out."""
+        if model not in self.carried:
+            self.carried[model] = leave_one_condition_out(self.fitter, model)
+        return self.carried[model]
+
+    def tried(self) -> list[FittedModel]:
+        """Every fitted model with an effect, best first."""
+        return sorted((it for it in self.models.values() if it.effects), key=lambda it: it.loss)
+
+    def best(self, size: int) -> list[FittedModel]:
+        """Fitted models by so many effects, best first."""
+        return [it for it in self.tried() if len(it.effects) == size]
+
+    def loss(self, size: int) -> float:
+        """Loss of the best of them, infinite where there is none."""
+        return min((it.loss for it in self.best(size)), default=inf)
+
+    def gains(self, size: int) -> bool:
+        """Whether so many effects leave less than fewer do."""
+        return self.loss(size) < (1.0 - ENTRY_SHARE) * self.loss(size - 1)
+
+    def settled(self, size: int) -> bool:
+        """Whether a model by at most so many effects leaves noise only."""
+        return any(it.settled for it in self.tried() if len(it.effects) <= size)
+
+    # -- what is worth a fit -----------------------------------------------------------------------
+
+    def starts(self, pool: Iterable[Candidate]) -> Iterator[Seen]:
+        """Effects of a pool that were not fitted alone yet, most promising first."""
+        names = {one.name for one in pool if frozenset((one.name,)) not in self.models}
+        return starts_of([it for it in self.results if it.candidate.name in names])
+
+    def as_good(self, starts: Iterable[Seen], count: int | None = None) -> list[Seen]:
+        """Those that may do as well as a model that leaves noise only; all where there is none."""
+        least = min((one.cost for one in self.tried() if one.settled), default=-np.inf)
+        enough = inf
+        if np.isfinite(least):
+            enough = self.retuned.cost + AS_GOOD_SHARE * (least - self.retuned.cost)
+        return [(name, own) for name, own in starts if own[0].left < enough][:count]
 
 
-def _finals(fitter: Fitter, found: Sequence[FittedModel], least: float) -> list[FittedModel]:
-    """The same with those near the least loss fitted on: a search may have stopped short."""
-    near = [it for it in found[:FINALISTS] if it.loss < NEARLY * least]
-    forward_selection = [fitter.again(it, FINER, LONGER) for it in near if not settled(it)]
-    return best_of_each([*forward_selection, *found])
+def promising(
+    seen: Iterable[Screened], enough: float, count: int, unlike: bool = True
+) -> Iterator[Seen]:
+    """Yield effects that promise to leave less than enough, and values to begin from.
+
+    Of those that change the response alike only the first, if they are to be ``unlike``.
+    """
+    chosen: list[Screened] = []
+    for name, own in starts_of([it for it in seen if it.left < enough]):
+        if len(chosen) == count:
+            break
+        if not (unlike and any(same(own[0], it) for it in chosen)):
+            chosen.append(own[0])
+            yield name, own
 
 
-def _taken(
-    fitter: Fitter,
-    retuned: FittedModel,
-    singles: Sequence[FittedModel],
-    couples: Sequence[FittedModel],
-) -> FittedModel:
-    best = singles[0] if singles and passes_entry_test(singles[0], retuned) else retuned
-    lost: float | None = None
-    for couple in couples:
-        parts = [one for one in singles if set(one.effects) <= set(couple.effects)]
-        if passes_entry_test(couple, best) and all(
-            passes_entry_test(couple, part) for part in parts
-        ):
-            lost = leave_one_condition_out(fitter, best) if lost is None else lost
-            if leave_one_condition_out(fitter, couple) <= lost:
-                return couple
-    return best
+def same(one: Screened, other: Screened) -> bool:
+    """Return whether two effects change the response alike, beside what parameters imitate."""
+    a, b = one.difference, other.difference
+    return abs(float(a @ b)) > SAME_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
+
+
+def passes_entry_test(one: FittedModel, other: FittedModel, share: float = ENTRY_SHARE) -> bool:
+    """Return whether ``one`` predicts what its fit has not seen surely better than ``other``.
+
+    ``share`` is that of the squared errors that it has to take away.
+    """
+    if one.held_by_bound and not other.held_by_bound:
+        share = max(share, ENTRY_SHARE_ON_BOUND)
+    trials = 2.0 * max(one.chance - other.chance, 0.0)
+    by_chance = not sure(other.left)
+    saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
+    return (
+        saved > share
+        and advantage(one.evidence, other.evidence, by_chance) > ENTRY_ADVANTAGE + trials
+        and consistency(one.evidence, other.evidence) < ENTRY_PROBABILITY
+    )

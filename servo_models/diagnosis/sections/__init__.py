@@ -177,9 +177,9 @@ def _where(diagnosis: Diagnosis) -> Section:
 def _effects(diagnosis: Diagnosis) -> Section:
     selection = diagnosis.selection
     groups = {
-        "Effects, fitted one at a time": selection.singles,
-        "Pairs of effects": selection.pairs,
-        "More effects together": selection.more,
+        "Effects, fitted one at a time": selection.of_size(1),
+        "Pairs of effects": selection.of_size(2),
+        "More effects together": selection.of_size(max(3, len(selection.taken.effects))),
     }
     return Section(
         EFFECTS,

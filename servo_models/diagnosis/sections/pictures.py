@@ -10,11 +10,10 @@ import numpy as np
 
 from servo_models.analysis.experiment import display
 from servo_models.diagnosis.design import Experiment, played
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
-from servo_models.diagnosis.fitting.priors import BELIEVED
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.fitting import PRIOR_BOUND_SIGMAS, FittedModel
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentence
 from servo_models.identification.readings import (
@@ -255,7 +254,7 @@ def _draw_moves(
     label, tint, marker = style
     distances = [(one.value - one.nominal) / priors[one.name] for one in values]
     known = [one.standard_error / priors[one.name] for one in values]
-    errors = np.clip(np.nan_to_num(known), 0.0, BELIEVED)  # not determined: the whole width
+    errors = np.clip(np.nan_to_num(known), 0.0, PRIOR_BOUND_SIGMAS)  # all of it
     rows = np.arange(len(values)) + shift
     axes.errorbar(
         distances, rows, xerr=errors, fmt=marker, color=colour(tint), ms=4.5, lw=1.4, label=label

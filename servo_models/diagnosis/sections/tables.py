@@ -11,11 +11,11 @@ import numpy as np
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.diagnosis import summary
-from servo_models.diagnosis.fitting.fitted_model import FittedModel
 from servo_models.diagnosis.gap import DRAWS, Gap
 from servo_models.diagnosis.localisation import Bin, Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.signatures import sentence
 from servo_models.diagnosis.verdict import weights_of
 from servo_models.identification.readings import error_table
@@ -214,7 +214,8 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
 
 def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
     """Return them among fitted models of as many effects as were taken, "" for others."""
-    if fitted_models is not diagnosis.selection.alike or not diagnosis.selection.taken.effects:
+    alike = diagnosis.selection.alike
+    if list(fitted_models) != alike or not diagnosis.selection.taken.effects:
         return [""] * len(fitted_models)
     chances = weights_of(diagnosis.selection, diagnosis.verdict.rest)
     return [_chance(float(chance)) for chance in chances]

@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 
 from servo_models.analysis.statistics import inflation
 from servo_models.core.types import Array
-from servo_models.diagnosis.fitting.linearisation import Linearisation
+from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.identification.problem import Problem
 
 BLOCKS = 20
-TRUSTED = 1.0
+LARGEST_CHANGE_OVER_ERRORS = 1.0
 """Largest change of a block's errors, relative to them, that slopes are trusted with."""
-LEAST = 1e-12
+LEAST_LOSS_OVER_LARGEST = 1e-12
 """Errors of a block, relative to the largest, below which they are none."""
-DRAWS = 999
+SIGN_DRAWS = 999
 """Signs at random that a sum over blocks is compared with."""
 
 
@@ -104,7 +104,7 @@ def cross_validate(
         own, error = slopes[rows], errors[rows]
         step = np.linalg.lstsq(gram - own.T @ own, own.T @ error, rcond=None)[0]
         change = own @ step
-        size, most = np.linalg.norm(change), TRUSTED * np.linalg.norm(error)
+        size, most = np.linalg.norm(change), LARGEST_CHANGE_OVER_ERRORS * np.linalg.norm(error)
         unseen[rows] += change * (most / size if size > most else 1.0)
     return CrossValidation(seen.vector, unseen, errors, parts)
 
@@ -141,9 +141,9 @@ def consistency(better: CrossValidation, worse: CrossValidation) -> float:
     saved = more - less
     if not np.any(saved):
         return 1.0
-    least = LEAST * max(more.max(), less.max())
+    least = LEAST_LOSS_OVER_LARGEST * max(more.max(), less.max())
     ratios = np.maximum(more, least) / np.maximum(less, least)
     often = wilcoxon(np.log(ratios), alternative="greater").pvalue
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), (DRAWS, len(saved)))
-    surely = (1.0 + np.count_nonzero(signs @ saved >= saved.sum())) / (1.0 + DRAWS)
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (SIGN_DRAWS, len(saved)))
+    surely = (1.0 + np.count_nonzero(signs @ saved >= saved.sum())) / (1.0 + SIGN_DRAWS)
     return float(min(1.0, 2.0 * min(often, surely)))

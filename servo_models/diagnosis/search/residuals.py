@@ -33,33 +33,33 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
 from servo_models.diagnosis.codes import loudest
-from servo_models.diagnosis.fitting.crossval import CrossValidation
+from servo_models.diagnosis.search.crossval import CrossValidation
 from servo_models.identification.problem import Problem
 
-LONGEST, SHORTEST, PARTS = 48, 16, 8
+LONGEST_STRETCH, SHORTEST_STRETCH, LEAST_STRETCHES = 48, 16, 8
 """Samples of a stretch at most and at least, and how many of them a record has at least."""
-LEAST_SAMPLES = SHORTEST * PARTS
+LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES
 """Of a record that is judged: a shorter one counts as noise."""
-FAST = 0.08
+NOISE_FREQUENCY_PER_SAMPLE = 0.08
 """Frequency [1/sample] from which on errors are taken as noise: a time constant of a motion
 that is sampled well has several samples, and its corner lies below."""
-MEMORIES: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
+NOISE_CORRELATIONS: Array = 1.0 - np.geomspace(1.0, 0.05, 40)
 """Correlations of neighbouring samples of noise that are tried, 0 to 0.95."""
-LOUDEST = 7.0
+LOUDEST_NOISE_IN_FLOORS = 7.0
 """Noise [noise floors] at most.  The audit finds a floor from differences of neighbouring samples,
-and these show a sixth of noise with the longest memory of ``MEMORIES``, give or take a tenth in
-a log of 200; what is louder is in the simulation alone, such as the hunting of a loop."""
-AROUND: Array = np.linspace(-4.0, 4.0, 33)
+and these show a sixth of noise with the longest memory of ``NOISE_CORRELATIONS``, give or
+take a tenth in a log of 200; what is louder is in the simulation alone, such as a limit cycle."""
+NOISE_POWERS_IN_STANDARD_ERRORS: Array = np.linspace(-4.0, 4.0, 33)
 """Powers that are tried for each of them, in standard errors from the fast part's own."""
-SURE = 1.645
+ONE_SIDED_95 = 1.645
 """Standard errors from an estimate to the bound that is passed in 5 % of the cases."""
-LARGE = 0.4
+STRUCTURED_OVER_NOISE = 0.4
 """Structured part over the noise that is worth speaking of."""
-SHARE = 0.2
+STRUCTURED_OVER_GAP = 0.2
 """Structured part over that before, from which on a fitted model has missed something: it
 leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
 more; where it shows, a pair explains both."""
-MANY = 3
+MANY_EFFECTS = 3
 """Effects that together imitate what is none of them: whatever these surely leave matters."""
 
 
@@ -104,7 +104,7 @@ def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
     n = max(problem.samples, 1)
     return Residuals(
         structured=math.sqrt(max(structured, 0.0) / n),
-        least=math.sqrt(max(structured - SURE * math.sqrt(variance), 0.0) / n),
+        least=math.sqrt(max(structured - ONE_SIDED_95 * math.sqrt(variance), 0.0) / n),
         noise=max(math.sqrt(noise / n), 1.0),
         total=math.sqrt(power / n),
     )
@@ -113,24 +113,24 @@ def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
 def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
     """Return whether a fitted model lacks something that matters.
 
-    Its structured part is surely ``LARGE`` against the noise, and at least ``SHARE`` of what
-    there was to explain: a small second cause, or laws that are not quite those of the
-    actuator, do not make a fitted model by one or two effects wrong.
+    Its structured part is surely ``STRUCTURED_OVER_NOISE`` against the noise, and at least
+    ``STRUCTURED_OVER_GAP`` of what there was to explain: a small second cause, or laws that are
+    not quite those of the actuator, do not make a fitted model by one or two effects wrong.
 
     Args:
         left: by the fitted model.
         gap: RMS error [noise floors] after re-tuning alone, of a fit to everything.
         effects: in the fitted model.
     """
-    if effects >= MANY:
+    if effects >= MANY_EFFECTS:
         return sure(left)
     before = math.sqrt(max(gap**2 - left.noise**2, left.structured**2))
-    return sure(left) and left.structured > SHARE * before
+    return sure(left) and left.structured > STRUCTURED_OVER_GAP * before
 
 
 def sure(left: Residuals) -> bool:
     """Return whether a part of the errors is surely no noise."""
-    return left.least > LARGE * left.noise
+    return left.least > STRUCTURED_OVER_NOISE * left.noise
 
 
 def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Array, float, float]]:
@@ -144,7 +144,7 @@ def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Arr
             start += count
             if count:
                 (step, most), floor = _codes(log, name), problem.sigma[name]
-                yield errors, (step / floor) ** 2 / 12.0, min(most / floor, LOUDEST)
+                yield errors, (step / floor) ** 2 / 12.0, min(most / floor, LOUDEST_NOISE_IN_FLOORS)
 
 
 @cached(LRUCache(64), key=lambda log, name: (ref(log), name), lock=Lock())
@@ -167,16 +167,16 @@ def _noise(errors: Array, white: float) -> tuple[float, float]:
     n, power = len(errors), float(np.mean(errors**2))
     if n < LEAST_SAMPLES or power <= 0.0:
         return power, 0.0
-    length = min(LONGEST, n // PARTS) // 2 * 2
+    length = min(LONGEST_STRETCH, n // LEAST_STRETCHES) // 2 * 2
     frequency, window, shape = _autoregressions(length)
     mean, median = _spectrum(errors, window)
-    fast = frequency >= FAST
+    fast = frequency >= NOISE_FREQUENCY_PER_SAMPLE
     measured = np.where(fast, median, mean)
     # each memory with powers about the one that meets the fast part best
     least = 1e-6 * power
     centre = np.mean(np.maximum(median - white, least)[fast] / shape[:, fast], axis=1)
     degrees = n * fast.mean()
-    powers = centre[:, None] * np.exp(AROUND * math.sqrt(2.0 / degrees))
+    powers = centre[:, None] * np.exp(NOISE_POWERS_IN_STANDARD_ERRORS * math.sqrt(2.0 / degrees))
     density = powers[..., None] * shape[:, None, :] + white
     # slow errors are noise too, or they have more power than noise: both count as they fit
     more = np.where(fast, density, np.maximum(density, measured))
@@ -186,7 +186,7 @@ def _noise(errors: Array, white: float) -> tuple[float, float]:
     chance /= chance.sum()
     found = float(np.sum(chance * powers))
     unsure = float(np.sum(chance * (powers - found) ** 2))
-    memory = float(np.sum(chance * MEMORIES[:, None]))
+    memory = float(np.sum(chance * NOISE_CORRELATIONS[:, None]))
     # the noise in this record is one draw of its kind
     drawn = 2.0 / n * (1.0 + memory**2) / (1.0 - memory**2) * found**2
     return found + white, math.sqrt(unsure + drawn)
@@ -218,5 +218,5 @@ def _autoregressions(length: int) -> tuple[Array, Array, Array]:
     lags = np.arange(length)
     overlap = np.correlate(window, window, "full")[length - 1 :]
     twice = np.where(lags > 0, 2.0, 1.0)
-    covariance = MEMORIES[:, None] ** lags * overlap * twice
+    covariance = NOISE_CORRELATIONS[:, None] ** lags * overlap * twice
     return frequency, window, covariance @ np.cos(2.0 * np.pi * np.outer(lags, frequency))

@@ -1,0 +1,614 @@
+"""A fit with some effects switched on, and the fitter that makes such fits.
+
+Nominal parameters stay free inside their priors in every fit, since a wrong value that is held
+fixed looks like an effect.
+
+
+Parameters that no slope leads to: other values of them are tried out beside a search.
+
+Whether a fitted model carries over to a condition under which its fit has seen nothing.
+
+Logs with other constants, such as a gain, were taken under another condition.  What merely
+imitates the cause fits each of them with a size in between, and predicts one that was left
+out worse than fewer effects do.
+Source: Roberts et al., Ecography 40 (2017) 913 (blocks as the structure of the data has them).
+
+
+Which nominal parameters are free in every fit, and how far.
+
+What a fitted model could not repeat itself: the part of its errors that says nothing against it.
+
+A quantiser or a dead band in a loop makes it hunt.  The hunting depends on parameters to more
+digits than any log holds, so the response with the true cause differs from the measured one as
+much as from itself with parameters changed within their standard errors.  Codes that merely flip at
+other samples are no hunting: with a smaller change of parameters fewer of them do.
+Source: Gelman, Meng, Stern, Statistica Sinica 6 (1996) 733 (posterior predictive checks).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from servo_models.core.block import DeadTime, Hints
+from servo_models.core.plant import Parameter
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.core.workers import ALONE, Workers
+from servo_models.data.description import Description
+from servo_models.data.log import ROUNDING, Log
+from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
+from servo_models.diagnosis.search.linearisation import Linearisation, linearised
+from servo_models.diagnosis.search.residuals import Residuals, residuals_of
+from servo_models.identification.descent import descend
+from servo_models.identification.optimise import steps
+from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
+from servo_models.identification.uncertainty import Spread, spread
+
+FIT_TOLERANCE, FIT_STEPS = 1e-4, 25
+"""Relative tolerance and steps of a fit: differences between effects are larger."""
+FINAL_TOLERANCE, FINAL_STEPS = 1e-7, 60
+"""Those of the fit that is reported."""
+LOSS_FACTOR_ON_BOUND = 1.25
+"""Factor on the squared errors that an effect on its bound leaves."""
+ADVANTAGE_BEYOND_BOUND = 9.0
+"""Twice the log likelihood ratio that a step over a bound promises, from which it holds a fit."""
+COARSE_WIDTH_IN_SCALES, COARSE_RELATIVE_WIDTH = 0.02, 0.01
+"""Widths of slopes where an effect makes a staircase of the response, or a jump in it: of the
+parameters in scales, and of a stepwise size relative to it."""
+
+SETTLED_OVER_NOISE = 0.3
+"""Structured part of the errors over the noise, below which nothing is left to explain."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A fit with some effects switched on.
+
+    Attributes:
+        effects: their names, none for nominal parameters alone.
+        problem: with all free parameters.
+        view: errors and slopes at the fit.
+        evidence: how it predicts.
+        converged: whether the search met its tolerance.
+        chance: logarithm of how many trials its effects are the best of, and of how strange
+            their sizes and the nominal parameters are.
+        widths: over which slopes of it mean something, see ``slopes.steps``.
+    """
+
+    effects: tuple[str, ...]
+    problem: Problem
+    linearised: Linearisation
+    evidence: CrossValidation
+    converged: bool
+    chance: float
+    widths: Array | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Free parameters [SI] by name."""
+        return self.problem.values(self.evidence.vector)
+
+    @cached_property
+    def held_by_bound(self) -> bool:
+        """Whether a bound holds a parameter of an effect from a better fit: what it imitates may
+        be another effect.  One that merely lies there, since the logs do not show it, is none."""
+        sides, slopes = self.problem.sides(self.evidence.vector), self.linearised.slopes
+        for i, free in enumerate(self.problem.free):
+            if sides[i] and free.prior is None:
+                others = np.delete(slopes, i, axis=1)
+                own = slopes[:, i] - others @ np.linalg.lstsq(others, slopes[:, i], rcond=1e-9)[0]
+                outward = float(own @ self.linearised.errors) * (1.0 if sides[i] == "low" else -1.0)
+                least = ADVANTAGE_BEYOND_BOUND * self.evidence.dispersion * float(own @ own)
+                if outward > 0.0 and outward**2 > least:
+                    return True
+        return False
+
+    @cached_property
+    def spread(self) -> Spread:
+        """The uncertainty of its free parameters."""
+        return spread(self.problem, self.evidence.vector)
+
+    @property
+    def together(self) -> tuple[tuple[str, ...], ...]:
+        """Names of free parameters that the logs show only together."""
+        names = [free.name for free in self.problem.free]
+        groups = self.spread.groups if names else ()
+        return tuple(tuple(names[i] for i in group) for group in groups)
+
+    @cached_property
+    def left(self) -> Residuals:
+        """What the errors that it leaves consist of."""
+        return residuals_of(self.problem, self.evidence)
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is left is noise."""
+        return self.left.structured < SETTLED_OVER_NOISE * self.left.noise
+
+    def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
+        """Return its effects without one, and their free parameters."""
+        own = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
+        kept = [it for it in self.problem.free if it.prior is None and own[it.name] != name]
+        return tuple(it for it in self.effects if it != name), kept
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared errors, priors included, that the fit leaves."""
+        return float(self.linearised.errors @ self.linearised.errors)
+
+    @cached_property
+    def loss(self) -> float:
+        """Sum of squared unseen errors, larger for a disguise, which yields to a plain effect.
+
+        The best of many trials explains a little by chance: twice their logarithm, as the
+        largest of so many squares of normal numbers is.  Look-alikes are told apart by how
+        usual their sizes are.
+        """
+        seen = float(self.evidence.losses.sum()) * (
+            LOSS_FACTOR_ON_BOUND if self.held_by_bound else 1.0
+        )
+        return seen + 2.0 * self.chance * self.evidence.dispersion
+
+
+@dataclass(frozen=True, eq=False)
+class Fitter:
+    """What every fit of a diagnosis shares.
+
+    Attributes:
+        model, logs: of the diagnosis.
+        nominal: parameters with a prior, free in every fit.
+        floors: noise floor [SI] of each output, its weight.
+        workers: on which simulations go on together.
+        rough: over which slopes of the nominal parameters mean something, in scales, by name;
+            none where small differences will do.
+        trials: natural logarithm of the sizes and shapes that each effect may have.
+    """
+
+    model: Model
+    logs: Sequence[Log]
+    nominal: tuple[Free, ...]
+    floors: dict[str, float]
+    workers: Workers = ALONE
+    rough: dict[str, float] = field(default_factory=dict)
+    trials: dict[str, float] = field(default_factory=dict)
+
+    def problem(self, extra: Iterable[Free] = ()) -> Problem:
+        """Return the question with further free parameters."""
+        free = [*self.nominal, *extra]
+        return Problem(self.model, self.logs, free, sigma=dict(self.floors), workers=self.workers)
+
+    def surveyed(self) -> Fitter:
+        """Return a fitter that knows where the response of the nominal model is rough."""
+        problem = self.problem()
+        found = steps(problem, problem.start) if problem.free else None
+        names = [free.name for free in self.nominal]
+        return self if found is None else replace(self, rough=dict(zip(names, found.tolist())))
+
+    def widths(self, problem: Problem) -> Array | None:
+        """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
+        stepwise = discontinuous_of(problem)
+        coarse = bool(stepwise) or begins_with_jump(problem)
+        if not self.rough and not coarse:
+            return None
+        other = COARSE_WIDTH_IN_SCALES if coarse else max(self.rough.values())
+        widths = [max(other, self.rough.get(free.name, DIFFERENCE)) for free in problem.free]
+        for i in stepwise:
+            widths[i] = COARSE_RELATIVE_WIDTH * problem.free[i].start / problem.free[i].scale
+        return np.array(widths)
+
+    def fit(
+        self,
+        effects: tuple[str, ...],
+        extra: Sequence[Free],
+        start: Mapping[str, float] | None = None,
+        known: Array | None = None,
+        limit: int = FIT_STEPS,
+    ) -> FittedModel:
+        """Fit from a start [SI by name]; what it does not name begins with its own.
+
+        ``known`` are slopes near there, shape (m, k), of the first k parameters; ``limit`` is that
+        of steps.
+        """
+        problem = self.problem(extra)
+        if not problem.free:
+            return self._judged(effects, problem, problem.start, converged=True)
+        begin = [(start or {}).get(free.name, free.start) for free in problem.free]
+        vector = np.array(begin) / problem.scales
+        return self._judged(
+            effects, problem, *self._descend(problem, vector, FIT_TOLERANCE, limit, known)
+        )
+
+    def unfit(
+        self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
+    ) -> FittedModel:
+        """Return a fitted model with these values [SI], as it is."""
+        problem = self.problem(extra)
+        vector = np.array([values[free.name] for free in problem.free]) / problem.scales
+        return self._judged(effects, problem, vector, converged=False)
+
+    def unfitted(self) -> FittedModel:
+        """Return the nominal model as it is: no fit, so that everything is unseen."""
+        problem = self.problem()
+        errors = problem.residuals(problem.nominal)
+        seen = Linearisation(problem, problem.nominal, errors, np.empty((len(errors), 0)))
+        own = errors[: problem.samples]
+        evidence = CrossValidation(problem.nominal, own, own, blocks(problem))
+        return FittedModel((), problem, seen, evidence, converged=True, chance=0.0)
+
+    def again(
+        self, found: FittedModel, tolerance: float = FIT_TOLERANCE, limit: int = FIT_STEPS
+    ) -> FittedModel:
+        """Fit once more from where a fit has ended."""
+        problem = found.problem
+        ended = self._descend(problem, found.evidence.vector, tolerance, limit)
+        return self._judged(found.effects, problem, *ended)
+
+    def finish(self, found: FittedModel) -> FittedModel:
+        """Fit to the end: what the logs leave open goes back to its prior."""
+        return self.again(found, FINAL_TOLERANCE, FINAL_STEPS) if found.problem.free else found
+
+    def _judged(
+        self,
+        effects: tuple[str, ...],
+        problem: Problem,
+        vector: Array,
+        converged: bool,
+        slopes: Array | None = None,
+    ) -> FittedModel:
+        widths = self.widths(problem)
+        seen = linearised(problem, vector, widths, slopes)
+        held = [*discontinuous_of(problem), *_pressed(seen)]
+        evidence = cross_validate(problem, seen, blocks(problem), held)
+        chance = sum(self.trials.get(name, 0.0) for name in effects)
+        chance += _strangeness(problem, vector)
+        return FittedModel(effects, problem, seen, evidence, converged, chance, widths)
+
+    def _descend(
+        self,
+        problem: Problem,
+        start: Array,
+        tolerance: float,
+        limit: int,
+        known: Array | None = None,
+    ) -> tuple[Array, bool, Array | None]:
+        """Least squares; sizes on which the response is a staircase are tried out beside it.
+
+        They stay until the other parameters are where such a size needs them: before, a wrong
+        one may leave less.
+        """
+        widths, stepwise = self.widths(problem), discontinuous_of(problem)
+        vector = np.clip(start, *problem.bounds)
+        if stepwise:
+            assert widths is not None  # a staircase has no small slopes
+            vector = others_first(problem, vector, stepwise, widths, tolerance, limit)
+            vector, known = (
+                sharpened(problem, vector, stepwise, widths, WIDE_RELATIVE_CHANGES),
+                None,
+            )
+        vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
+        for _ in range(MOST_MOVES):
+            moved = shifted(problem, vector)
+            if moved is None:
+                moved = past_an_edge(problem, vector, widths, tolerance, limit)
+            if moved is None:
+                break
+            vector, met, slopes = descend(problem, moved, tolerance, limit, widths)
+        onward = turned(problem, vector)
+        if onward is not None:
+            vector, met, slopes = descend(problem, onward, tolerance, limit, widths)
+        if stepwise:
+            return sharpened(problem, vector, stepwise, widths, NARROW_RELATIVE_CHANGES), met, None
+        return vector, met, slopes
+
+
+def _pressed(seen: Linearisation) -> list[int]:
+    """Which parameters a bound holds from a better fit: without a block it would hold them too."""
+    sides, gradient = seen.problem.sides(seen.vector), seen.slopes.T @ seen.errors
+    inward = {"low": 1.0, "high": -1.0}
+    return [i for i, side in enumerate(sides) if side and inward[side] * gradient[i] > 0.0]
+
+
+def _strangeness(problem: Problem, vector: Array) -> float:
+    """How far nominal parameters are from their nominal values, and sizes of effects from typical
+    ones: minus the logarithm of a probability.
+
+    Of a size a factor of ten is one standard deviation, so this only decides between look-alikes.
+    An effect that imitates the cause often strains the parameters, which the cause itself does not.
+    """
+    found, plant = 0.0, problem.model.plant
+    for free, value in zip(problem.free, vector * problem.scales):
+        if free.prior is not None:
+            found += 0.5 * ((value - free.nominal) / free.prior) ** 2
+    for name, value in problem.values(vector).items():
+        param = plant.parameters[name].param
+        own = plant.parameters[name].owner and param.switch and param.typical > 0.0
+        if own and problem.model.values[name] == 0.0 and value != 0.0:
+            found += 0.5 * (np.log(abs(value) / param.typical) / np.log(10.0)) ** 2
+    return float(found)
+
+
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)
+"""Of a discontinuous parameter, tried in turn before a search."""
+NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
+"""The same after it."""
+JUMP_OVER_RANGE = 0.2
+"""Between two samples of a reading: every delay of a sample more then puts the jump between two
+other ones."""
+DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
+"""Of the delay before such a reading."""
+DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
+"""Of a delay before a hold."""
+MOVED_COST_OVER_COST = 0.98
+"""From which a move is taken."""
+MOST_MOVES = 8
+
+
+def discontinuous_of(problem: Problem) -> list[int]:
+    """Which free parameters are discontinuous: the response is a staircase of them."""
+    return [
+        i
+        for i, free, parameter, hints in _of_effects(problem)
+        if hints.grid and parameter.param.switch and free.prior is None
+    ]
+
+
+def begins_with_jump(problem: Problem) -> bool:
+    """Whether effects begin with a part of a jump: small changes then move where it comes by a
+    sample, or not at all."""
+    return any(
+        free.start > 0.0 and parameter.key == hints.jump
+        for _, free, parameter, hints in _of_effects(problem)
+    )
+
+
+def _of_effects(problem: Problem) -> Iterator[tuple[int, Free, Parameter, Hints]]:
+    """Free parameters of effects: which, as what they were declared, and what is known of them."""
+    plant = problem.model.plant
+    for i, free in enumerate(problem.free):
+        parameter = plant.parameters[free.name]
+        if parameter.owner:
+            yield i, free, parameter, plant.main(parameter.owner).effect.hints
+
+
+def others_first(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array | None,
+    tolerance: float,
+    limit: int,
+) -> Array:
+    """Least squares by the other parameters alone, see ``descend``."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    values = problem.values(vector)
+    sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
+    model = replace(problem.model, values={**problem.model.values, **sizes})
+    free = [problem.free[i] for i in others]
+    rest = Problem(model, problem.logs, free, sigma=problem.sigma, workers=problem.workers)
+    found = vector.copy()
+    own = None if widths is None else widths[others]
+    found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)
+    return found
+
+
+def past_an_edge(
+    problem: Problem, vector: Array, widths: Array | None, tolerance: float, limit: int
+) -> Array | None:
+    """Return a vector with other parameters fitted while delays stay, where they are or on the next
+    stair, if that is surely better.
+
+    Where a reading jumps, a search ends on the edge of a stair: each step that moves the delay as
+    well falls off it, and the others would go on.
+    """
+    delays, samples = delays_of(problem), _jumping(problem)
+    if not delays or not samples or len(delays) == len(vector):
+        return None
+    found = []
+    for move in (0.0, *(half * sample for sample in samples for half in (-0.5, 0.5))):
+        begin = vector.copy()
+        begin[delays] += move / problem.scales[delays]
+        begin = np.clip(begin, *problem.bounds)
+        found.append(others_first(problem, begin, delays, widths, tolerance, limit))
+    before, *after = problem.costs([vector, *found])
+    return found[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
+
+
+def sharpened(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array | None,
+    spans: Iterable[float],
+) -> Array:
+    """Try nearby sizes, ever nearer; other parameters follow each by their slopes."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    low, high = problem.bounds
+    slopes = problem.jacobian(vector, widths)[:, others]
+    inverse = np.linalg.pinv(slopes, rcond=1e-6)
+    best, least = vector, problem.costs([vector])[0]
+    for span in spans:
+        trials = []
+        for i in stepwise:
+            for factor in (1.0 - span, 1.0 + span):
+                trial = best.copy()
+                trial[i] *= factor
+                followed = trial.copy()
+                followed[others] -= inverse @ problem.residuals(trial)
+                trials += [trial, np.clip(followed, low, high)]
+        costs = problem.costs(trials)
+        if min(costs) < least:
+            best, least = trials[int(np.argmin(costs))], min(costs)
+    return best
+
+
+def shifted(problem: Problem, vector: Array) -> Array | None:
+    """Return a vector with a delay moved by a few samples, or by parts of the period of a hold, if
+    that is surely better.
+
+    Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
+    between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
+    the next tick, and the delay is such a staircase too.
+    """
+    moves = [it * sample for sample in _jumping(problem) for it in DELAY_MOVES_IN_SAMPLES]
+    moves += [it * period for period in _periods(problem, vector) for it in DELAY_MOVES_IN_PERIODS]
+    trials = []
+    for i in delays_of(problem):
+        for move in (sign * it for it in moves if it for sign in (-1.0, 1.0)):
+            trial = vector.copy()
+            trial[i] += move / problem.free[i].scale
+            trials.append(np.clip(trial, *problem.bounds))
+    if not trials:
+        return None
+    before, costs = problem.costs([vector])[0], problem.costs(trials)
+    return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
+
+
+def turned(problem: Problem, vector: Array) -> Array | None:
+    """Return a vector with the phases that lie on a bound moved a turn on, None if there are none.
+
+    The response is the same there, and the search may go on where the bound has stopped it.
+    """
+    sides, found = problem.sides(vector), vector.copy()
+    for i, free, parameter, hints in _of_effects(problem):
+        if sides[i] and parameter.key == hints.phase:
+            found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
+    found = np.clip(found, *problem.bounds)
+    return None if np.array_equal(found, vector) else found
+
+
+def delays_of(problem: Problem) -> list[int]:
+    """Which free parameters are times of a transport delay."""
+    return [
+        i
+        for i, _, parameter, hints in _of_effects(problem)
+        if isinstance(hints.small_signal, DeadTime) and parameter.key == hints.small_signal.time
+    ]
+
+
+def _periods(problem: Problem, vector: Array) -> list[float]:
+    """Periods [s] of the holds that are on."""
+    plant = problem.model.plant
+    values = {**problem.model.values, **problem.values(vector)}
+    places = [plant.main(name) for name in plant.placements]
+    found = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
+    return [period for period in found if period > 0.0]
+
+
+def _jumping(problem: Problem) -> list[float]:
+    """Sampling intervals [s] of readings that jump, those once that only rounding tells apart."""
+    found: list[float] = []
+    for log in problem.logs:
+        for values in log.outputs.values():
+            change = np.max(np.abs(np.diff(values)), initial=0.0)
+            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
+                step = float(np.median(np.diff(log.times)))
+                if not any(abs(step - it) <= ROUNDING * it for it in found):
+                    found.append(step)
+    return found
+
+
+LEAST_CONDITIONS = 3
+"""Conditions from which one can be spared."""
+
+
+def conditions(logs: Sequence[Log]) -> list[list[Log]]:
+    """Return the logs with fitted samples by what their constants are."""
+    groups: dict[tuple[tuple[str, float], ...], list[Log]] = {}
+    for log in logs:
+        if log.fitted.any():
+            groups.setdefault(tuple(sorted(log.constants.items())), []).append(log)
+    return list(groups.values())
+
+
+def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
+    """Return the squared errors of each condition by fits to the others, begun where one ended.
+
+    0 where there are fewer than three conditions, so that nothing speaks for or against it.
+    """
+    groups = conditions(fitter.logs)
+    if len(groups) < LEAST_CONDITIONS:
+        return 0.0
+    extra = [free for free in found.problem.free if free.prior is None]
+    lost = 0.0
+    for group in groups:
+        rest = [log for other in groups if other is not group for log in other]
+        fitted = replace(fitter, logs=rest).fit(found.effects, extra, found.values)
+        unseen = replace(fitter, logs=group).problem(extra)
+        errors = unseen.residuals(fitted.evidence.vector)[: unseen.samples]
+        lost += float(errors @ errors)
+    return lost
+
+
+PRIOR_BOUND_SIGMAS = 4.0
+"""Prior deviations that a nominal parameter may move."""
+
+
+def prior_parameters(told: Description) -> tuple[Free, ...]:
+    """Return what is free in every fit: parameters with an uncertainty, within its reach.
+
+    Without the limit a large gap takes them anywhere, and an effect that is missing is
+    imitated by constants that nobody would believe.
+    """
+    parameters, found = told.model.plant.parameters, []
+    uncertain = told.uncertainty.keys()
+    for name, prior in told.uncertainty.items():
+        if _idle(told.model, name, uncertain):
+            continue
+        nominal, bounds = told.model.values[name], told.bounds.get(name)
+        free = free_parameter(parameters[name], nominal, prior, bounds)
+        low, high = (
+            free.nominal - PRIOR_BOUND_SIGMAS * prior,
+            free.nominal + PRIOR_BOUND_SIGMAS * prior,
+        )
+        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
+    return tuple(found)
+
+
+def _idle(model: Model, name: str, uncertain: Container[str]) -> bool:
+    """Whether a parameter is that of an effect that is off and surely so."""
+    known = model.plant.parameters
+    owner = known[name].owner
+    switches = [it.name for it in known.values() if owner and it.owner == owner and it.param.switch]
+    return bool(switches) and not any(model.values[it] or it in uncertain for it in switches)
+
+
+LIMIT_CYCLE_DRAWS = 8
+"""Other parameters that are tried."""
+MOVE_IN_STANDARD_ERRORS, SMALLER_MOVE_IN_STANDARD_ERRORS = 0.3, 0.03
+"""How far they are away, in standard errors, and once more."""
+LIMIT_CYCLE_SHARE = 0.5
+"""Share of a difference that stays when parameters are ten times nearer, from which a response
+hunts; of codes that flip it would be a third, the root of a tenth."""
+
+
+def unrepeatable(found: FittedModel) -> float:
+    """Return by how much a response that hunts differs from itself [RMS, noise floors], else 0."""
+    if found.widths is None:
+        return 0.0
+    difference, nearer = (
+        _difference(found, MOVE_IN_STANDARD_ERRORS),
+        _difference(found, SMALLER_MOVE_IN_STANDARD_ERRORS),
+    )
+    return difference if nearer > LIMIT_CYCLE_SHARE * difference else 0.0
+
+
+def _difference(found: FittedModel, scale: float) -> float:
+    """RMS change [noise floors] beyond the slopes; the size of a staircase stays."""
+    problem, seen = found.problem, found.linearised
+    free = [i for i in range(len(seen.vector)) if i not in discontinuous_of(problem)]
+    _, spread, turned = np.linalg.svd(seen.slopes[:, free], full_matrices=False)
+    certain = spread > 1e-6 * spread.max(initial=0.0)
+    sizes = scale * np.sqrt(found.evidence.dispersion) / spread[certain]
+    random = np.random.default_rng(0)
+    power = 0.0
+    for _ in range(LIMIT_CYCLE_DRAWS):
+        vector = seen.vector.copy()
+        vector[free] += (random.standard_normal(len(sizes)) * sizes) @ turned[certain]
+        vector = np.clip(vector, *problem.bounds)
+        moved = problem.residuals(vector) - seen.errors - seen.slopes @ (vector - seen.vector)
+        power += float(np.mean(moved[: problem.samples] ** 2)) / LIMIT_CYCLE_DRAWS
+    return float(np.sqrt(power))

@@ -1,0 +1,190 @@
+"""Fit an effect beside others, or two at once, from where screening has seen them.
+
+Screening is linear: it takes a share of the change that an effect makes at one trial value, and
+moves the other parameters along their slopes.  The effect at that value, at the share of it, and
+the other parameters there are simulated before a fit of dozens of simulations begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from servo_models.diagnosis.search.candidates import Candidate
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.screening import Screened, names_of
+from servo_models.identification.problem import Free
+
+STARTS = 2
+"""Trial values from which a fit begins, while it leaves more than was promised."""
+
+
+PROMISED_FACTOR = 1.1
+"""Cost over that which screening has promised, above which another start is made."""
+
+
+FAR_FACTOR = 2.0
+"""Cost of a start over that without the effect, above which no second fit is made."""
+
+
+MOST_REFITS = 4
+"""Of a discontinuous effect or a resonance."""
+REFIT_COST = 0.5
+"""Cost of a discontinuous effect over that without it, below which it is fitted again."""
+SLOW_COST_RATIO = 0.98
+"""Of two fits in turn, above which there is no third."""
+
+
+def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> FittedModel:
+    """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
+
+    It begins where least is left, and again from the next while a look has promised less.  While
+    something is left to explain, it begins with another shape, or half of a jump, as well.
+    """
+    kept = [free for free in first.problem.free if free.prior is None]
+    effects = (*first.effects, own[0].candidate.name)
+    best: FittedModel | None = None
+    glances = (best_start([result], thorough=False) for result in own)
+    begins = _unlike(sorted(glances, key=lambda it: it.cost))
+    plain = len({_shape(it) for it in begins}) == 1
+    for begin in (best_start(it.results) for it in begins[:STARTS]):
+        if best and begin.cost > FAR_FACTOR * first.cost:
+            break
+        (result,) = begin.results
+        found = fitter.fit(effects, [*kept, *begin.free], begin.values, result.seen.slopes)
+        if found.cost < first.cost:
+            found = _followed(fitter, found, kept, result.candidate)
+        found = _polished(fitter, found, first) if result.candidate.discontinuous else found
+        if best is None or found.cost < best.cost:
+            best = found
+        if best.cost < PROMISED_FACTOR * min(it.left for it in own) and (best.settled or plain):
+            break
+        if result.candidate.fastest and best.cost >= first.cost:
+            break  # a resonance is slow to simulate, and from its best start it did nothing
+    assert best
+    for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
+        if best.settled:
+            break
+        found = fitter.fit(effects, [*kept, *free], values, begins[0].results[0].seen.slopes)
+        best = min(best, found, key=lambda it: it.cost)
+    return best
+
+
+def _unlike(begins: Sequence[Start]) -> list[Start]:
+    """The same with those of another shape than the first right after it."""
+    first, *others = begins
+    return [first, *sorted(others, key=lambda it: _shape(it) == _shape(first))]
+
+
+def _shape(begin: Start) -> Hashable:
+    return begin.results[0].candidate.shape_at(begin.results[0].settings)
+
+
+def _half_jumps(
+    begin: Start, found: FittedModel
+) -> Iterator[tuple[tuple[Free, ...], dict[str, float]]]:
+    """Two starts at half of the jump, as parameters of the effect and values [SI] of the others:
+    at the size that was seen, and at that which loses as much beyond the jump as a fit does.
+
+    Neither suffices: between sizes and parts of a jump are ridges.
+    """
+    (result,) = begin.results
+    one = result.candidate
+    assert one.jump
+    switch, half = one.free[0], 0.5 * one.jump.high
+    seen = best_start([replace(result, settings={**result.settings, one.jump.name: half})])
+    yield seen.free, seen.values
+    lost = found.values[switch.name] * (1.0 - found.values[one.jump.name])
+    size = min(max(lost / (1.0 - half), switch.low), switch.high)
+    own = {switch.name: size, one.jump.name: half}
+    yield one.at(own), {**found.values, **own}
+
+
+def _followed(
+    fitter: Fitter, found: FittedModel, kept: Sequence[Free], one: Candidate
+) -> FittedModel:
+    """Fit on where an effect stopped at the end of its reach, and can be reached from there."""
+    for _ in range(MOST_REFITS):
+        further = [*kept, *one.at(found.values)]
+        own = slice(-len(further), None)
+        sides = found.problem.sides(found.evidence.vector)[own]
+        if not any(map(_opened, sides, found.problem.free[own], further)):
+            break
+        before, found = found, fitter.fit(found.effects, further, found.values)
+        if found.cost > SLOW_COST_RATIO * before.cost:
+            break
+    return found
+
+
+def _opened(side: str, before: Free, after: Free) -> bool:
+    """Whether the bound on which a parameter lies has moved."""
+    if side == "low":
+        return after.low < before.low
+    return side == "high" and after.high > before.high
+
+
+def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedModel:
+    """Fit a promising staircase again while that helps: each fit moves its size a little."""
+    for _ in range(MOST_REFITS):
+        if found.cost > REFIT_COST * first.cost:
+            break
+        before, found = found, fitter.again(found)
+        if found.cost > SLOW_COST_RATIO * before.cost:
+            break
+    return found
+
+
+def together(fitter: Fitter, pair: Sequence[Screened]) -> FittedModel:
+    """Fit effects that were seen together."""
+    names = tuple(names_of(pair))
+    begin = best_start(pair)
+    return fitter.fit(names, begin.free, begin.values, pair[0].seen.slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a fit may begin.
+
+    Attributes:
+        results: of screening the effects that are fitted together.
+        free: their parameters, with their starts.
+        values: estimates [SI] of the other parameters.
+        cost: squared errors that are left there, priors included.
+    """
+
+    results: tuple[Screened, ...]
+    free: tuple[Free, ...]
+    values: dict[str, float]
+    cost: float
+
+
+def best_start(results: Sequence[Screened], thorough: bool = True) -> Start:
+    """Return the best start of effects that are fitted together, each seen at one size.
+
+    Other parameters are tried where they make up for the whole effects only, unless ``thorough``.
+    """
+    options = [(1.0,) if it.share in (0.0, 1.0) else (1.0, it.share) for it in results]
+    starts = (_start(results, scales, thorough) for scales in product(*options))
+    return min(starts, key=lambda it: it.cost)
+
+
+def _start(results: Sequence[Screened], scales: Sequence[float], thorough: bool) -> Start:
+    """The start with the effects at so many times the sizes at which they were seen."""
+    seen = results[0].seen
+    free = tuple(one for it, scale in zip(results, scales) for one in it.candidate.at(it.at(scale)))
+    own = {it.name: it.start for it in free}
+    full = tuple(scale / it.share if it.share else 0.0 for it, scale in zip(results, scales))
+    parts = dict.fromkeys((full, (1.0,) * len(results), (0.0,) * len(results)))
+    wholes = [
+        np.sum([share * it.whole for it, share in zip(results, shares)], axis=0)
+        for shares in (parts if thorough else (full,))
+    ]
+    tried = [seen.start(whole) for whole in wholes]
+    if thorough:
+        stays = seen.problem.values(seen.vector)
+        tried += [stays, *(seen.near_start(whole) for whole in wholes)]
+    found = (Start(tuple(results), free, it, seen.cost({**it, **own})) for it in tried)
+    return min(found, key=lambda it: it.cost)
