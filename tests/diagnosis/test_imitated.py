@@ -174,8 +174,8 @@ def test_the_next_experiment_shows_what_was_imitated(
     assert planned.explanations[0] == ()
     assert not planned.rules_out((), ("gain_error",))  # another torque constant
     assert planned.rules_out((), ("drive_dead_zone",))
-    table = np.loadtxt(folder / "rig_next_1.csv", delimiter=",", skiprows=1)
-    second = record(folder / "second.csv", rig(DEAD_ZONE), *table.T, 2)
+    times, voltage = np.loadtxt(folder / "rig_next_1.csv", delimiter=",", skiprows=1).T
+    second = record(folder / "second.csv", rig(DEAD_ZONE), times, voltage, 2)
     (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
     both = diagnose(folder / "both.toml", jobs=1)
     assert both.verdict.members == ("drive_dead_zone",)
