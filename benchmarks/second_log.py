@@ -10,9 +10,11 @@ second log of the first command's kind and of the same length.  *Right and alone
 one of the hard tier may be among them), and none is missing.
 
 Where a diagnosis says that no command tells its explanations apart, it asks for no log: these rigs
-are counted apart, beyond the cases wanted.  Intervals are Wilson's (J. American Statistical
-Association 22 (1927) 209), the paired difference is tested by McNemar's exact test (Psychometrika
-12 (1947) 153).  ``DIR/SEED.jsonl`` holds a line a rig; ``--resume`` goes on after the last one.
+are counted apart, beyond the cases wanted.  No command helps where the first log has ruled out the
+truth, or where the truth is like another explanation under every command: these cases count, and
+are told.  Intervals are Wilson's (J. American Statistical Association 22 (1927) 209), the paired
+difference is tested by McNemar's exact test (Psychometrika 12 (1947) 153).  ``DIR/SEED.jsonl``
+holds a line a rig; ``--resume`` goes on after the last one.
 """
 
 from __future__ import annotations
@@ -125,8 +127,8 @@ def table(found: Sequence[Row]) -> str:
     """The figures of all tiers and of each."""
     lines = [
         "tier | rigs | open after the first log | no command tells | right and alone: asked"
-        " | where it is expected to tell all apart | control | asked alone, control alone"
-        " | McNemar p"
+        " | control | asked alone, control alone | McNemar p | truth no candidate"
+        " | asked, where the command is expected to leave the truth alone"
     ]
     for tier in ("all", *TIERS):
         here = [row for row in found if tier in ("all", row["tier"])]
@@ -136,17 +138,27 @@ def table(found: Sequence[Row]) -> str:
         pairs = list(zip(right[ASKED], right[CONTROL]))
         better, worse = pairs.count((True, False)), pairs.count((False, True))
         p = binomtest(better, better + worse).pvalue if better + worse else 1.0
-        sure = [row[ASKED]["right_and_alone"] for row in cases if _tells_all(row["told"])]
-        figures = " | ".join(map(_share, (right[ASKED], sure, right[CONTROL])))
+        truths = [_truth(row) for row in cases]
+        alone = [
+            flag
+            for row, i, flag in zip(cases, truths, right[ASKED])
+            if i is not None and sum(row["told"][i]) == len(row["told"]) - 1
+        ]
+        figures = " | ".join(map(_share, right.values()))
         lines.append(
             f"{tier} | {len(here)} | {len(open_)} | {len(open_) - len(cases)} | {figures}"
-            f" | {better}, {worse} | {p:.3g}"
+            f" | {better}, {worse} | {p:.3g} | {truths.count(None)} | {_share(alone)}"
         )
     return "\n".join(lines)
 
 
-def _tells_all(told: Sequence[Sequence[bool]]) -> bool:
-    return all(flag for i, row in enumerate(told) for k, flag in enumerate(row) if i != k)
+def _truth(row: Row) -> int | None:
+    """Which of the explanations that the command is designed for is the true one."""
+    truth, hidden = set(row["truth"]), set(row["hidden"])
+    for i, effects in enumerate(row["explanations"]):
+        if truth <= set(effects) <= truth | hidden:
+            return i
+    return None
 
 
 def _share(flags: Sequence[bool]) -> str:
