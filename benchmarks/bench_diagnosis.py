@@ -1,6 +1,8 @@
 """Speed of a diagnosis: two long logs, the full catalogue, pairs included.
 
     python benchmarks/bench_diagnosis.py
+    python benchmarks/bench_diagnosis.py --against FOLDER   # ratios to the code in FOLDER
+    python benchmarks/bench_diagnosis.py --picture FILE     # growth, as a picture
 
 A 60 s log of the SG90 at 200 Hz and 1 s of the torque motor at 10 kHz, each with one effect that
 the model lacks, are written as files.  The command runs on them as a process of its own, first
@@ -8,10 +10,16 @@ with an empty cache, then again; and on logs with two such effects, and with a h
 of the catalogue, for which pairs and further effects are sought.  After that, in this process, how
 the cost grows with the length of a log and with the number of effects, and what a second processor
 brings.
+
+The code to compare with is another commit in a folder of its own (``git worktree add FOLDER
+COMMIT``).  Both diagnose the same files in processes of their own, in turn, three times; ratios are
+of processor seconds within the diagnosis, the least of each, so that what runs beside them does not
+count.  Real logs are compared where SERVO_MODELS_DATA names their folder.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -35,6 +43,18 @@ PEAK = (
     "print(code, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)"
 )
 
+TIMED = (
+    "import resource, sys, time, warnings; from pathlib import Path; import servo_models;"
+    "warnings.simplefilter('ignore'); path = Path(sys.argv[1]);"
+    "begin = time.process_time(); found = servo_models.diagnose(path, jobs=1);"
+    "print(time.process_time() - begin,"
+    " resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, found.verdict.kind)"
+)
+HERE = Path(__file__).resolve().parent.parent
+LOGS = Path(os.environ.get("SERVO_MODELS_DATA", HERE.parent / "shared" / "data"))
+SEED, WITHHELD, TURNS = 101, 3, 3
+"""Withheld cases are one of each tier; every case is diagnosed so often by each code."""
+REAL = {"SG90, 52 real steps": "sg90_steps", "SO-101, wrist roll": "so101_wrist_roll"}
 
 NOISE, HUM = 2e-3, 1e-2
 """Of a reading's range: its noise, and the amplitude of a hum of 50 Hz."""
@@ -132,8 +152,111 @@ def seconds(path: Path, jobs: int = 2, left_out: tuple[str, ...] = ()) -> float:
     return time.perf_counter() - begin
 
 
+def compared_cases(folder: Path) -> dict[str, Path]:
+    """Descriptions of the cases that two codes are compared by, by their titles."""
+    cases: dict[str, Path] = {}
+    order = [sys.executable, "-m", "servo_models.withheld.generator", str(folder / "withheld")]
+    order += ["--cases", str(WITHHELD), "--seed", str(SEED)]
+    subprocess.run(order, check=True, capture_output=True)
+    for k, path in enumerate(sorted((folder / "withheld" / "cases").iterdir())):
+        cases[f"withheld, {('easy', 'hard', 'poor')[k % 3]}"] = path / "description.toml"
+    for title, hum in (("one effect", 0.0), ("unknown cause", HUM)):
+        made = folder / title.replace(" ", "_")
+        made.mkdir()
+        cases[f"SG90, 60 s, {title}"] = sg90(made, hum=hum)
+    for title, name in REAL.items() if LOGS.is_dir() else ():
+        text = (HERE / "examples/real_logs/diagnosis" / f"{name}.toml").read_text(encoding="utf-8")
+        cases[title] = folder / f"{name}.toml"
+        cases[title].write_text(text.replace("../logs", LOGS.as_posix()), encoding="utf-8")
+    return cases
+
+
+def processor_seconds(code: Path, path: Path, cache: Path) -> tuple[float, float, str]:
+    """Processor seconds, peak memory [MiB] and verdict of a diagnosis by the code in a folder."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(code),
+        "SERVO_MODELS_CACHE": str(cache),
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", TIMED, str(path)],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    spent, peak, verdict = done.stdout.split(maxsplit=2)
+    return float(spent), float(peak), verdict.strip()
+
+
+def compare(other: Path, wanted: str) -> None:
+    """Print ratios of this code to the other one, for cases whose title holds ``wanted``."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        print(f"{'case':26} {'before':>9} {'now':>9} {'ratio':>6} {'memory':>14}  verdict")
+        for title, path in compared_cases(folder).items():
+            if wanted not in title:
+                continue
+            codes = {"before": other, "now": HERE}
+            for which, code in codes.items():  # compiles
+                processor_seconds(code, path, folder / which)
+            runs: dict[str, list[tuple[float, float, str]]] = {which: [] for which in codes}
+            for _ in range(TURNS):
+                for which, code in codes.items():
+                    runs[which].append(processor_seconds(code, path, folder / which))
+            (old, old_peak, said), (new, peak, says) = map(min, runs.values())
+            verdict = says if says == said else f"{said}, now {says}"
+            memory = f"{old_peak:.0f} -> {peak:.0f} MiB"
+            print(
+                f"{title:26} {old:7.2f} s {new:7.2f} s {new / old:6.2f} {memory:>14}  {verdict}",
+                flush=True,
+            )
+
+
+def picture(file: Path) -> None:
+    """Draw how the cost of the SG90's log grows with its length and with the catalogue."""
+    import matplotlib.pyplot as plt
+
+    shares = (0.25, 0.5, 0.75, 1.0)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        names = [it.name for it in candidates(model("sg90", "measured"), ())]
+        names.remove("drive_saturation")
+        seconds(sg90(folder, 5.0))  # compiles
+        length = [seconds(sg90(folder, 60.0 * share), jobs=1) for share in shares]
+        path = sg90(folder)
+        effects = [
+            seconds(path, jobs=1, left_out=tuple(names[int(share * len(names)) :]))
+            for share in shares
+        ]
+    _, axes = plt.subplots(figsize=(5.0, 3.2), layout="constrained")
+    axes.plot(shares, length, "o-", label="length of the log, of 60 s")
+    axes.plot(shares, effects, "s--", label=f"effects of the catalogue, of {len(names) + 1}")
+    axes.set(xlabel="share", ylabel="time on one processor [s]", xlim=(0.0, 1.05), ylim=(0.0, None))
+    axes.legend()
+    plt.savefig(file)
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="with another commit")
+    parser.add_argument("--only", default="", metavar="WORD", help="of the cases compared")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="growth, as a picture")
+    given = parser.parse_args()
     warnings.simplefilter("ignore")
+    if given.against:
+        compare(given.against.resolve(), given.only)
+    elif given.picture:
+        picture(given.picture)
+    else:
+        everything()
+
+
+def everything() -> None:
+    """Print what this code takes."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         logs = {
@@ -200,3 +323,9 @@ if __name__ == "__main__":
 # jobs                               1       2   ratio
 # SG90, 60 s at 200 Hz             8.0 s   4.7 s  1.68
 # torque motor, 1 s at 10 kHz      1.9 s   1.4 s  1.37
+#
+# Against commit cae452d, processor seconds of one process, imports included, least of two in turn,
+# beside other work; "own step" is this code with the model's own internal step throughout.
+#
+# case                          before   own step      now   ratio          memory
+# SG90, 60 s, one effect        11.6 s     13.1 s    9.4 s    0.81      498 -> 499 MiB

@@ -20,6 +20,7 @@ from servo_models.diagnosis.search.fitting import Fitter, prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
 from servo_models.diagnosis.verdict import decide
 from servo_models.errors import UserError
+from servo_models.identification.internal_step import InternalSteps
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -96,7 +97,8 @@ def _diagnose(
 ) -> Diagnosis:
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
-    fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers)
+    steps = InternalSteps(told.model, floors)
+    fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers, steps=steps)
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
     return Diagnosis(

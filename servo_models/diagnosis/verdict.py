@@ -8,6 +8,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.gap import not_followed
+from servo_models.diagnosis.residual_regression import LockedTest, command_locked
 from servo_models.diagnosis.search.fitting import FittedModel, unrepeatable
 from servo_models.diagnosis.search.residuals import sure, unmodelled
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
@@ -60,6 +61,11 @@ def weights_of(selection: Selection, rest: float) -> Array:
     return probabilities(selection.alike, selection.taken.problem.samples * rest**2)
 
 
+def _locked(taken: FittedModel) -> LockedTest:
+    slopes = taken.linearised.slopes[: taken.problem.samples]
+    return command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
+
+
 def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     """Return the verdict on what was tried.
 
@@ -71,7 +77,11 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(selection.retuned.evidence.errors**2)))
     limit_cycle = unrepeatable(taken)
     left = taken.left.without(limit_cycle)
-    lacking = unmodelled(left, gap, len(taken.effects)) or bool(not_followed(taken, tolerance))
+    lacking = (
+        unmodelled(left, gap, len(taken.effects))
+        or bool(not_followed(taken, tolerance))
+        or _locked(taken).matters(left.noise, gap, limit_cycle)
+    )
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, limit_cycle)

@@ -11,7 +11,7 @@ def viscous_friction(
     shaft_speed: float,
     full_speed: float,
     torque: Annotated[
-        float, Param("signal", "drag torque at full speed", high=2.0, switch=True, typical=0.1)
+        float, Param("signal", "drag torque at full speed", high=20.0, switch=True, typical=0.1)
     ],
 ) -> float:
     """Adds torque v / v_full to the load."""

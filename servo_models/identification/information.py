@@ -321,9 +321,9 @@ def _secants(
 def _middles(problem: Problem, vector: Array, count: int) -> list[Array]:
     """Points beside a vector, in pairs of opposite ones, so that curvature cancels on average.
 
-    They are others every time, and the same in every process.
+    They are the same whatever was simulated before.
     """
-    random = np.random.default_rng((problem.memory.evaluations, count))
+    random = np.random.default_rng(count)
     aside = [ASIDE * np.abs(vector) * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
     return [moved(problem, vector, (-1.0) ** k * aside[k // 2]) for k in range(count)]
 

@@ -3,8 +3,13 @@
 A least-squares search needs slopes; CMA-ES does not, and finds its way where an effect with
 a threshold has none, or a rough surface too many.  Whatever ends a search, the best point seen so
 far is its result.
-Sources: Branch, Coleman, Li, SIAM J. Sci. Comput. 21 (1999), trust region reflective;
-Hansen, The CMA evolution strategy: a tutorial (2016).
+Least squares are those of Levenberg and Marquardt on the normal equations, inside bounds.  Slopes
+are not taken anew at every step: Broyden's rule corrects them by what the step has shown, and only
+where they mispredict, or a step fails, are they simulated.  A diagnosis makes hundreds of such
+fits, each of a few dozen simulations.
+Sources: Marquardt, J. SIAM 11 (1963); Nocedal, Wright, Numerical Optimization, 2nd ed., secs. 10.3
+and 16.7 (projection on a box); Broyden, Mathematics of Computation 19 (1965); Hansen, The CMA
+evolution strategy: a tutorial (2016).
 """
 
 from __future__ import annotations
@@ -45,6 +50,23 @@ POLISH_REACH = 3.0
 WORTHWHILE = 0.1
 """Decrease of the squared errors, in their mean, below which a polish ends: less is within the
 noise."""
+MISPREDICTED_SHARE = 0.4
+"""Part of a change that slopes may miss and still be corrected."""
+FIRST_DAMPING = 1e-3  # of the diagonal of the normal equations
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e8
+"""With which a search gives up."""
+DAMPING_AFTER_GOOD = 0.2  # of that before
+DAMPING_AFTER_FAILED = 5.0
+POOR_DECREASE = 0.01  # of the predicted one
+"""Below which a step fails."""
+GOOD_DECREASE = 0.5
+"""Above which damping falls."""
+ROUNDS = 4
+"""Of so many steps at most, while one takes away a fifth of the squared errors."""
+ROUND_COST_RATIO = 0.8
+STEPS_PER_JACOBIAN = 3
+"""For which a search may afford slopes once."""
 
 
 @dataclass(frozen=True)
@@ -95,12 +117,12 @@ def search(
         if kind == GLOBAL:
             tell("global search (CMA-ES)")
             _explore(problem, seed, tell)
-            ends.append(descend(problem, problem.memory.best[1], widths=widths))
+            ends.append(_local(problem, problem.memory.best[1], widths))
         for count, start in enumerate(_starts(problem, starts, seed)):
             tell(f"least squares, start {count + 1} of {starts}{_so_far(problem)}")
-            ends.append(descend(problem, start, widths=widths))
+            ends.append(_local(problem, start, widths))
         if problem.memory.best[0] < min(cost for cost, _, _ in ends):
-            ends.append(descend(problem, problem.memory.best[1], widths=widths))
+            ends.append(_local(problem, problem.memory.best[1], widths))
     except KeyboardInterrupt:
         stopped = True
     cost, vector = problem.memory.best
@@ -166,30 +188,146 @@ def _starts(problem: Problem, count: int, seed: int) -> Iterator[Array]:
         yield np.clip(np.array(draw) / problem.scales, low, high)
 
 
+def _local(problem: Problem, start: Array, widths: Array | None) -> tuple[float, Array, bool]:
+    """Cost, vector and success of one least-squares search."""
+    vector, met, _ = descend(problem, start, TOLERANCE, LIMIT, widths)
+    errors = problem.latest(vector)
+    return 0.5 * float(errors @ errors), vector, met
+
+
+@dataclass
+class _Point:
+    """A vector, its errors, and slopes that were simulated there (``fresh``) or carried on."""
+
+    vector: Array
+    errors: Array
+    slopes: Array
+    fresh: bool
+
+    @property
+    def cost(self) -> float:
+        return 0.5 * float(self.errors @ self.errors)
+
+
 def descend(
     problem: Problem,
     start: Array,
-    tolerance: float = TOLERANCE,
-    limit: int = LIMIT,
+    tolerance: float,
+    limit: int,
     widths: Array | None = None,
-) -> tuple[float, Array, bool]:
-    """Return cost, vector and success of one least-squares search of at most ``limit`` steps.
+    known: Array | None = None,
+) -> tuple[Array, bool, Array | None]:
+    """Return the best vector [scales] near ``start``, and whether the search met its tolerance.
 
-    Slopes are taken over ``widths`` [scales], shape (p,); None for small differences.
+    The slopes there come third, where they were simulated there, shape (m, p).
+
+    Args:
+        problem: its ``residuals`` are made small.
+        start: shape (p,); a value outside its bounds is moved onto them.
+        tolerance: relative decrease of the cost that ends the search.
+        limit: of steps in a round.
+        widths: over which slopes are taken [scales], shape (p,); None for small ones.
+        known: slopes near the start, shape (m, k), of the first k parameters.
     """
-    from scipy.optimize import least_squares
+    vector = np.clip(start, *problem.bounds)
+    errors = problem.residuals(vector)
+    at = _Point(vector, errors, _slopes(problem, vector, widths, known), fresh=known is None)
+    met = False
+    for _ in range(ROUNDS):
+        before = at.cost
+        at, met = _round(problem, at, tolerance, limit, widths)
+        if met or at.cost > ROUND_COST_RATIO * before:
+            break
+    return at.vector, met, at.slopes if at.fresh else None
 
-    done = least_squares(
-        problem.residuals,
-        _inside(problem, start),
-        jac=lambda vector: problem.jacobian(vector, widths),
-        bounds=problem.bounds,
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=tolerance,
-        max_nfev=limit,
-    )
-    return float(done.cost), done.x, bool(done.status > 0)
+
+def _round(
+    problem: Problem, at: _Point, tolerance: float, limit: int, widths: Array | None
+) -> tuple[_Point, bool]:
+    """Steps until the tolerance is met or what a round may cost is spent."""
+    low, high = problem.bounds
+    damping = FIRST_DAMPING
+    spent = problem.memory.evaluations + limit * (len(at.vector) + 1) // STEPS_PER_JACOBIAN
+    for _ in range(limit):
+        if problem.memory.evaluations > spent:
+            break
+        step, promised = _step(at, low, high, damping)
+        if promised <= 0.1 * tolerance * at.cost:
+            if at.fresh:
+                return at, True
+            at = _refreshed(problem, at, widths)
+            continue
+        errors = problem.residuals(at.vector + step)
+        saved = at.cost - 0.5 * float(errors @ errors)
+        if saved > POOR_DECREASE * promised:
+            settled = saved < tolerance * at.cost and saved < 2.0 * promised
+            at = _moved(problem, at, step, errors, widths)
+            if settled:
+                return at, True
+            if saved > GOOD_DECREASE * promised:
+                damping = max(damping * DAMPING_AFTER_GOOD, LEAST_DAMPING)
+        elif not at.fresh:
+            at = _refreshed(problem, at, widths)
+        elif damping > MOST_DAMPING:
+            return at, True
+        else:
+            damping *= DAMPING_AFTER_FAILED
+    return at, False
+
+
+def _refreshed(problem: Problem, at: _Point, widths: Array | None) -> _Point:
+    slopes = problem.jacobian(at.vector, widths)
+    return _Point(at.vector, at.errors, slopes, fresh=True)
+
+
+def _slopes(problem: Problem, vector: Array, widths: Array | None, known: Array | None) -> Array:
+    if known is None:
+        return problem.jacobian(vector, widths)
+    others = range(known.shape[1], len(vector))
+    return np.column_stack([known, problem.jacobian(vector, widths, others)])
+
+
+def _step(at: _Point, low: Array, high: Array, damping: float) -> tuple[Array, float]:
+    """The damped step inside the box, and by how much it promises to lower the cost.
+
+    It goes towards the least of the quadratic up to the first bound, and on along that: every
+    part of the way leads down.
+    """
+    gradient, curvature = at.slopes.T @ at.errors, at.slopes.T @ at.slopes
+    weights = np.diag(curvature) + 1e-12 * max(float(np.trace(curvature)), 1e-30)
+    damped = curvature + np.diag(damping * weights)
+    below, above = low - at.vector, high - at.vector
+    step = np.zeros(len(gradient))
+    inside = ~(((below >= 0.0) & (gradient > 0.0)) | ((above <= 0.0) & (gradient < 0.0)))
+    while inside.any():
+        towards = (gradient + damped @ step)[inside]
+        move = np.zeros(len(step))
+        move[inside] = -np.linalg.lstsq(damped[np.ix_(inside, inside)], towards, rcond=None)[0]
+        ahead = step + move
+        outside = ((move < 0.0) & (ahead < below)) | ((move > 0.0) & (ahead > above))
+        if not outside.any():
+            step = ahead
+            break
+        ends = np.where(move < 0.0, below, above)
+        parts = np.divide(ends - step, move, out=np.full(len(step), np.inf), where=outside)
+        step = step + max(float(parts.min()), 0.0) * move
+        hit = outside & (parts == parts.min())
+        step[hit] = ends[hit]
+        inside &= ~hit
+    return step, -float(step @ gradient + 0.5 * step @ curvature @ step)
+
+
+def _moved(
+    problem: Problem, at: _Point, step: Array, errors: Array, widths: Array | None
+) -> _Point:
+    """The point after a step, its slopes corrected by Broyden's rule where that is enough."""
+    change = errors - at.errors
+    missed = change - at.slopes @ step
+    vector = at.vector + step
+    if np.linalg.norm(missed) > MISPREDICTED_SHARE * np.linalg.norm(change):
+        return _Point(vector, errors, problem.jacobian(vector, widths), fresh=True)
+    slopes = at.slopes + np.outer(missed, step / float(step @ step))
+    return _Point(vector, errors, slopes, fresh=False)
 
 
 def _inside(problem: Problem, vector: Array) -> Array:

@@ -19,7 +19,7 @@ from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.simulation import Run, prepared
+from servo_models.identification.simulation import Run, Steps, prepared
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
@@ -120,6 +120,7 @@ class Problem:
         sigma: standard deviation [SI] that weights each output, by default that of its readings.
         workers: on which runs go on together.
         start: vector from which a search begins, shape (p,), by default that of ``free``.
+        steps: choose the internal step of every run; None for the model's own.
     """
 
     model: Model
@@ -128,11 +129,14 @@ class Problem:
     sigma: Mapping[str, float] = field(default_factory=dict)
     workers: Workers = ALONE
     start: Array = None  # type: ignore[assignment]  # set from ``free`` below
+    steps: Steps | None = None
     runs: list[Run] = field(init=False, repr=False)
     memory: Memory = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "runs", [prepared(self.model, log) for log in self.logs])
+        object.__setattr__(
+            self, "runs", [prepared(self.model, log, self.steps) for log in self.logs]
+        )
         measured = dict.fromkeys(name for log in self.logs for name in log.outputs)
         own = {name: self._scatter(name) for name in measured if name not in self.sigma}
         object.__setattr__(self, "sigma", {**self.sigma, **own})

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
+from typing import Protocol
 from weakref import ref
 
 import numpy as np
@@ -23,19 +24,32 @@ OFF_AT_FIRST = 0.02  # of the range of an output
 """Error at the beginning from which a log may have begun in another state."""
 OFF_LATER = 5.0  # times the error of the second half
 """Error at the beginning from which it surely has."""
+STEP = "internal_step"
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
 
 
+class Steps(Protocol):
+    """Says how long the internal step of a run may be, see ``internal_step.InternalSteps``."""
+
+    def longest(self, run: Run, names: Iterable[str]) -> float:
+        """Return the step [s] for a run in which these parameters may be anything."""
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A log as the simulation takes it: the settling time in front, inputs as a matrix."""
+    """A log as the simulation takes it: the settling time in front, inputs as a matrix.
+
+    With ``steps`` these choose the internal step, not the model.
+    """
 
     log: Log
     model: Model
     times: Array
     inputs: Array
     columns: tuple[int, ...]
+    steps: Steps | None = None
+    _chosen: dict[tuple[str, ...], float] = field(default_factory=dict, init=False, repr=False)
 
     def outputs(self, values: Mapping[str, float]) -> Array:
         """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
@@ -62,10 +76,18 @@ class Run:
         What the log states as a constant stays, see ``with_constants``.
         """
         vector, stated = self._base.copy(), self.log.constants
+        if self.steps and STEP not in stated:
+            vector[self._places[STEP]] = self._step(self.steps, tuple(values))
         for name, value in values.items():
             if name not in stated:
                 vector[self._places[name]] = value
         return _simulated(self, vector)[-len(self.log.times) :]
+
+    def _step(self, steps: Steps, names: tuple[str, ...]) -> float:
+        """The internal step while these parameters change."""
+        if names not in self._chosen:
+            self._chosen[names] = steps.longest(self, names)
+        return self._chosen[names]
 
     def errors(self, values: Mapping[str, float]) -> Array:
         """Simulated less measured [SI] at samples that a fit sees, shape (outputs of the log, n).
@@ -114,7 +136,7 @@ def _simulated(run: Run, vector: Array) -> Array:
     return found
 
 
-def prepared(model: Model, log: Log) -> Run:
+def prepared(model: Model, log: Log, steps: Steps | None = None) -> Run:
     """Return a log as a simulation takes it; what its constants name is set for it alone.
 
     Raises:
@@ -135,9 +157,9 @@ def prepared(model: Model, log: Log) -> Run:
         times = np.concatenate([[0.0], times + log.settle])
         matrix = np.vstack([matrix[:1], matrix])
     chosen = replace(model, values={**model.values, **parameters})
-    check_grid(times, matrix, plant.inputs, chosen.values["internal_step"])
+    check_grid(times, matrix, plant.inputs, chosen.values[STEP])
     columns = tuple(plant.outputs.index(name) for name in log.outputs)
-    return Run(log, chosen, times, np.ascontiguousarray(matrix), columns)
+    return Run(log, chosen, times, np.ascontiguousarray(matrix), columns, steps)
 
 
 def false_starts(runs: Iterable[Run], values: Mapping[str, float]) -> list[str]:

@@ -25,7 +25,8 @@ NOTHING = 1e-6
 ROUNDING = 1e-12
 """Slope over the largest one, up to which it is what rounding makes of none."""
 UNDETERMINED = 0.5
-"""Standard error over the value from which a log does not determine a parameter."""
+"""Standard error over the value from which a log does not determine a parameter; over the usual
+size of one that may be of either sign."""
 PRIOR_ONLY = 0.8
 """Standard error over the prior from which a log says nothing about a parameter."""
 FAR = 3.0
@@ -221,7 +222,9 @@ def doubt(free: Free, value: float, error: float) -> str:
         moved = math.sqrt(max(free.prior**2 - error**2, 0.0))  # how far a fit to noise moves it
         pulled = abs(value - free.nominal) > max(FAR * moved, free.prior)
         return PULLED if pulled else FROM_PRIOR
-    return NOT_DETERMINED if error > UNDETERMINED * abs(value) else ""
+    # an offset near 0 may be well known: what matters is its usual size, not its value
+    size = max(abs(value), free.scale) if free.low < 0.0 < free.high else abs(value)
+    return NOT_DETERMINED if error > UNDETERMINED * size else ""
 
 
 def is_believable(free: Sequence[Free], values: Array, found: Spread) -> bool:

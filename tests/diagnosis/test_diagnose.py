@@ -56,6 +56,18 @@ def test_progress_tells_effect_by_effect_with_the_best_so_far(case: tuple[Diagno
     assert all("best so far" in text and "noise floors" in text for text in told[first:])
 
 
+def test_what_is_told_comes_from_the_model_with_its_own_step(
+    case: tuple[Diagnosis, Told],
+) -> None:
+    selection = case[0].selection
+    for one in (selection.retuned, selection.taken):
+        found = one.problem
+        plain = Problem(found.model, found.logs, found.free, sigma=found.sigma)
+        errors = plain.errors_with(one.values)
+        np.testing.assert_array_equal(one.linearised.errors, errors)
+        np.testing.assert_array_equal(one.evidence.errors, errors[: plain.samples])
+
+
 @pytest.mark.thorough
 def test_an_effect_left_out_is_not_named(case: tuple[Diagnosis, Told]) -> None:
     told = read_description(case[0].logs[0].path.parent / "rig.toml")

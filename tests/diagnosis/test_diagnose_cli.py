@@ -19,7 +19,7 @@ from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.diagnosis.search import fitting
-from servo_models.identification.descent import descend
+from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear
 from tests.conftest import Run

@@ -19,7 +19,7 @@ from servo_models.diagnosis.search.fitting import PRIOR_BOUND_SIGMAS, prior_para
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.screening import reaches, screen
-from servo_models.identification.descent import _Point, _step, descend
+from servo_models.identification.optimise import _Point, _step, descend
 from servo_models.identification.problem import Free
 from tests.support.diagnoses import made
 

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servo_models.diagnosis import verdict as verdicts
+from servo_models.diagnosis.residual_regression import LockedTest
 from servo_models.diagnosis.search.selection import Selection, select_effects
-from servo_models.diagnosis.verdict import EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
+from servo_models.diagnosis.verdict import EFFECT, EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
 from servo_models.diagnosis.weights import probabilities
 from tests.support.diagnoses import made
 
@@ -86,3 +87,14 @@ def test_unless_asked_the_search_and_the_verdict_allow_the_same_gap() -> None:
     selection = select_effects(fitter)
     assert decide(selection).kind == NO_GAP
     assert not selection.fitted
+
+
+@pytest.mark.parametrize(("p_value", "kind"), [(0.002, OUTSIDE), (1.0, EFFECT)])
+def test_errors_that_follow_the_command_are_outside_the_catalogue(
+    friction: Selection, p_value: float, kind: str
+) -> None:
+    """The true effect leaves noise: only the test that is locked to the command speaks here."""
+    with pytest.MonkeyPatch.context() as patch:
+        locked = LockedTest(p_value, 1e3, 0.5, "rate")
+        patch.setattr(verdicts, "command_locked", lambda *_: locked)
+        assert decide(friction).kind == kind

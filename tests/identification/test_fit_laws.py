@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Channel
-from servo_models.identification.descent import descend
 from servo_models.identification.fit import fit
 from servo_models.identification.information import Information
+from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.simulation import Run
 from servo_models.identification.uncertainty import covariance, spread_of

@@ -43,9 +43,9 @@ from servo_models.data.log import ROUNDING, Log
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
 from servo_models.diagnosis.search.linearisation import Linearisation, linearised
 from servo_models.diagnosis.search.residuals import Residuals, residuals_of
-from servo_models.identification.descent import descend
-from servo_models.identification.optimise import steps
+from servo_models.identification.optimise import descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
+from servo_models.identification.simulation import Steps
 from servo_models.identification.uncertainty import Spread, spread
 
 FIT_TOLERANCE, FIT_STEPS = 1e-4, 25
@@ -77,6 +77,7 @@ class FittedModel:
         chance: logarithm of how many trials its effects are the best of, and of how strange
             their sizes and the nominal parameters are.
         widths: over which slopes of it mean something, see ``slopes.steps``.
+        searched: ``problem`` with the internal steps of the search, where it was told anew.
     """
 
     effects: tuple[str, ...]
@@ -86,6 +87,7 @@ class FittedModel:
     converged: bool
     chance: float
     widths: Array | None = None
+    searched: Problem | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -109,8 +111,8 @@ class FittedModel:
 
     @cached_property
     def spread(self) -> Spread:
-        """The uncertainty of its free parameters."""
-        return spread(self.problem, self.evidence.vector)
+        """The uncertainty of its free parameters; slopes with longer steps tell as much."""
+        return spread(self.searched or self.problem, self.evidence.vector)
 
     @property
     def together(self) -> tuple[tuple[str, ...], ...]:
@@ -166,6 +168,7 @@ class Fitter:
         rough: over which slopes of the nominal parameters mean something, in scales, by name;
             none where small differences will do.
         trials: natural logarithm of the sizes and shapes that each effect may have.
+        steps: choose the internal step of every run; None for the model's own.
     """
 
     model: Model
@@ -175,11 +178,14 @@ class Fitter:
     workers: Workers = ALONE
     rough: dict[str, float] = field(default_factory=dict)
     trials: dict[str, float] = field(default_factory=dict)
+    steps: Steps | None = None
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
         free = [*self.nominal, *extra]
-        return Problem(self.model, self.logs, free, sigma=dict(self.floors), workers=self.workers)
+        return Problem(
+            self.model, self.logs, free, dict(self.floors), self.workers, steps=self.steps
+        )
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""
@@ -250,6 +256,12 @@ class Fitter:
     def finish(self, found: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
         return self.again(found, FINAL_TOLERANCE, FINAL_STEPS) if found.problem.free else found
+
+    def told(self, found: FittedModel) -> FittedModel:
+        """Fit to the end with the model's own internal step, so that no value or error that is told
+        hangs on another one."""
+        own = replace(found, problem=replace(found.problem, steps=None))
+        return replace(replace(self, steps=None).finish(own), searched=found.problem)
 
     def _judged(
         self,
@@ -340,8 +352,8 @@ JUMP_OVER_RANGE = 0.2
 other ones."""
 DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
 """Of the delay before such a reading."""
-DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)
-"""Of a delay before a hold."""
+DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
+"""Of a delay before a hold: one tick off, it would be made up for by a friction or an inertia."""
 MOVED_COST_OVER_COST = 0.98
 """From which a move is taken."""
 MOST_MOVES = 8
@@ -388,7 +400,7 @@ def others_first(
     sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
     model = replace(problem.model, values={**problem.model.values, **sizes})
     free = [problem.free[i] for i in others]
-    rest = Problem(model, problem.logs, free, sigma=problem.sigma, workers=problem.workers)
+    rest = replace(problem, model=model, free=free, start=vector[others])
     found = vector.copy()
     own = None if widths is None else widths[others]
     found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)

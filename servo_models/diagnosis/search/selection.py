@@ -85,6 +85,11 @@ PARTS_OF = 2
 LEAST_MASKED_FLOORS = 1.0
 """Movement of the outputs [RMS, noise floors] from which masked effects are told."""
 
+ENOUGH_FLOORS = 1.1
+"""Held-out error [noise floors] of re-tuned parameters below which no effect is named."""
+ENTRY_PART_OF_GAP = 0.1
+"""Part of what re-tuned parameters leave above the noise floor [RMS] that an effect has to take
+away."""
 ENTRY_ADVANTAGE = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
 what the best of so many trials does by chance."""
@@ -154,7 +159,7 @@ def select_effects(
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = tell or (lambda _: None)
-    as_it_is = fitter.unfitted()
+    as_it_is = replace(fitter, steps=None).unfitted()
     before = as_it_is.evidence
     if before.rms <= tolerance:
         return Selection(before, as_it_is, [], as_it_is, {})
@@ -178,9 +183,10 @@ def select_effects(
         search.say("looking for effects that re-tuned parameters mask")
         least = max(tolerance, LEAST_MASKED_FLOORS)
         masked = masked_effects(fitter, retuned, results, least)
+        taken = retuned = fitter.told(retuned)
     else:
         search.say(f"fitting {' and '.join(taken.effects)} to the end")
-        taken = fitter.finish(taken)
+        retuned, taken = fitter.told(retuned), fitter.told(taken)
     return Selection(before, retuned, search.tried(), taken, reaches(results, every), masked)
 
 
@@ -213,6 +219,8 @@ class SubsetSelection:
 
     def run(self) -> FittedModel:
         """Return the model whose effects earn their place."""
+        if self.retuned.evidence.rms < ENOUGH_FLOORS:
+            return self.retuned
         smooth = [one for one in self.every if not one.grid]
         self.grow(1, smooth)
         if self.retuned.settled:
@@ -396,6 +404,9 @@ class SubsetSelection:
     def belongs(self, model: FittedModel, fewer: FittedModel) -> bool:
         """Whether each effect of a model earns its place, also under conditions left out."""
         share = ENTRY_SHARE if len(model.effects) < 3 else ENTRY_SHARE_OF_THIRD
+        least = ENTRY_PART_OF_GAP * (self.retuned.evidence.rms - 1.0)
+        if fewer.evidence.rms - model.evidence.rms < least:
+            return False
         if not passes_entry_test(model, fewer, share):
             return False
         if len(model.effects) == 1:

@@ -1,0 +1,342 @@
+"""Whether the errors that a fitted model leaves are locked to the command.
+
+Slow noise looks like something that is missing, until one asks whether it comes again with the
+motion.  So the errors are whitened and regressed on functions of command, position, rate, its
+sign, and time since the last reversal, less what the fitted parameters can do of these.  By chance
+they explain as much as they do of the same errors shifted round their log against the command, the
+colour of which is the same.  Logs of one command are not swapped: errors that are locked to it
+would stay so.
+
+Random signs of short blocks would see more, and too much: on the functions of real logs they call
+noise with a memory locked far more often than they say, since no whitening is exact.
+
+Sources: Ramsey, J. Royal Statistical Society B 31 (1969) 350 (regression specification test);
+Billings, Voon, Int. J. Control 44 (1986) 235 (residuals against nonlinear functions of inputs
+and outputs); Haugh, J. American Statistical Association 71 (1976) 378 (whitening first); Hoerl,
+Kennard, Technometrics 12 (1970) 55 (ridge); Harris, arXiv:2012.06862 (2020) (null by shifts).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servo_models.core.types import Array
+from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.identification.problem import Problem
+
+SHIFTS = 499
+"""Shifts of the errors that the regression is compared with."""
+LEAST_SHIFT = 0.05
+"""Share of a log by which its errors are shifted at least, either way round."""
+LEAST_SAMPLES = 128
+"""Of an output, all logs together, that is tested: of fewer the colour is hardly known."""
+ORDER = 2
+"""Of the autoregression that whitens errors: noise of one memory, and a reading step beside it.  It
+is that of the errors as they are: what a regression leaves of them looks too white."""
+RIDGE = 1.0
+"""Of the test, where each function has length 1: directions that hardly any function has do
+not count, since noise fits them as well as any other."""
+STILL = 0.01
+"""Rate over the largest of its log up to which nothing moves."""
+FADING_IN_TIME_SCALES = (1.0, 4.0)
+"""Within which errors after a reversal or a change of the command fade; a time scale of the motion
+is its RMS rate over its RMS acceleration."""
+LONGEST_TIME_SCALE = 0.05
+"""Of the motion, as a share of the log: a longer one is not seen often enough."""
+DEPENDENT = 1e-6
+"""Part of a function that is its own, below which slopes can do all of it."""
+SIGNIFICANT = 0.02
+"""Probability by chance, beside which the test of slow power has its own."""
+EXPLAINED_OVER_NOISE = 0.3
+"""Explained part over the noise that is worth speaking of."""
+EXPLAINED_OVER_GAP = 0.2
+"""Explained part over the error after re-tuning alone, from which on a fitted model has missed
+something."""
+FORCES = (
+    "position^2",
+    "position^3",
+    "|position|",
+    "|rate|",
+    "rate^2",
+    "rate |rate|",
+    "rate^3",
+    "sign of rate",
+    "direction",
+    "position rate",
+    "position |rate|",
+    "position^2 rate",
+    "position sign of rate",
+    "position direction",
+    "command^2",
+)
+"""Functions that a force may be: the position follows them with the plant's lag, twice."""
+
+
+@dataclass(frozen=True)
+class LockedTest:
+    """How far errors follow the command.
+
+    Attributes:
+        p_value: probability that noise of this colour is explained as well; of few samples it comes
+            out too small, noise passes 0.02 in about 1 of 20, so it never decides alone.
+        explained: RMS [noise floors] that is explained, less what is by chance.
+        share_explained: of the power of the whitened errors, less what is by chance.
+        strongest: function that explains most of them alone; "" where nothing was tested.
+    """
+
+    p_value: float
+    explained: float
+    share_explained: float
+    strongest: str
+
+    def matters(self, noise: float, gap: float, limit_cycle: float = 0.0) -> bool:
+        """Return whether this is something that the model lacks, and not a law that is a little
+        other than the actuator's.
+
+        Args:
+            noise: RMS in the errors [noise floors].
+            gap: RMS error [noise floors] after re-tuning alone.
+            limit_cycle: RMS [noise floors] by which the model differs from itself.
+        """
+        explained = math.sqrt(max(self.explained**2 - limit_cycle**2, 0.0))
+        return (
+            self.p_value <= SIGNIFICANT
+            and explained > EXPLAINED_OVER_NOISE * noise
+            and explained > EXPLAINED_OVER_GAP * gap
+        )
+
+
+NOTHING_TESTED = LockedTest(1.0, 0.0, 0.0, "")
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One output of one log.
+
+    Attributes:
+        log: its number; outputs of one log are shifted together.
+        output: name of the output; all its records share the coefficients of a regression.
+        errors: in noise floors, shape (n,).
+        functions: of what the actuator does, by name, each of shape (n,).
+        slopes: of the errors over the fitted parameters, shape (n, p).
+    """
+
+    log: int
+    output: str
+    errors: Array
+    functions: Mapping[str, Array]
+    slopes: Array
+
+
+def command_locked(
+    problem: Problem, values: Mapping[str, float], errors: Array, slopes: Array
+) -> LockedTest:
+    """Test the errors of a fitted model.
+
+    Args:
+        problem, values: of the fit; its free parameters [SI] by name.
+        errors: that it leaves [noise floors], shape (m,).
+        slopes: of the errors over the parameters, shape (m, p).
+    """
+    column, _, _ = moving_input(problem)
+    records, start = [], 0
+    for number, run in enumerate(problem.runs):
+        log, seen = run.log, run.log.fitted
+        count = int(seen.sum())
+        if not count:
+            continue
+        position = run.simulate(values)[:, 0]
+        command = run.inputs[-len(log.times) :, column]
+        functions = functions_of(log.times, command, position)
+        at_fitted = {name: function[seen] for name, function in functions.items()}
+        for name in log.outputs:
+            rows = slice(start, start + count)
+            start += count
+            records.append(Record(number, name, errors[rows], at_fitted, slopes[rows]))
+    return locked_test(records)
+
+
+def functions_of(times: Array, command: Array, position: Array) -> dict[str, Array]:
+    """Return functions of one log, each of shape (n,), by what they are of."""
+    rate = np.gradient(position, times)
+    rate[np.abs(rate) <= STILL * np.abs(rate).max()] = 0.0
+    acceleration = np.gradient(rate, times)
+    scale = _rms(rate) / (_rms(acceleration) or math.inf) / float(np.median(np.diff(times)))
+    scale = min(max(scale, 1.0), LONGEST_TIME_SCALE * len(times))
+    q, u = _centred(position), _centred(command)
+    v, a = rate / (_rms(rate) or 1.0), acceleration / (_rms(acceleration) or 1.0)
+    sign = np.sign(v)
+    towards, since = _since_reversal(sign)
+    step = np.diff(u, prepend=u[0])
+    functions = {
+        "position": q,
+        "position^2": q * q,
+        "position^3": q**3,
+        "|position|": np.abs(q),
+        "command": u,
+        "command^2": u * u,
+        "rate": v,
+        "|rate|": np.abs(v),
+        "rate^2": v * v,
+        "rate |rate|": v * np.abs(v),
+        "rate^3": v**3,
+        "sign of rate": sign,
+        "direction": towards,
+        "acceleration": a,
+        "acceleration |acceleration|": a * np.abs(a),
+        "position rate": q * v,
+        "position |rate|": q * np.abs(v),
+        "position^2 rate": q * q * v,
+        "position sign of rate": q * sign,
+        "position direction": q * towards,
+        "command sign of rate": np.sign(u) * sign,
+    }
+    for scales in FADING_IN_TIME_SCALES:
+        fading = np.exp(-since / (scales * scale))
+        functions[f"direction, {scales:g} after reversal"] = towards * fading
+        functions[f"rate, {scales:g} after reversal"] = v * fading
+        functions[f"step, {scales:g} after it"] = _lagged(step, scales * scale)
+        functions[f"|step|, {scales:g} after it"] = _lagged(np.abs(step), scales * scale)
+    for name in FORCES:
+        functions[f"{name}, lagged"] = _lagged(_lagged(functions[name], scale), scale)
+    return functions
+
+
+def locked_test(records: Sequence[Record]) -> LockedTest:
+    """Test errors against functions, all outputs together."""
+    by_output: dict[str, list[Record]] = {}
+    for record in records:
+        by_output.setdefault(record.output, []).append(record)
+    every = [them for them in by_output.values() if _samples(them) >= LEAST_SAMPLES]
+    if not every:
+        return NOTHING_TESTED
+    regressions = [_Regression(them) for them in every]
+    logs = {log: i for i, log in enumerate(sorted({record.log for record in records}))}
+    turns = np.random.default_rng(0).uniform(LEAST_SHIFT, 1.0 - LEAST_SHIFT, (SHIFTS, len(logs)))
+    shifts = np.vstack([np.zeros(len(logs)), turns])  # the errors as they are come first
+    found = [
+        [one.explained({log: turn[i] for log, i in logs.items()}) for turn in shifts]
+        for one in regressions
+    ]
+    white, coloured = np.sum(found, axis=0).T
+    samples = sum(map(_samples, every))
+    return LockedTest(
+        p_value=float(np.mean(white >= white[0])),
+        explained=math.sqrt(max(float(coloured[0] - coloured[1:].mean()), 0.0) / samples),
+        share_explained=max(float(white[0] - white[1:].mean()), 0.0) / samples,
+        strongest=max((one.strongest() for one in regressions), key=lambda named: named[1])[0],
+    )
+
+
+class _Regression:
+    """Of the errors of one output on functions, with the same coefficients in all its logs."""
+
+    def __init__(self, records: Sequence[Record]) -> None:
+        self.logs = [record.log for record in records]
+        self.names = list(records[0].functions)
+        self.cuts = np.cumsum([len(record.errors) for record in records])[:-1]
+        errors = np.concatenate([record.errors for record in records])[:, None]
+        functions = _scaled(np.vstack([np.column_stack([*r.functions.values()]) for r in records]))
+        slopes = np.vstack([record.slopes for record in records])
+        known = _span(_scaled(np.column_stack([np.ones(len(errors)), slopes])))
+        self.filter = _autoregression([record.errors for record in records])
+        self.errors = self._white(errors)[:, 0]
+        self.power = float(np.mean(self.errors**2)) or 1.0
+        # what parameters can do has been done by the fit
+        whole, done = self._white(functions), self._white(known)
+        imitated = np.linalg.lstsq(done, whole, rcond=DEPENDENT)[0]
+        own = whole - done @ imitated
+        lengths = np.linalg.norm(own, axis=0)
+        new = lengths > DEPENDENT * np.linalg.norm(whole, axis=0)
+        scale = np.where(new, 1.0 / np.where(new, lengths, 1.0), 0.0)
+        self.functions = own * scale
+        self.basis, singular, right = np.linalg.svd(self.functions, full_matrices=False)
+        self.kept = singular**2 / (singular**2 + RIDGE)
+        back = (functions - known @ imitated) * scale @ (right.T * (self.kept / _safe(singular)))
+        self.gram = back.T @ back
+
+    def explained(self, shifts: Mapping[int, float]) -> tuple[float, float]:
+        """Return squares explained of the whitened errors over their mean, and of the errors
+        before whitening.
+
+        ``shifts`` are shares of its length by which each log is shifted, by its number.
+        """
+        parts = zip(self.logs, np.split(self.errors, self.cuts))
+        shifted = [np.roll(part, round(shifts[log] * len(part))) for log, part in parts]
+        found = np.concatenate(shifted) @ self.basis
+        return float(found**2 @ self.kept) / self.power, float(found @ self.gram @ found)
+
+    def strongest(self) -> tuple[str, float]:
+        """Return the function that explains most alone, and how many squares over their mean."""
+        alone = (self.functions.T @ self.errors) ** 2 / self.power
+        return self.names[int(np.argmax(alone))], float(np.max(alone))
+
+    def _white(self, columns: Array) -> Array:
+        """Columns of shape (n, k) through the filter, log by log."""
+        from scipy.signal import lfilter, lfilter_zi
+
+        still = lfilter_zi(self.filter, [1.0])[:, None]
+        parts = np.split(columns, self.cuts)
+        return np.vstack(
+            [lfilter(self.filter, [1.0], part, axis=0, zi=still * part[:1])[0] for part in parts]
+        )
+
+
+def _autoregression(parts: Sequence[Array]) -> Array:
+    """Filter, shape (ORDER + 1,), that makes errors white."""
+    pasts = [
+        np.column_stack([part[ORDER - k : len(part) - k] for k in range(1, ORDER + 1)])
+        for part in parts
+        if len(part) > ORDER
+    ]
+    now = np.concatenate([part[ORDER:] for part in parts])
+    return np.concatenate([[1.0], -np.linalg.lstsq(np.vstack(pasts), now, rcond=None)[0]])
+
+
+def _since_reversal(sign: Array) -> tuple[Array, Array]:
+    """The direction that motion has or had last, and samples since it turned, inf before."""
+    places = np.arange(len(sign))
+    towards = sign[np.maximum.accumulate(np.where(sign != 0.0, places, 0))]
+    turned = np.concatenate([[False], towards[1:] != towards[:-1]])
+    turn = np.maximum.accumulate(np.where(turned, places, -1))
+    return towards, np.where(turn >= 0, places - turn, np.inf)
+
+
+def _lagged(signal: Array, samples: float) -> Array:
+    """A signal behind a first-order lag with a time constant of so many samples."""
+    from scipy.signal import lfilter
+
+    keep = math.exp(-1.0 / samples)
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], signal, zi=[keep * signal[0]])[0])
+
+
+def _samples(records: Sequence[Record]) -> int:
+    return sum(len(record.errors) for record in records)
+
+
+def _scaled(columns: Array) -> Array:
+    """Columns with a mean square of 1, or 0."""
+    return np.asarray(columns / _safe(np.sqrt(np.mean(columns**2, axis=0))))
+
+
+def _span(columns: Array) -> Array:
+    """Orthonormal columns of the same span, each with a mean square of 1."""
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, singular > DEPENDENT * singular[0]] * math.sqrt(len(columns)))
+
+
+def _safe(divisor: Array) -> Array:
+    return np.where(divisor > 0.0, divisor, 1.0)
+
+
+def _centred(signal: Array) -> Array:
+    half = 0.5 * float(np.ptp(signal))
+    return np.asarray((signal - signal.min() - half) / (half or 1.0))
+
+
+def _rms(signal: Array) -> float:
+    return float(np.sqrt(np.mean(signal**2)))

@@ -1,0 +1,154 @@
+"""The internal step of a search: as long as the noise allows, and no longer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+import pytest
+
+from servo_models.core.block import Param, block
+from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
+from servo_models.core.simulate import Model, model
+from servo_models.core.types import Array
+from servo_models.data.log import Log
+from servo_models.identification.internal_step import SHARE, VISIBLE, InternalSteps
+from servo_models.identification.problem import Problem, free_parameter
+from servo_models.identification.simulation import prepared
+from tests.support.bench import step_constant
+from tests.support.logs import log_of
+
+INTERVAL, OWN, TAU = 0.2, 1e-3, 0.25
+TIMES = INTERVAL * np.arange(101)
+COMMAND = np.repeat([1.0, -0.5, 0.3, 0.8], 26)[: len(TIMES)]
+
+
+@block("rate")
+def lag(
+    level: float, u: float, tau: Annotated[float, Param("s", "time constant", default=TAU)]
+) -> float:
+    """tau x' = u - x."""
+    return (u - level) / tau
+
+
+PLANT = Plant(
+    inputs=(Wire("u", "1", "input", low=-10.0, high=10.0),),
+    wires=(),
+    chain=(lag,),
+    states=(State(Wire("level", "1", "state"), "rate"),),
+    outputs=("level",),
+    constants=step_constant(OWN),
+)
+LAG = Actuator(
+    *("lag", "lag", "lag", "a test", PLANT),
+    (Variant("only", "as declared", {}, "a test"),),
+    *(1.0, 0.01, ("u", 1.0)),
+)
+
+
+def exact() -> Array:
+    """The solution of the lag between two steps of its input is an exponential."""
+    level, found = 0.0, []
+    for u in COMMAND:
+        found.append(level)
+        level = u + (level - u) * np.exp(-INTERVAL / TAU)
+    return np.array(found)
+
+
+def chosen_for(noise: float) -> tuple[float, Array]:
+    """The step that a level of noise allows, and the response with it."""
+    log = log_of(TIMES, {"u": COMMAND}, {"level": exact()})
+    steps = InternalSteps(model(LAG), {"level": noise})
+    run = prepared(steps.model, log, steps)
+    return steps.longest(run, ()), run.outputs({})[:, 0]
+
+
+@pytest.mark.parametrize("noise", [1.0, 1e-3, 1e-5, 1e-6, 1e-7])
+def test_noise_hides_what_the_step_does_to_an_exact_solution(noise: float) -> None:
+    step, response = chosen_for(noise)
+    errors = (response - exact()) / noise
+    # the model's own step, by which it is measured, errs by itself
+    assert np.sqrt(np.mean(errors**2)) < 1.1 * SHARE
+    assert np.sum(errors**2) < 1.1 * VISIBLE
+    assert OWN <= step <= 1.001 * INTERVAL
+
+
+def test_the_quieter_the_shorter() -> None:
+    steps = [chosen_for(noise)[0] for noise in (1.0, 1e-5, 1e-7, 1e-14)]
+    assert steps[0] == pytest.approx(INTERVAL)
+    assert steps == sorted(steps, reverse=True)
+    assert len(set(steps)) == len(steps)
+    assert steps[-1] == OWN
+
+
+def servo_log(count: int = 150, **more: object) -> Log:
+    times = 0.02 * np.arange(float(count))
+    goal = 0.5 * np.sign(np.sin(4.0 * times))
+    return log_of(times, {"goal": goal}, {"angle_reading": 0.0 * times}, **more)
+
+
+SERVO = model(
+    "smart_servo", "sts3215", {"sample_hold.period": 0.0, "sensor_quantisation.step": 0.0}
+)
+
+
+def response(log: Log, step: float, effect: dict[str, float], chosen: Model = SERVO) -> Array:
+    return prepared(chosen, log).outputs({**effect, "internal_step": step})
+
+
+@pytest.mark.parametrize("effect", ["", "coulomb_friction.level", "sensor_lag.time_constant"])
+def test_half_the_step_changes_less_than_noise_shows_and_a_longer_one_more(effect: str) -> None:
+    log, noise = servo_log(), 1e-4
+    steps = InternalSteps(SERVO, {"angle_reading": noise})
+    names = (effect,) if effect else ()
+    found = steps.longest(prepared(SERVO, log), names)
+    typical = {effect: SERVO.plant.parameters[effect].param.typical} if effect else {}
+
+    def apart(one: float, other: float) -> float:
+        change = (response(log, one, typical) - response(log, other, typical)) / noise
+        return float(np.sum(change**2))
+
+    allowed = min(VISIBLE, SHARE**2 * len(log.times))
+    assert apart(found, 0.5 * found) < allowed
+    assert found <= 0.02001
+    if found < 0.015:
+        assert apart(2.0 * found, found) > 0.5 * allowed
+
+
+def test_an_effect_is_given_what_it_needs_whatever_its_size() -> None:
+    """A step that hung on whether an effect is on would make a slope at 0 of its own error."""
+    log = servo_log()
+    steps = InternalSteps(SERVO, {"angle_reading": 1e-4})
+    run = prepared(SERVO, log, steps)
+    plain, lagged = steps.longest(run, ()), steps.longest(run, ("sensor_lag.time_constant",))
+    assert lagged < plain
+    off = {"sensor_lag.time_constant": 0.0}
+    np.testing.assert_array_equal(run.outputs(off), response(log, lagged, off))
+    switched_on = {**SERVO.values, "sensor_lag.time_constant": 1e-3}
+    on = prepared(replace(SERVO, values=switched_on), log, steps)
+    assert steps.longest(on, ()) == lagged
+
+
+def test_where_noise_hides_nothing_every_bit_is_that_of_the_model_itself() -> None:
+    log = servo_log()
+    free = [free_parameter(SERVO.plant.parameters["inertia"], SERVO.values["inertia"], None)]
+    quiet = {"angle_reading": 1e-14}
+    own = Problem(SERVO, [log], free, quiet)
+    same = Problem(SERVO, [log], free, quiet, steps=InternalSteps(SERVO, quiet))
+    np.testing.assert_array_equal(same.residuals(same.start), own.residuals(own.start))
+    np.testing.assert_array_equal(same.jacobian(same.start), own.jacobian(own.start))
+
+
+def test_a_step_that_a_log_states_stays() -> None:
+    log = servo_log(constants={"internal_step": 5e-4})
+    steps = InternalSteps(SERVO, {"angle_reading": 1.0})
+    np.testing.assert_array_equal(
+        prepared(SERVO, log, steps).outputs({}), response(servo_log(), 5e-4, {})
+    )
+
+
+def test_a_log_of_one_row_has_no_interval() -> None:
+    run = prepared(SERVO, servo_log(count=1))
+    found = InternalSteps(SERVO, {"angle_reading": 1.0}).longest(run, ())
+    assert found == SERVO.values["internal_step"]
