@@ -7,6 +7,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import permutations
 from typing import Any
 
 from servo_models.data.audit import Audit, Reading
@@ -14,7 +15,7 @@ from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
-from servo_models.diagnosis.experiments.experiment import Experiment
+from servo_models.diagnosis.design import Experiment
 from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
@@ -51,6 +52,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "held_out": [asdict(one) for one in diagnosis.held_out],
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
         "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
+        "repeats_wanted": diagnosis.repeats_wanted or None,
         "warnings": list(summary.warnings(diagnosis)),
         "seed": diagnosis.seed,
         "versions": conditions(),
@@ -209,15 +211,24 @@ def _reading(diagnosis: Diagnosis, reading: Reading) -> dict[str, Any]:
 
 def _experiment(next_: Experiment) -> dict[str, Any]:
     return {
-        "first": list(next_.one),
-        "second": list(next_.other),
+        "explanations": [
+            {"effects": list(effects), "weight": float(weight)}
+            for effects, weight in zip(next_.explanations, next_.weights)
+        ],
+        "pairs": [
+            {
+                "right": list(next_.explanations[i]),
+                "model": list(next_.explanations[k]),
+                "leaves": float(next_.separations[i, k]),
+                "ruled_out": bool(next_.told[i, k]),
+            }
+            for i, k in permutations(range(len(next_.explanations)), 2)
+        ],
         "text": next_.text,
         "input": next_.wire.name,
         "unit": next_.wire.unit,
         "constants": dict(next_.constants),
         "duration": float(next_.times[-1]),
-        "separation": next_.separation,
-        "so_far": next_.so_far,
         "file": next_.file or None,
     }
 

@@ -72,18 +72,23 @@ def rest(diagnosis: Diagnosis) -> str:
 def not_shown(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that another experiment shows and these logs do not, beside
     parameters that explain the gap; "" for none."""
-    names = [name for one in diagnosis.next_experiments if not one.one for name in one.other]
+    names = [
+        name
+        for one in diagnosis.next_experiments
+        for effects in one.explanations
+        if one.rules_out((), effects)
+        for name in effects
+    ]
     if not names:
         return ""
-    many = len(names) > 1
-    others = f"do in the next experiment{'s' * many}" if many else "does in the next experiment"
-    return f"; {listed(names)} would not show in these logs, and {others}"
+    verb = "do" if len(names) > 1 else "does"
+    return f"; {listed(names)} would not show in these logs, and {verb} in the next experiment"
 
 
 def shown_by(one: MaskedEffect, diagnosis: Diagnosis) -> str:
-    """Return the numbers of experiments that would show an effect that parameters imitate."""
-    every = enumerate(diagnosis.next_experiments, start=1)
-    return ", ".join(str(k) for k, it in every if it.other == one.fitted_model.effects)
+    """Return whether the next experiment would show an effect that parameters imitate."""
+    shown = any(it.rules_out((), one.fitted_model.effects) for it in diagnosis.next_experiments)
+    return "yes" if shown else "no"
 
 
 def elsewhere(diagnosis: Diagnosis) -> str:

@@ -18,7 +18,6 @@ from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter, prior_parameters
 from servo_models.diagnosis.search.masking import masked_effects
@@ -173,16 +172,16 @@ def test_the_next_experiment_shows_what_was_imitated(
     """Played on the rig, its table and the first log name the cause."""
     code, out, _ = run("diagnose", str(folder / "rig.toml"), "--json", str(folder / "rig.json"))
     assert code == 1
-    assert "would not show in these logs, and do in the next experiments." in " ".join(out.split())
+    assert "would not show in these logs, and do in the next experiment." in " ".join(out.split())
     told = json.loads((folder / "rig.json").read_text())
     check_schema(told)
     assert {it["name"]: it["up_to"] for it in told["masked"]} == masked(found)
-    planned = next_experiments(found.undecided)
-    assert all(one.one == () and one.telling for one in planned)
-    assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
-    number = [one.other for one in planned].index(("drive_dead_zone",)) + 1
-    table = np.loadtxt(folder / f"rig_next_{number}.csv", delimiter=",", skiprows=1)
-    second = record(folder / "second.csv", rig(DEAD_ZONE), *table.T, 2)
+    (planned,) = found.next_experiments
+    assert planned.explanations[0] == ()
+    assert not planned.rules_out((), ("gain_error",))  # another torque constant
+    assert planned.rules_out((), ("drive_dead_zone",))
+    times, voltage = np.loadtxt(folder / "rig_next_1.csv", delimiter=",", skiprows=1).T
+    second = record(folder / "second.csv", rig(DEAD_ZONE), times, voltage, 2)
     (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
     both = diagnose(folder / "both.toml", jobs=1)
     assert both.verdict.members == ("drive_dead_zone",)
@@ -191,8 +190,8 @@ def test_the_next_experiment_shows_what_was_imitated(
 
 def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     planned: Any = SimpleNamespace(
-        one=(),
-        other=("drive_dead_zone",),
+        explanations=((), ("drive_dead_zone",)),
+        rules_out=lambda model, right: (model, right) == ((), ("drive_dead_zone",)),
         instruction="Play.",
         text="Play.",
         file="a",
@@ -204,7 +203,7 @@ def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     )
     rows = tables.masked(told).rows
     assert {row[0] for row in rows} == masked(found).keys()
-    assert {name for name, _, _, by in rows if by} == {"drive_dead_zone"}
+    assert {name for name, _, _, shown in rows if shown == "yes"} == {"drive_dead_zone"}
 
 
 def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:

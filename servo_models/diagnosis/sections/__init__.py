@@ -58,7 +58,8 @@ def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
         yield from _causes(diagnosis)
         yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
     yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
-    yield Card("do next", _to_do(diagnosis), None, NEXT if diagnosis.next_experiments else "")
+    asked = diagnosis.next_experiments or diagnosis.repeats_wanted
+    yield Card("do next", _to_do(diagnosis), None, NEXT if asked else "")
     count = len(summary.warnings(diagnosis))
     if count:
         many = f"{count} warnings" if count > 1 else "1 warning"
@@ -127,6 +128,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
     if planned:
         file = f" ({planned[0].file})" if planned[0].file else ""
         return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
+    if diagnosis.repeats_wanted:
+        return diagnosis.repeats_wanted
     if diagnosis.verdict.kind == OUTSIDE:
         return (
             "Look where the rest lies, below; what acts there has no effect in the catalogue yet."
@@ -245,8 +248,9 @@ def _masked(diagnosis: Diagnosis) -> Section:
         "Not ruled out",
         "Effects that may be there all the same: with one of them in the model, parameters re-tuned"
         " beside it leave no more than without. How far it moves the outputs is told at the largest"
-        " size found, with the experiment that would show it. One without an experiment is small,"
-        " or like another parameter under every command tried.",
+        " size found, and whether the next experiment would show it. One that it does not is small,"
+        " like another parameter under every command tried, or less likely than those that it is"
+        " designed for.",
         tables=(tables.masked(diagnosis),),
         folded=True,
     )
@@ -267,11 +271,13 @@ def _next(diagnosis: Diagnosis) -> Section:
     unwritten = not all(one.file for one in planned)
     return Section(
         NEXT,
-        "The command inside the actuator's limits on which the fitted models differ most, their"
-        " parameters re-fitted to imitate one another. Log it and diagnose it with the old logs.",
+        "The command inside the actuator's limits that best tells apart the explanations left,"
+        " likely ones above all, their parameters re-fitted to imitate one another. Log it and"
+        " diagnose it with the old logs.",
         items=(
-            *(f"{k}: {one.instruction}" for k, one in enumerate(planned, start=1)),
+            *(one.instruction for one in planned),
             *(("--json or --report writes the table to play.",) if unwritten else ()),
+            *filter(None, [diagnosis.repeats_wanted]),
         ),
         pictures=tuple(pictures.experiment(diagnosis, one) for one in planned),
         folded=True,

@@ -297,7 +297,7 @@ def masked(diagnosis: Diagnosis) -> Table:
         )
         for one in diagnosis.masked
     )
-    columns = ("effect", "on", f"up to [{FLOORS}]", "experiment")
+    columns = ("effect", "on", f"up to [{FLOORS}]", "shown by the next experiment")
     return Table("Not ruled out: re-tuned parameters imitate them", columns, rows)
 
 
