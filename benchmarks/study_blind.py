@@ -79,7 +79,8 @@ def row_of(case: Mapping[str, Any]) -> Row:
         "verdict": said["verdict"],
         "named": " ".join(said["named"]),
         "members": " ".join(said["members"]),
-        "chances": " ".join(f"{name}={chance!r}" for name, chance in said["chances"].items()),
+        "chances": _shares(said["chances"]),
+        "probabilities": _shares(said.get("probabilities", said["chances"])),
         "before": _text(said["before"]),
         "after": _text(said["after"]),
         "seconds": _text(round(said["seconds"], 3)),
@@ -98,14 +99,15 @@ def row_of(case: Mapping[str, Any]) -> Row:
 def case_of(row: Mapping[str, str]) -> Case:
     """Return the case of a row, without what no figure asks for, such as all that was tried."""
     imitated = row.get("imitated", UNASKED)  # no column in tables of earlier runs
-    chances = dict(entry.split("=") for entry in row["chances"].split())
+    chances = row["chances"]  # earlier runs told them as probabilities
     said = Diagnosed(
         case=row["case"],
         verdict=row["verdict"],
         seconds=float(row["seconds"]),
         named=row["named"].split(),
         members=row["members"].split(),
-        chances={name: float(chance) for name, chance in chances.items()},
+        chances=_by_name(chances),
+        probabilities=_by_name(row.get("probabilities", chances)),
         before=_number(row["before"]),
         after=_number(row["after"]),
         imitated=None if imitated == UNASKED else imitated.split(),
@@ -130,6 +132,14 @@ def case_of(row: Mapping[str, str]) -> Case:
         said=said,
         known=known if row["separated"] else None,
     )
+
+
+def _shares(by_name: Mapping[str, float]) -> str:
+    return " ".join(f"{name}={one!r}" for name, one in by_name.items())
+
+
+def _by_name(text: str) -> dict[str, float]:
+    return {name: float(one) for name, _, one in (entry.partition("=") for entry in text.split())}
 
 
 def _text(value: float | None) -> str:

@@ -138,7 +138,7 @@ def effects(found: Diagnosis) -> list[str]:
     rows = [
         (
             f"`{one.name}`",
-            f"{one.probability:.2f}",
+            "" if one.probability is None else f"{one.probability:.2f}",
             f"{one.gap_after:.3g}",
             "taken" if one.taken else "in the set" if one.in_set else "",
         )

@@ -222,6 +222,8 @@ class Hints:
             effect without one stays where it has a derivative.
         ambiguity: what it is confused with, if its own file says it and not that of another.
         parameter_units: units of plant parameters whose error looks like it.
+        family: what it is in a word that effects share which exchange for each other, such as
+            "friction".
     """
 
     trial_values: tuple[float, ...] = ()
@@ -236,6 +238,7 @@ class Hints:
     small_signal: LinearMemory | None = None
     ambiguity: Ambiguity | None = None
     parameter_units: tuple[str, ...] = ()
+    family: str = ""
 
 
 Meta = Param | Memory | Queue

@@ -17,8 +17,12 @@ ROUNDED = 1e-12
 """Readings closer than this share of the largest are equal but for rounding."""
 STILL = 0.01
 """Share of its range by which a reading at rest may move."""
+SAME_START = 0.05
+"""Share of its range within which readings at rest begin a repetition alike."""
 REST_SAMPLES = 5
 """Samples for which a command must stand still so that its next move begins a repetition."""
+REST_SHARE, REST_PARTS = 0.5, 4
+"""Last part of the stretch before such a move that is compared, and in how many pieces."""
 LATE_SAMPLES = 2
 """By which stretches of one command may differ in length: it is sampled late."""
 ORDERS = (1, 2, 3)
@@ -141,14 +145,31 @@ def spread_of_repeats(values: Array, command: Array) -> float | None:
     moved = np.concatenate([[False], np.any(command[1:] != command[:-1], axis=1)])
     at = np.flatnonzero(moved)
     onsets = at[np.diff(at, prepend=0) > REST_SAMPLES]
-    resting = {int(i) for i in onsets if np.ptp(values[i - REST_SAMPLES : i]) <= still}
+    resting = {
+        int(i)
+        for begin, i in pairwise([0, *onsets])
+        if np.ptp(values[i - REST_SAMPLES : i]) <= still and _settled(values[begin:i], still)
+    }
     squares, freedom = 0.0, 0
-    for group in _same_commands(command, [*map(int, onsets), len(values)], resting):
+    edges = [*map(int, onsets), len(values)]
+    for same in _same_commands(command, edges, set(edges)):
+        settled = [(start, stop) for start, stop in same if start in resting]
+        begins = [values[start - 1] for start, _ in settled]
+        alike = SAME_START * float(np.ptp(values))
+        group = [one for one, at in zip(settled, begins) if abs(at - np.median(begins)) <= alike]
+        if 2 * len(group) < len(same):
+            continue  # the actuator does not settle before this command: a few pauses are chance
         length = min(stop - start for start, stop in group)
         responses = np.array([values[start : start + length] for start, _ in group])
         squares += float(np.sum((responses - responses.mean(axis=0)) ** 2))
         freedom += (len(group) - 1) * length
     return float(np.sqrt(squares / freedom)) if freedom else None
+
+
+def _settled(stretch: Array, still: float) -> bool:
+    """Whether the last part of a stretch stays; a delayed actuator also pauses where it turns."""
+    last = stretch[-max(int(REST_SHARE * len(stretch)), REST_PARTS) :]
+    return float(np.ptp([part.mean() for part in np.array_split(last, REST_PARTS)])) <= still
 
 
 def _same_commands(

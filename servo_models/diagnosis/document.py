@@ -7,6 +7,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import permutations
 from typing import Any
 
 from servo_models.data.audit import Audit, Reading
@@ -14,16 +15,17 @@ from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
-from servo_models.diagnosis.experiments.experiment import Experiment
+from servo_models.diagnosis.design import Experiment
 from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
+from servo_models.diagnosis.verdict import weights_by_effects
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
-VERSION = 2
+VERSION = 3
 """Of the schema: it counts up when a reader of the one before would go wrong."""
 FLOORS = "noise floor"
 
@@ -41,6 +43,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
         "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
         "effects": [_effect(diagnosis, effect) for effect in diagnosis.ranking],
+        "confidence_set": _confidence_set(diagnosis),
         "ruled_out": [
             {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
         ],
@@ -49,6 +52,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "held_out": [asdict(one) for one in diagnosis.held_out],
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
         "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
+        "repeats_wanted": diagnosis.repeats_wanted or None,
         "warnings": list(summary.warnings(diagnosis)),
         "seed": diagnosis.seed,
         "versions": conditions(),
@@ -113,6 +117,7 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
     return {
         "name": effect.name,
         "block": effect.wire,
+        "model_weight": effect.model_weight,
         "probability": effect.probability,
         "in_set": effect.in_set,
         "taken": effect.taken,
@@ -123,6 +128,24 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
         "detectability": effect.detectability,
         "beside": list(effect.beside),
         "detected": None if effect.detected is None else _detected(effect.detected),
+    }
+
+
+def _confidence_set(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The fitted models that cannot be told apart, and the choices that they leave."""
+    weights = weights_by_effects(diagnosis.selection, diagnosis.verdict)
+    return {
+        "models": [
+            {"effects": list(one.effects), "model_weight": weights[one.effects]}
+            for one in diagnosis.verdict.rivals
+        ],
+        "alternatives": [
+            [
+                {"family": slot.family, "count": slot.count, "effects": list(slot.effects)}
+                for slot in slots
+            ]
+            for slots in diagnosis.alternatives
+        ],
     }
 
 
@@ -188,15 +211,24 @@ def _reading(diagnosis: Diagnosis, reading: Reading) -> dict[str, Any]:
 
 def _experiment(next_: Experiment) -> dict[str, Any]:
     return {
-        "first": list(next_.one),
-        "second": list(next_.other),
+        "explanations": [
+            {"effects": list(effects), "weight": float(weight)}
+            for effects, weight in zip(next_.explanations, next_.weights)
+        ],
+        "pairs": [
+            {
+                "right": list(next_.explanations[i]),
+                "model": list(next_.explanations[k]),
+                "leaves": float(next_.separations[i, k]),
+                "ruled_out": bool(next_.told[i, k]),
+            }
+            for i, k in permutations(range(len(next_.explanations)), 2)
+        ],
         "text": next_.text,
         "input": next_.wire.name,
         "unit": next_.wire.unit,
         "constants": dict(next_.constants),
         "duration": float(next_.times[-1]),
-        "separation": next_.separation,
-        "so_far": next_.so_far,
         "file": next_.file or None,
     }
 

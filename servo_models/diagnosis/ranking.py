@@ -33,7 +33,10 @@ class RankedEffect:
 
     Attributes:
         name: of its place, and ``wire`` on which it acts.
-        probability: that it is among the causes.
+        model_weight: share of the fitted models of as many effects as were taken that have it,
+            each with its weight; None where none of them has. It ranks.
+        probability: that it is among the causes, None where nothing is known of that: without a
+            model weight, and outside the catalogue, where none of the effects explains all.
         in_set: whether it is in the set that cannot be told apart.
         taken: whether the after figures are with it.
         parameters: of the effect, in the best fitted model that has it.
@@ -49,7 +52,8 @@ class RankedEffect:
 
     name: str
     wire: str
-    probability: float
+    model_weight: float | None
+    probability: float | None
     in_set: bool
     taken: bool
     parameters: tuple[Value, ...]
@@ -83,7 +87,8 @@ def _ranked_effect(
     return RankedEffect(
         name=name,
         wire=model.plant.main_wire(name),
-        probability=verdict.weights.get(name, 0.0),
+        model_weight=verdict.weights.get(name),
+        probability=verdict.probabilities.get(name),
         in_set=name in verdict.members,
         taken=name in selection.taken.effects,
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),

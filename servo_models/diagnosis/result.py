@@ -14,13 +14,20 @@ import numpy as np
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
+from servo_models.diagnosis.ambiguity import Slot, alternatives
 from servo_models.diagnosis.gap import Gap, GapSummary
 from servo_models.diagnosis.held_out import HeldOut, held_out_scores
 from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
-from servo_models.diagnosis.verdict import NO_GAP, PARAMETERS, Verdict
+from servo_models.diagnosis.verdict import (
+    NO_GAP,
+    PARAMETERS,
+    Verdict,
+    parameters_explain,
+    weights_by_effects,
+)
 from servo_models.identification.readings import Reading, reading
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
@@ -28,11 +35,9 @@ from servo_models.report.sections import Report
 if TYPE_CHECKING:
     from servo_models.data.parameters import ParameterSet
     from servo_models.diagnosis.confirm import Confirmation
-    from servo_models.diagnosis.experiments.experiment import Experiment
+    from servo_models.diagnosis.design import Experiment
     from servo_models.diagnosis.localisation import Breakdown
 
-EXPLAINED = 0.5
-"""Share of what can be closed from which parameters explain a gap."""
 MUCH = 0.5
 """Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
 
@@ -62,7 +67,7 @@ class Diagnosis(Result):
         seed: of intervals and random commands.
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
         unconfirmed: what is amiss with that FMU, "" for nothing.
-        written: the next experiments with their tables, None before ``with_commands``.
+        written: the next experiment with its table, None before ``with_commands``.
     """
 
     name: str
@@ -106,9 +111,7 @@ class Diagnosis(Result):
     @property
     def explained(self) -> bool:
         """Whether re-tuned parameters explain the gap: else, without an effect, it is noise."""
-        share = self.gap.closed
-        alone = self.verdict.kind == PARAMETERS and bool(self.moved)
-        return alone and share is not None and share[0] >= EXPLAINED
+        return self.verdict.kind == PARAMETERS and parameters_explain(self.selection)
 
     @property
     def masked(self) -> tuple[MaskedEffect, ...]:
@@ -122,6 +125,22 @@ class Diagnosis(Result):
         least = MUCH * self.gap.rms["before"]
         large = [it.fitted_model for it in self.masked if it.moved >= least]
         return (self.selection.retuned, *large) if large else self.verdict.rivals
+
+    @property
+    def alternatives(self) -> tuple[tuple[Slot, ...], ...]:
+        """What the confidence set leaves open, as choices between effects."""
+        plant = self.model.plant
+        models = [one.effects for one in self.verdict.rivals]
+        return alternatives(models, lambda name: plant.main(name).effect.hints.family)
+
+    @property
+    def undecided_weights(self) -> tuple[float, ...]:
+        """Model weights of ``undecided``; of what parameters mask nobody knows any, so all are
+        equal."""
+        weights = weights_by_effects(self.selection, self.verdict)
+        if any(one.effects not in weights for one in self.undecided):
+            return (1.0,) * len(self.undecided)
+        return tuple(weights[one.effects] for one in self.undecided)
 
     @cached_property
     def held_out(self) -> tuple[HeldOut, ...]:
@@ -169,16 +188,26 @@ class Diagnosis(Result):
 
     @cached_property
     def next_experiments(self) -> tuple[Experiment, ...]:
-        """Commands that would tell apart what these logs cannot."""
-        from servo_models.diagnosis.experiments.experiment import next_experiments
+        """The command that best tells apart what these logs cannot, none where nothing is open."""
+        from servo_models.diagnosis.design import next_experiments
 
         if self.written is not None:
             return self.written
         with self.selection.retuned.problem.workers:
-            return next_experiments(self.undecided, self.seed)
+            return next_experiments(self.undecided, self.undecided_weights, self.seed)
+
+    @cached_property
+    def repeats_wanted(self) -> str:
+        """The instruction to repeat a command where only that tells noise from structure, or ""."""
+        from servo_models.diagnosis.design import repeats_wanted
+
+        if self.within_tolerance:
+            return ""
+        left = self.selection.taken.left.without(self.verdict.limit_cycle)
+        return repeats_wanted(left, [gap.origin for gap in self.gaps], self.logs)
 
     def with_commands(self, *folders: Path) -> Diagnosis:
-        """Write the command of each next experiment as a table, ready to play.
+        """Write the command of the next experiment as a table, ready to play.
 
         An earlier table that was played and filled stays: it is a log by now, or holds more than a
         command.
@@ -192,7 +221,7 @@ class Diagnosis(Result):
         Raises:
             UserError: a table cannot be written.
         """
-        from servo_models.diagnosis.experiments.experiment import is_filled
+        from servo_models.diagnosis.design import is_filled
 
         logs = {log.path.name for log in self.logs}
         names = (f"{self.name}_next_{k}.csv" for k in count(1))

@@ -34,6 +34,8 @@ UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
 MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+MOST_ALTERNATIVES = 3
+"""Alternatives of a confidence set that a sentence names."""
 SURPRISING = 3.0
 """Prior standard deviations from which a nominal parameter has moved further than it should."""
 
@@ -70,18 +72,23 @@ def rest(diagnosis: Diagnosis) -> str:
 def not_shown(diagnosis: Diagnosis) -> str:
     """Return a clause on effects that another experiment shows and these logs do not, beside
     parameters that explain the gap; "" for none."""
-    names = [name for one in diagnosis.next_experiments if not one.one for name in one.other]
+    names = [
+        name
+        for one in diagnosis.next_experiments
+        for effects in one.explanations
+        if one.rules_out((), effects)
+        for name in effects
+    ]
     if not names:
         return ""
-    many = len(names) > 1
-    others = f"do in the next experiment{'s' * many}" if many else "does in the next experiment"
-    return f"; {listed(names)} would not show in these logs, and {others}"
+    verb = "do" if len(names) > 1 else "does"
+    return f"; {listed(names)} would not show in these logs, and {verb} in the next experiment"
 
 
 def shown_by(one: MaskedEffect, diagnosis: Diagnosis) -> str:
-    """Return the numbers of experiments that would show an effect that parameters imitate."""
-    every = enumerate(diagnosis.next_experiments, start=1)
-    return ", ".join(str(k) for k, it in every if it.other == one.fitted_model.effects)
+    """Return whether the next experiment would show an effect that parameters imitate."""
+    shown = any(it.rules_out((), one.fitted_model.effects) for it in diagnosis.next_experiments)
+    return "yes" if shown else "no"
 
 
 def elsewhere(diagnosis: Diagnosis) -> str:
@@ -113,13 +120,21 @@ def headline(diagnosis: Diagnosis) -> str:
     if kind == OUTSIDE:
         alone = "with parameters re-tuned" if diagnosis.moved else "with the nominal model"
         best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
-        return f"Outside the catalogue: {best}, something is left"
+        return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
     return f"{placed(diagnosis, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+
+
+def none_explains(diagnosis: Diagnosis) -> str:
+    """Return a clause on a ranking of effects outside the catalogue, "" where there is none."""
+    ranks = diagnosis.verdict.kind == OUTSIDE and diagnosis.verdict.weights
+    return "; the ranking is of effects none of which explains all" if ranks else ""
 
 
 def _undecided(diagnosis: Diagnosis) -> str:
     """What is not told apart; effects that every fitted model left names are no part of it."""
     left, members = diagnosis.verdict.rivals, diagnosis.verdict.members
+    if sum(slot.open for slots in diagnosis.alternatives for slot in slots) > 1:
+        return f"These logs cannot tell which effects they are: {choices(diagnosis)}"
     surely = [name for name in members if left and all(name in one.effects for one in left)]
     others = ", ".join(name for name in members if name not in surely)
     said = "These logs cannot tell which effect it is"
@@ -137,7 +152,18 @@ def rivals(diagnosis: Diagnosis) -> str:
     others = [
         name for name in diagnosis.verdict.members if name not in diagnosis.selection.taken.effects
     ]
+    if diagnosis.verdict.kind == EFFECTS and others:
+        return f"; cannot be told apart: {choices(diagnosis)}"
     return f"; cannot be told apart from {', '.join(others)}" if others else ""
+
+
+def choices(diagnosis: Diagnosis) -> str:
+    """Return what the confidence set leaves open: "a load (a or b) and a friction (c or d)"."""
+    every = diagnosis.alternatives
+    said = [" and ".join(map(str, slots)) for slots in every[:MOST_ALTERNATIVES]]
+    many = len(every) - len(said)
+    more = [f"{many} other combination{'s' * (many > 1)}"] if many else []
+    return ", or ".join([*said, *more])
 
 
 def listed(names: Iterable[str]) -> str:

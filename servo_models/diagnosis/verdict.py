@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.gap import not_followed
+from servo_models.diagnosis.calibration import calibrated
+from servo_models.diagnosis.gap import closed, not_followed
 from servo_models.diagnosis.residual_regression import LockedTest, command_locked
 from servo_models.diagnosis.search.fitting import FittedModel, unrepeatable
 from servo_models.diagnosis.search.residuals import sure, unmodelled
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
-from servo_models.diagnosis.weights import covering, probabilities
+from servo_models.diagnosis.weights import covering, model_weights
 
 NO_GAP = "no-gap"
 PARAMETERS = "parameters"
@@ -21,6 +22,8 @@ EFFECTS = "effects"
 OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
 
+EXPLAINED = 0.5
+"""Share of what can be closed from which parameters explain a gap."""
 FEW = 3
 """Fitted models that a set may hold and still say something."""
 
@@ -31,8 +34,9 @@ class Verdict:
 
     Attributes:
         kind: one of the six.
-        weights: probability of each effect, most likely first, by name.
-        members: effects of the set that holds the cause with ``belief.COVERED``.
+        weights: model weight of each effect, most likely first, by name.
+        members: effects of the set that holds the cause with ``weights.COVERED``; of a verdict
+            ``parameters``, those that they mask.
         rivals: fitted models of that set, most likely first.
         rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
         limit_cycle: by how much the fitted model differs from itself [RMS, noise floors], which
@@ -46,6 +50,12 @@ class Verdict:
     rest: float = 0.0
     limit_cycle: float = 0.0
 
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Of each effect being among the causes, by name, most likely first; none where the verdict
+        is that none of them explains all."""
+        return calibrated(self.weights, self.kind)
+
 
 def _rank(chance: float, alone: float | None) -> tuple[float, float]:
     """Likeliest first; of those alike to a hundredth, such as two that are both sure, the one
@@ -54,11 +64,25 @@ def _rank(chance: float, alone: float | None) -> tuple[float, float]:
 
 
 def weights_of(selection: Selection, rest: float) -> Array:
-    """Return the probability of each of the fitted models ``alike``, shape (n,).
+    """Return the model weight of each of the fitted models ``alike``, shape (n,).
 
     ``rest`` is the RMS [noise floors] of what is surely missing.
     """
-    return probabilities(selection.alike, selection.taken.problem.samples * rest**2)
+    return model_weights(selection.alike, selection.taken.problem.samples * rest**2)
+
+
+def weights_by_effects(selection: Selection, verdict: Verdict) -> dict[tuple[str, ...], float]:
+    """Return the model weight of each fitted model of as many effects as were taken, by these."""
+    if not verdict.weights:
+        return {}
+    weights = weights_of(selection, verdict.rest)
+    return {one.effects: weight for one, weight in zip(selection.alike, weights.tolist())}
+
+
+def parameters_explain(selection: Selection) -> bool:
+    """Return whether re-tuned parameters alone explain the gap."""
+    share = closed(selection.before.rms, selection.retuned.evidence.rms, 1.0)
+    return bool(selection.retuned.problem.free) and share is not None and share >= EXPLAINED
 
 
 def _locked(taken: FittedModel) -> LockedTest:
@@ -84,7 +108,11 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     )
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
-        return Verdict(OUTSIDE if lacking else PARAMETERS, {}, (), (), rest, limit_cycle)
+        if lacking:
+            return Verdict(OUTSIDE, {}, (), (), rest, limit_cycle)
+        masked = selection.masked if parameters_explain(selection) else ()
+        names = tuple(one.name for one in masked)
+        return Verdict(PARAMETERS, {}, names, (), rest, limit_cycle)
     rivals = selection.alike
     chances = weights_of(selection, rest)
     held = covering(chances)

@@ -2,10 +2,10 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("load", source="definition")
+@effect("load", source="definition", hints=Hints(family="load"))
 def constant_load(
     load: float,
     torque: Annotated[

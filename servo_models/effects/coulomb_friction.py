@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("friction", source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083")
+@effect(
+    "friction",
+    source="Armstrong-Helouvry et al., Automatica 30 (1994) 1083",
+    hints=Hints(family="friction"),
+)
 def coulomb_friction(
     friction: float,
     level: Annotated[

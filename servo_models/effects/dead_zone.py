@@ -9,6 +9,7 @@ from servo_models.core.block import Ambiguity, Hints, Param, effect
     "signal",
     source="SG90 paper sec. 4.3 (insensitivity zone); valve paper sec. 1 (threshold)",
     hints=Hints(
+        family="dead zone",
         jump="kept",
         ambiguity=Ambiguity(
             "steps in many sizes from the least that moves it, then a slow triangle of twice"

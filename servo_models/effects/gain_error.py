@@ -5,7 +5,9 @@ from typing import Annotated
 from servo_models.core.block import OTHER_UNITS, Hints, Param, effect
 
 
-@effect("signal", source="definition", hints=Hints(parameter_units=(OTHER_UNITS,)))
+@effect(
+    "signal", source="definition", hints=Hints(family="gain error", parameter_units=(OTHER_UNITS,))
+)
 def gain_error(
     signal: float,
     error: Annotated[

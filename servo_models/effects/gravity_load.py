@@ -6,7 +6,7 @@ from typing import Annotated
 from servo_models.core.block import Hints, Param, effect
 
 
-@effect("load", source="definition", hints=Hints(phase="phase"))
+@effect("load", source="definition", hints=Hints(family="load", phase="phase"))
 def gravity_load(
     load: float,
     angle: float,

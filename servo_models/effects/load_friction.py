@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("friction", source="Duclusaud et al., Extended friction models, 2025")
+@effect(
+    "friction",
+    source="Duclusaud et al., Extended friction models, 2025",
+    hints=Hints(family="friction"),
+)
 def load_friction(
     friction: float,
     load: float,

@@ -2,10 +2,10 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("spring_angle", source="valve paper sec. 1 (null shift)")
+@effect("spring_angle", source="valve paper sec. 1 (null shift)", hints=Hints(family="offset"))
 def null_shift(
     spring_angle: float,
     angle: Annotated[

@@ -2,10 +2,14 @@
 
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("signal", source="SG90 paper sec. 4.2 (the range printed there is the tested one)")
+@effect(
+    "signal",
+    source="SG90 paper sec. 4.2 (the range printed there is the tested one)",
+    hints=Hints(family="limit"),
+)
 def supply_limit(
     signal: float,
     supply: float,

@@ -3,10 +3,10 @@
 import math
 from typing import Annotated
 
-from servo_models.core.block import Param, effect
+from servo_models.core.block import Hints, Param, effect
 
 
-@effect("signal", source="valve paper eq. 2, general T_m(i, theta)")
+@effect("signal", source="valve paper eq. 2, general T_m(i, theta)", hints=Hints(family="limit"))
 def torque_saturation(
     signal: float,
     inverse_torque: Annotated[

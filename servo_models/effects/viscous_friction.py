@@ -5,7 +5,11 @@ from typing import Annotated
 from servo_models.core.block import Hints, Param, effect
 
 
-@effect("load", source="definition", hints=Hints(parameter_units=("N.m.s/rad", "N.s/m")))
+@effect(
+    "load",
+    source="definition",
+    hints=Hints(family="friction", parameter_units=("N.m.s/rad", "N.s/m")),
+)
 def viscous_friction(
     load: float,
     shaft_speed: float,

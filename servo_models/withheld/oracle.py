@@ -63,7 +63,8 @@ class Diagnosed:
         seconds: that it took, files read included.
         named: effects of the fitted model at first place, none where there is no gap.
         members: effects of the set that cannot be told apart.
-        chances: probability of each effect, by name.
+        chances: model weight of each effect, by name: the shares of the fitted models that have it.
+        probabilities: that are told of them, by name; none outside the catalogue.
         tried: effects of every fitted model that was fitted, best first.
         left: held-out error [noise floors] that each of them leaves.
         values: free parameters [SI] of each of them, by name.
@@ -80,6 +81,7 @@ class Diagnosed:
     named: list[str] = field(default_factory=list)
     members: list[str] = field(default_factory=list)
     chances: dict[str, float] = field(default_factory=dict)
+    probabilities: dict[str, float] = field(default_factory=dict)
     tried: list[list[str]] = field(default_factory=list)
     left: list[float] = field(default_factory=list)
     values: list[dict[str, float]] = field(default_factory=list)
@@ -153,6 +155,7 @@ def _said(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
         named=[] if verdict.kind == NO_GAP else list(selection.taken.effects),
         members=list(verdict.members),
         chances=verdict.weights,
+        probabilities=verdict.probabilities,
         tried=[list(one.effects) for one in tried],
         left=[one.evidence.rms for one in tried],
         values=[one.values for one in tried],

@@ -6,6 +6,7 @@ diagnosis counts as wrong wherever its case is counted (it closes nothing that c
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,12 @@ from servo_models.withheld.oracle import FAILED, Diagnosed, Known
 NOTHING = "nothing"
 BINS = (0.0, 0.05, 0.5, 0.7, 0.9, 0.99, 1.0)
 """Edges between which probabilities are compared with what happened."""
+ERROR_BINS = 10
+"""Of equal width, over which the calibration error is taken."""
+SURE, ALMOST_CERTAIN = 0.9, 0.99
+"""Probabilities between which an effect is told as sure."""
+LEAST_CHANCE = 0.001
+"""Of being wrong, which the log loss grants every probability."""
 CONFIDENCE = 0.95
 DRAWS, SEED = 2000, 0
 """Of the bootstrap of a mean."""
@@ -267,6 +274,62 @@ def seconds_per_case(cases: Cases) -> Figure:
     return mean(case.said.seconds for case in cases)
 
 
+def _told(case: Case) -> list[tuple[float, bool]]:
+    """The probability of each effect of a case, and whether it is there; none where no effect of
+    the catalogue is."""
+    if case.kind not in ("one", "two"):
+        return []
+    there = case.truth | case.hidden
+    return [(chance, name in there) for name, chance in case.said.probabilities.items()]
+
+
+def calibration_error(cases: Cases) -> Figure:
+    """One or two effects: mean distance between the probability told of an effect and how often
+    it is there, over ten equal bins of the probability, each counted by its effects (expected
+    calibration error).  Chance alone makes it more than 0, the more so the fewer the cases.
+
+    Source: Guo et al., Proc. ICML 34 (2017) 1321, eq. 3.
+    """
+    told = [own for case in cases if (own := _told(case))]
+    if not told:
+        return NONE
+    surplus, counts = np.zeros((len(told), ERROR_BINS)), np.zeros(len(told))
+    for k, own in enumerate(told):
+        counts[k] = len(own)
+        for chance, there in own:
+            surplus[k, min(int(chance * ERROR_BINS), ERROR_BINS - 1)] += chance - there
+    random = np.random.default_rng(SEED)
+    drawn = random.multinomial(len(told), np.full(len(told), 1.0 / len(told)), DRAWS)
+    errors = np.abs(drawn @ surplus).sum(axis=1) / (drawn @ counts)
+    error = float(np.abs(surplus.sum(axis=0)).sum() / counts.sum())
+    low, high = np.quantile(errors, [0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0])
+    return Figure(error, min(float(low), error), max(float(high), error), len(told))
+
+
+def sure_ones_right(cases: Cases) -> Figure:
+    """One or two effects: those told with a probability of 0.9 to 0.99 are there."""
+    told = [one for case in cases for one in _told(case)]
+    return share(there for chance, there in told if SURE <= chance <= ALMOST_CERTAIN)
+
+
+def log_loss(cases: Cases) -> Figure:
+    """One or two effects: mean over effects of minus the logarithm of the probability told of
+    what is so, at least 0.001."""
+    told = [one for case in cases for one in _told(case)]
+    return mean(-math.log(max(p if there else 1.0 - p, LEAST_CHANCE)) for p, there in told)
+
+
+def told_surely(cases: Cases) -> Figure:
+    """One or two effects, hidden ones counted: effects that are there and told with a probability
+    of 0.9 or more, of all that are there."""
+    asked = [case for case in cases if case.kind in ("one", "two")]
+    return share(
+        case.said.probabilities.get(name, 0.0) >= SURE
+        for case in asked
+        for name in case.truth | case.hidden
+    )
+
+
 FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     separated,
     first_place,
@@ -285,6 +348,10 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     imitated_listed,
     closed_vs_oracle,
     quantisation_found,
+    calibration_error,
+    sure_ones_right,
+    log_loss,
+    told_surely,
     seconds_per_case,
 )
 
@@ -306,12 +373,7 @@ def calibration(cases: Cases) -> list[Bin]:
     explanations by as many effects as were taken.  Those of one case hang together, so intervals
     are a little too narrow.  Bins hold their lower end.
     """
-    found = [
-        (chance, name in case.truth | case.hidden)
-        for case in cases
-        if case.kind in ("one", "two")
-        for name, chance in case.said.chances.items()
-    ]
+    found = [one for case in cases for one in _told(case)]
     bins = []
     for low, high in pairwise(BINS):
         inside = [it for it in found if low <= it[0] < high or it[0] == high == BINS[-1]]

@@ -38,18 +38,30 @@ RICH: dict[str, Bar] = {
     "wrong_abstention": (AT_MOST, 0.05),
     "closed_vs_oracle": (AT_LEAST, 0.97),
 }
+TRUE_TO_WORD: dict[str, Bar] = {
+    "calibration_error": (AT_MOST, 0.015),
+    "sure_ones_right": (AT_LEAST, 0.90),
+    "told_surely": (AT_LEAST, 0.40),
+}
 QUICK: dict[str, Bar] = {"seconds_per_case": (AT_MOST, 3.0)}
 BARS: dict[str, dict[str, Bar]] = {
-    "easy": {"first_place": (AT_LEAST, 0.95), "not_identifiable": (AT_MOST, 0.05), **RICH, **QUICK},
+    "easy": {
+        "first_place": (AT_LEAST, 0.95),
+        "not_identifiable": (AT_MOST, 0.05),
+        **RICH,
+        **TRUE_TO_WORD,
+        **QUICK,
+    },
     "hard": {
         "first_place": (AT_LEAST, 0.85),
         "set_holds": (AT_LEAST, 0.95),
         "set_coverage": (AT_LEAST, 0.95),
         "mean_set_size": (AT_MOST, 2.5),
         **RICH,
+        **TRUE_TO_WORD,
         **QUICK,
     },
-    "poor": {"owns_up": (AT_LEAST, 0.90), **QUICK},
+    "poor": {"owns_up": (AT_LEAST, 0.90), **TRUE_TO_WORD, **QUICK},
 }
 COLUMNS = ("figure", "value (95 %)", "cases", "bar", "")
 

@@ -159,6 +159,15 @@ def test_repeats_after_another_history_are_none(sigma: float, seed: int) -> None
     assert spread_of_repeats(noisy, command[:, None]) == pytest.approx(sigma, rel=0.15)
 
 
+def test_a_delayed_actuator_that_turns_as_the_command_jumps_is_not_at_rest() -> None:
+    """It drifts from side to side without noise, and pauses at either end for a few samples."""
+    command = np.where(np.arange(4000) // 80 % 2, 1.0, 0.0)
+    travel = np.clip(np.roll(command, 76) - 0.5, -0.02, 0.02).cumsum()
+    drifting = travel - 1e-3 * np.arange(4000.0)
+    smooth = np.convolve(drifting, np.full(20, 0.05), mode="same")
+    assert spread_of_repeats(smooth, command[:, None]) is None
+
+
 def test_commands_that_never_repeat_have_no_spread() -> None:
     ladder = np.repeat(np.arange(20.0), 50)
     assert spread_of_repeats(ladder, ladder[:, None]) is None

@@ -6,6 +6,7 @@ out here, from the rig or from the arrays of the diagnosis.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections import Counter
@@ -24,14 +25,23 @@ from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.ranking import ranked_effects
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections.tables import intervals
-from servo_models.diagnosis.verdict import EFFECT, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.diagnosis.verdict import (
+    EFFECT,
+    EFFECTS,
+    NO_GAP,
+    NOT_IDENTIFIABLE,
+    OUTSIDE,
+    PARAMETERS,
+)
 from servo_models.identification.result import Accuracy
 from servo_models.report import html
 from servo_models.report.curves import draw_legend
 from servo_models.report.numbers import ERROR, MINUS, prefix
 from servo_models.report.style import drawing
+from tests.support.delayed_motor import check_schema
 from tests.support.html_page import Page
 from tests.support.logs import measured
 
@@ -260,14 +270,62 @@ def test_the_set_is_marked_in_the_evidence(unsure: Diagnosis) -> None:
     assert "cannot be told apart from" in _heading(page.source)
 
 
-def test_probabilities_are_shown_for_the_kind_of_explanation_that_was_taken(
+def test_model_weights_are_shown_for_the_kind_of_explanation_that_was_taken(
     found: Diagnosis, text: str
 ) -> None:
     """Among pairs of which none was taken they would mean nothing."""
     rows = {row[0]: row[2] for row in Page(text).rows if row[-1] == "converged"}
     alone = [one.effects[0] for one in found.selection.of_size(1) if one.converged]
-    assert all("%" in rows[name] for name in alone)
-    assert all("%" not in chance for name, chance in rows.items() if " and " in name)
+    assert sum(float(rows[name]) for name in alone) == pytest.approx(1.0, abs=0.01 * len(alone))
+    assert all(not weight for name, weight in rows.items() if " and " in name)
+
+
+def test_outside_the_catalogue_effects_are_ranked_and_no_probability_is_told(
+    found: Diagnosis,
+) -> None:
+    verdict = replace(found.verdict, kind=OUTSIDE)
+    outside = replace(found, verdict=verdict, ranking=ranked_effects(found.selection, verdict))
+    told = json.loads(outside.to_json())
+    check_schema(told)
+    assert found.document()["effects"][0]["probability"] > 0.9
+    assert all(one["probability"] is None for one in told["effects"])
+    assert told["effects"][0]["model_weight"] > 0.9
+    page = _page(outside)
+    ranks = "effects none of which explains all"
+    assert all(ranks in text for text in (told["sentence"], page, str(outside)))
+    (title,) = (name for name in outside.tables() if name.startswith("Effects, nearest"))
+    columns = outside.tables()[title].columns
+    assert "probability" not in columns
+    assert "model weight" in columns
+
+
+def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:
+    """Not as a flat list: in the sentence, in the report and structured in the document."""
+    one = found.selection.of_size(1)[0]
+    names = [
+        (load, friction)
+        for load in ("constant_load", "gravity_load")
+        for friction in ("coulomb_friction", "stribeck_friction", "load_friction")
+    ]
+    models = [replace(one, effects=each) for each in names]
+    flat = tuple(dict.fromkeys(name for each in names for name in each))
+    choice = (
+        "a load (constant_load or gravity_load) and"
+        " a friction (coulomb_friction, stribeck_friction or load_friction)"
+    )
+    for kind in (EFFECTS, NOT_IDENTIFIABLE):
+        verdict = replace(found.verdict, kind=kind, rivals=tuple(models), members=flat)
+        taken = replace(found.selection.taken, effects=names[0])
+        selection = replace(found.selection, taken=taken, tried=models)
+        two = replace(found, selection=selection, verdict=verdict, written=())
+        told = json.loads(two.to_json())
+        check_schema(told)
+        assert choice in told["sentence"]
+        assert choice in _page(two)
+        (slots,) = told["confidence_set"]["alternatives"]
+        assert [slot["family"] for slot in slots] == ["load", "friction"]
+        assert [len(slot["effects"]) for slot in slots] == [2, 3]
+        assert sum(it["model_weight"] for it in told["confidence_set"]["models"]) <= 1.0 + 1e-9
 
 
 def test_intervals_compare_with_the_best(found: Diagnosis) -> None:

@@ -18,7 +18,6 @@ from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.experiments.experiment import next_experiments
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter, prior_parameters
 from servo_models.diagnosis.search.masking import masked_effects
@@ -74,6 +73,12 @@ def test_the_cause_is_among_what_parameters_imitate(found: Diagnosis) -> None:
     assert found.verdict.kind == "parameters"
     assert {"drive_dead_zone", "drive_saturation", "direction_asymmetry"} <= masked(found).keys()
     assert {"drive_dead_zone"} <= {name for it in found.undecided for name in it.effects}
+
+
+def test_the_set_of_parameters_is_what_they_mask(found: Diagnosis) -> None:
+    assert set(found.verdict.members) == masked(found).keys()
+    ranked = {one.name: one.in_set for one in found.ranking}
+    assert all(ranked[name] for name in masked(found).keys() & ranked.keys())
 
 
 def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> None:
@@ -167,16 +172,16 @@ def test_the_next_experiment_shows_what_was_imitated(
     """Played on the rig, its table and the first log name the cause."""
     code, out, _ = run("diagnose", str(folder / "rig.toml"), "--json", str(folder / "rig.json"))
     assert code == 1
-    assert "would not show in these logs, and do in the next experiments." in " ".join(out.split())
+    assert "would not show in these logs, and do in the next experiment." in " ".join(out.split())
     told = json.loads((folder / "rig.json").read_text())
     check_schema(told)
     assert {it["name"]: it["up_to"] for it in told["masked"]} == masked(found)
-    planned = next_experiments(found.undecided)
-    assert all(one.one == () and one.telling for one in planned)
-    assert ("gain_error",) not in {one.other for one in planned}  # another torque constant
-    number = [one.other for one in planned].index(("drive_dead_zone",)) + 1
-    table = np.loadtxt(folder / f"rig_next_{number}.csv", delimiter=",", skiprows=1)
-    second = record(folder / "second.csv", rig(DEAD_ZONE), *table.T, 2)
+    (planned,) = found.next_experiments
+    assert planned.explanations[0] == ()
+    assert not planned.rules_out((), ("gain_error",))  # another torque constant
+    assert planned.rules_out((), ("drive_dead_zone",))
+    times, voltage = np.loadtxt(folder / "rig_next_1.csv", delimiter=",", skiprows=1).T
+    second = record(folder / "second.csv", rig(DEAD_ZONE), times, voltage, 2)
     (folder / "both.toml").write_text((folder / "rig.toml").read_text() + second)
     both = diagnose(folder / "both.toml", jobs=1)
     assert both.verdict.members == ("drive_dead_zone",)
@@ -185,8 +190,8 @@ def test_the_next_experiment_shows_what_was_imitated(
 
 def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     planned: Any = SimpleNamespace(
-        one=(),
-        other=("drive_dead_zone",),
+        explanations=((), ("drive_dead_zone",)),
+        rules_out=lambda model, right: (model, right) == ((), ("drive_dead_zone",)),
         instruction="Play.",
         text="Play.",
         file="a",
@@ -198,7 +203,7 @@ def test_what_is_imitated_is_told_with_what_shows_it(found: Diagnosis) -> None:
     )
     rows = tables.masked(told).rows
     assert {row[0] for row in rows} == masked(found).keys()
-    assert {name for name, _, _, by in rows if by} == {"drive_dead_zone"}
+    assert {name for name, _, _, shown in rows if shown == "yes"} == {"drive_dead_zone"}
 
 
 def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
@@ -248,7 +253,15 @@ def test_only_parameters_imitate_effects(kind: str, found: Diagnosis) -> None:
 
 def test_parameters_that_explain_little_imitate_nothing(found: Diagnosis) -> None:
     """The gap cannot be told from noise then, and whatever they do is no reason to doubt that."""
-    little = replace(found, gap=replace(found.gap, closed=(0.2, 0.1, 0.3)))
+    judged = found.selection.retuned.evidence
+    left = 3.0 / judged.rms  # 3 noise floors of the 3.5 before are left: a fifth is closed
+    evidence = replace(judged, unseen=left * judged.unseen)
+    selection = replace(
+        found.selection,
+        before=replace(found.selection.before, unseen=3.5 / judged.rms * judged.unseen),
+        retuned=replace(found.selection.retuned, evidence=evidence),
+    )
+    little = replace(found, selection=selection)
     assert "cannot be told from noise" in summary.headline(little)
     assert little.masked == ()
     assert little.undecided == ()

@@ -14,7 +14,7 @@ import pytest
 from servo_models.core.simulate import model
 from servo_models.data.description import read_description
 from servo_models.data.tables import read_signals
-from servo_models.diagnosis.experiments import experiment
+from servo_models.diagnosis import design
 from tests.conftest import Run
 from tests.support.delayed_motor import check_schema, describe
 
@@ -30,13 +30,16 @@ def rig(tmp_path: Path) -> Path:
     return describe(folder, seconds=0.1)
 
 
-def planned(description: Path) -> experiment.Experiment:
+def planned(description: Path) -> design.Experiment:
     """A sine to play."""
     (log,) = read_description(description).logs
     times = np.linspace(0.0, 0.3, 61)
     plan = replace(log, times=times, inputs={"voltage": 5.0 * np.sin(20.0 * times)})
     names = ("transport_delay",), ("sensor_lag",)
-    return experiment.Experiment(*names, "Play a sine.", VOLTAGE, plan, 7.0, 0.2)
+    apart = 7.0 * (1.0 - np.eye(2))
+    return design.Experiment(
+        names, np.array([0.6, 0.4]), apart, apart > 1.0, "Play a sine.", VOLTAGE, plan
+    )
 
 
 @pytest.fixture
@@ -45,7 +48,7 @@ def diagnosed(rig: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> Diagnosed
 
     def command(count: int = 1) -> tuple[str, list[dict[str, Any]]]:
         sines = (planned(rig),) * count
-        monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: sines)
+        monkeypatch.setattr(design, "next_experiments", lambda *_: sines)
         _, out, _ = run("diagnose", rig, "--json", rig.parent / "d.json")
         document = json.loads((rig.parent / "d.json").read_text())
         check_schema(document)
@@ -91,7 +94,7 @@ def test_without_a_file_no_table_is_promised(
     rig: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sine = planned(rig)
-    monkeypatch.setattr(experiment, "next_experiments", lambda verdict, seed: (sine,))
+    monkeypatch.setattr(design, "next_experiments", lambda *_: (sine,))
     monkeypatch.chdir(tmp_path)
     _, out, _ = run("diagnose", rig, "--format", "json")
     told = json.loads(out)

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.core.types import Array
 from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.residual_regression import LockedTest
+from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection, select_effects
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
-from servo_models.diagnosis.weights import probabilities
+from servo_models.diagnosis.weights import TEMPER, model_weights
 from tests.support.diagnoses import made
 
 
@@ -35,12 +37,35 @@ def friction() -> Selection:
 
 def test_what_is_surely_missing_makes_near_equals_equal_and_no_more(friction: Selection) -> None:
     rivals = friction.of_size(1)[:3]
-    plain = probabilities(rivals)
-    doubtful = [probabilities(rivals, 50.0 * rival.loss) for rival in rivals]
+    plain = model_weights(rivals)
+    doubtful = [model_weights(rivals, 50.0 * rival.loss) for rival in rivals]
     for chances in doubtful:
         assert abs(chances.sum() - 1.0) < 1e-12
         assert np.all(np.argsort(-chances) == np.argsort([rival.loss for rival in rivals]))
         assert chances.max() <= plain.max()
+
+
+def wrong_in(one: FittedModel, blocks: Array, random: np.random.Generator) -> FittedModel:
+    """A fitted model that leaves white errors of 2 noise floors in some blocks, else of 1."""
+    errors = np.repeat(1.0 + blocks, 200) * random.standard_normal(200 * len(blocks))
+    parts = np.repeat(np.arange(len(blocks)), 200)
+    evidence = replace(one.evidence, unseen=errors, errors=errors, parts=parts)
+    return replace(one, evidence=evidence, chance=0.0)
+
+
+def test_two_models_as_wrong_as_each_other_get_half_each_where_one_posterior_commits(
+    friction: Selection,
+) -> None:
+    """One is wrong in ten blocks, the other in the other ten: which leaves less is chance."""
+    half, surely = np.arange(20) % 2 == 0, 0
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        two = [wrong_in(friction.retuned, blocks, random) for blocks in (half, ~half)]
+        best, other = sorted(two, key=lambda one: one.loss)
+        apart = (other.loss - best.loss) / (2.0 * TEMPER * best.evidence.dispersion)
+        surely += apart > np.log(20.0)  # 0.95 and more for the better one
+        assert 0.3 < model_weights(two)[0] < 0.7
+    assert surely >= 10
 
 
 def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Selection) -> None:

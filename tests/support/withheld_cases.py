@@ -35,7 +35,9 @@ def case(
     }
     words = named.split()
     chances = {words[0]: chance} if words else {}
-    said = Diagnosed("0", verdict, 2.0, "", words, members.split() or words, chances, before=11.0)
+    said = Diagnosed(
+        "0", verdict, 2.0, "", words, members.split() or words, chances, chances, before=11.0
+    )
     return Case(
         "easy",
         "sg90",

@@ -14,13 +14,18 @@ from servo_models.core.catalogue import actuator
 from servo_models.core.simulate import model, simulate
 from servo_models.validation.torque_motor.reference import Constants, Contact
 from servo_models.withheld.generator.cases import (
+    COLOURED,
     LEAST_VALUE,
+    TIERS,
     VISIBLE,
     Acting,
+    another_command,
+    draw_case,
     draw_experiment,
     large_step,
     rich,
     sized,
+    with_log,
 )
 from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, draw
 from servo_models.withheld.generator.rigs import RIGS, Rig
@@ -206,3 +211,35 @@ def test_true_constants_scatter_as_the_description_says(rig: Rig) -> None:
         cut = norm.cdf((LEAST_VALUE - 1.0) / spread)
         share = kstest(standard, lambda z, c=cut: (norm.cdf(z) - c) / (1.0 - c)).pvalue
         assert share > 1e-3, name
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_a_further_log_is_of_the_same_rig_with_the_same_noise(tier: str) -> None:
+    """The command of a log once more makes that log again, but for its noise."""
+    case = draw_case(3, 1, tier)
+    e = case.experiment
+    more = with_log(case, e.plans[-1].command, np.random.default_rng(1))
+    np.testing.assert_array_equal(more.noise_free[-1], more.noise_free[-2])
+    np.testing.assert_array_equal(more.logs[0], case.logs[0])
+    assert more.experiment.plans[:-1] == e.plans
+    first, further = (
+        np.std(log - clean, axis=0)
+        for log, clean in zip(more.logs[-2:], more.noise_free[-2:], strict=True)
+    )
+    assert further == pytest.approx(first, rel=0.3)
+    floor = case.floor * (COLOURED if tier == "hard" else 1.0)
+    assert further[0] == pytest.approx(floor, rel=0.3)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_another_command_is_of_the_first_kind(tier: str) -> None:
+    case = draw_case(3, 1, tier)
+    e = case.experiment
+    rows = 3 * len(e.plans[0].command)
+    command = another_command(case, rows, np.random.default_rng(1))
+    assert len(command) == rows
+    assert np.abs(command - e.rig.rest).max() <= e.rig.amplitude[1] * (1.0 + 1e-9)
+    levels = len(np.unique(command))
+    assert levels < 10 if tier == "poor" else levels > 100  # steps there and back, or sweeps
+    other = another_command(case, rows, np.random.default_rng(2))
+    assert not np.array_equal(command, other)

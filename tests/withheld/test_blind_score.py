@@ -64,6 +64,10 @@ EXPECTED = {
     "imitated_listed": (2 + 1, 2),
     "closed_vs_oracle": (11 * 1.0 + 0.5 + 0.0 + 0.0, 14),
     "quantisation_found": (0, 2),
+    "calibration_error": (4.0 - 3.9 + 1.25 - 1.0 + 1.0 - 0.6, 8),
+    "sure_ones_right": (2, 2),
+    "log_loss": (-math.log(0.95 * 0.95 * 0.6 * 0.35 * 0.3 * 0.7), 8),
+    "told_surely": (4, 19),
     "seconds_per_case": (2 * 22, 22),
 }
 
@@ -114,7 +118,7 @@ def test_a_set_that_holds_the_truth_covers_it_whatever_else_may_be_right() -> No
 def test_calibration_counts_every_effect_with_a_probability() -> None:
     """Also those beside the most probable one, which is right more often than the others."""
     one = case("one", "a", "effect", "a")
-    said = replace(one.said, chances={"a": 0.6, "b": 0.65, "c": 0.0})
+    said = replace(one.said, probabilities={"a": 0.6, "b": 0.65, "c": 0.0})
     found = calibration([replace(one, said=said)])
     assert [(it.low, it.right.n, it.right.value) for it in found] == [(0.0, 1, 0.0), (0.5, 2, 0.5)]
 

@@ -46,6 +46,7 @@ SAID = st.builds(
     named=NAMES,
     members=NAMES,
     chances=st.dictionaries(st.sampled_from(["a", "b"]), st.floats(0.0, 1.0)),
+    probabilities=st.dictionaries(st.sampled_from(["a", "b"]), st.floats(0.0, 1.0)),
     before=SIZE,
     after=SIZE,
     imitated=st.one_of(st.none(), NAMES),
@@ -100,3 +101,10 @@ def test_a_run_from_before_that_was_looked_for_can_be_kept() -> None:
     for case in cases:
         del case["said"]["imitated"]
     assert imitated_told([case_of(row_of(case)) for case in cases]).n == 0
+
+
+def test_what_was_told_before_probabilities_were_calibrated_was_the_weight() -> None:
+    row = row_of(json.loads(finite_json(written(MADE)))["cases"][0])
+    del row["probabilities"]
+    said = case_of(row).said
+    assert said.probabilities == said.chances == {"a": 0.95}

@@ -58,7 +58,8 @@ def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
         yield from _causes(diagnosis)
         yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
     yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
-    yield Card("do next", _to_do(diagnosis), None, NEXT if diagnosis.next_experiments else "")
+    asked = diagnosis.next_experiments or diagnosis.repeats_wanted
+    yield Card("do next", _to_do(diagnosis), None, NEXT if asked else "")
     count = len(summary.warnings(diagnosis))
     if count:
         many = f"{count} warnings" if count > 1 else "1 warning"
@@ -89,8 +90,7 @@ def _cause(diagnosis: Diagnosis, effect: RankedEffect) -> str:
         f"{value.name.rpartition('.')[2]} {tables.size(diagnosis, value)}"
         for value in effect.parameters
     )
-    told = diagnosis.verdict.weights and diagnosis.verdict.kind != OUTSIDE
-    chance = f", {tables.probability(effect)}" if told else ""
+    chance = f", {tables.likelihood(effect)}" if effect.probability is not None else ""
     return f"{'or ' * rival}{effect.name} on '{effect.wire}'{chance}: {sizes}"
 
 
@@ -128,6 +128,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
     if planned:
         file = f" ({planned[0].file})" if planned[0].file else ""
         return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
+    if diagnosis.repeats_wanted:
+        return diagnosis.repeats_wanted
     if diagnosis.verdict.kind == OUTSIDE:
         return (
             "Look where the rest lies, below; what acts there has no effect in the catalogue yet."
@@ -182,9 +184,8 @@ def _effects(diagnosis: Diagnosis) -> Section:
         EFFECTS,
         "Every effect was switched on and fitted, with the nominal parameters free inside their"
         " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
-        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability. Read"
-        " probabilities as a ranking: they come out too sure."
-        f"{_refined(diagnosis)}",
+        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability."
+        f" {_likely(diagnosis)}{_refined(diagnosis)}",
         tables=(
             tables.effects(diagnosis),
             *(tables.fits(diagnosis, fits, title) for title, fits in groups.items()),
@@ -193,6 +194,16 @@ def _effects(diagnosis: Diagnosis) -> Section:
             pictures.fits(diagnosis, fits, title) for title, fits in groups.items() if fits
         ),
         folded=True,
+    )
+
+
+def _likely(diagnosis: Diagnosis) -> str:
+    """What the figures beside effects are."""
+    if diagnosis.verdict.kind == OUTSIDE:
+        return "Model weights rank effects none of which explains all: they are no probabilities."
+    return (
+        "A probability says of how many withheld rigs an effect with such a model weight was there;"
+        " several effects may be, so probabilities need not add up to 100 %."
     )
 
 
@@ -237,8 +248,9 @@ def _masked(diagnosis: Diagnosis) -> Section:
         "Not ruled out",
         "Effects that may be there all the same: with one of them in the model, parameters re-tuned"
         " beside it leave no more than without. How far it moves the outputs is told at the largest"
-        " size found, with the experiment that would show it. One without an experiment is small,"
-        " or like another parameter under every command tried.",
+        " size found, and whether the next experiment would show it. One that it does not is small,"
+        " like another parameter under every command tried, or less likely than those that it is"
+        " designed for.",
         tables=(tables.masked(diagnosis),),
         folded=True,
     )
@@ -259,11 +271,13 @@ def _next(diagnosis: Diagnosis) -> Section:
     unwritten = not all(one.file for one in planned)
     return Section(
         NEXT,
-        "The command inside the actuator's limits on which the fitted models differ most, their"
-        " parameters re-fitted to imitate one another. Log it and diagnose it with the old logs.",
+        "The command inside the actuator's limits that best tells apart the explanations left,"
+        " likely ones above all, their parameters re-fitted to imitate one another. Log it and"
+        " diagnose it with the old logs.",
         items=(
-            *(f"{k}: {one.instruction}" for k, one in enumerate(planned, start=1)),
+            *(one.instruction for one in planned),
             *(("--json or --report writes the table to play.",) if unwritten else ()),
+            *filter(None, [diagnosis.repeats_wanted]),
         ),
         pictures=tuple(pictures.experiment(diagnosis, one) for one in planned),
         folded=True,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servo_models.analysis.experiment import display
-from servo_models.diagnosis.experiments.experiment import Experiment
-from servo_models.diagnosis.experiments.experiment_search import played
+from servo_models.diagnosis.design import Experiment, played
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
@@ -36,6 +35,8 @@ ROW, MARGIN = 0.44, 0.85
 """Height of a row of a chart, and of everything else [inch]."""
 PANEL = 1.45
 """Height of a panel [inch]."""
+EXPLANATIONS = (curves.JUDGED, curves.NOMINAL, curves.BETWEEN)
+"""How the likeliest explanations are drawn in what an experiment is expected to show."""
 NUMBERS = 5
 """Numbers on the axis of a short stretch, which are long ones."""
 BARS = 40
@@ -115,7 +116,8 @@ def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str)
         title,
         partial(_draw_fits, diagnosis, fitted_models),
         "Upright marks: the noise floor; dotted: the best. Lines: 95 % intervals of the comparison"
-        " with the best: one that reaches the best does as well. Filled: in the set.",
+        " with the best: one that reaches the best does as well. Filled: in the set."
+        " At the right: model weight.",
         height=MARGIN + ROW * (len(fitted_models) + 1),
     )
 
@@ -126,9 +128,9 @@ def _draw_fits(
     (panel,) = axes
     count, best = len(fitted_models), fitted_models[0].evidence.rms
     edge = BEYOND * diagnosis.selection.before.rms
-    chances = tables.probabilities(diagnosis, fitted_models)
+    weights = tables.shown_weights(diagnosis, fitted_models)
     limits = tables.intervals(fitted_models)
-    for row, (one, interval, chance) in enumerate(zip(fitted_models, limits, chances)):
+    for row, (one, interval, weight) in enumerate(zip(fitted_models, limits, weights)):
         member, error = one in diagnosis.verdict.rivals, one.evidence.rms
         tint = colour("blue" if member else "muted")
         if error > edge:
@@ -139,7 +141,7 @@ def _draw_fits(
         curves.draw_label(
             panel, row - 0.2, tables.together(one.effects), tint="ink" if member else "muted"
         )
-        curves.draw_label(panel, row - 0.2, chance, right=True)
+        curves.draw_label(panel, row - 0.2, weight, right=True)
     alone = diagnosis.selection.retuned.evidence.rms
     panel.plot(min(alone, edge), count, "D", color=colour("green"), ms=4.5)
     curves.draw_label(panel, count - 0.2, "nominal parameters alone", tint="muted")
@@ -262,13 +264,14 @@ def _draw_moves(
 
 
 def experiment(diagnosis: Diagnosis, one: Experiment) -> Picture:
-    """Return a command, each output as either fitted model predicts it, and their difference."""
+    """Return a command, each output as the likeliest explanations predict it, and by how much the
+    others differ from the likeliest."""
     rows = 2 + len(diagnosis.floors)
     return Picture(
-        f"{tables.together(one.one)} or {tables.together(one.other)}",
+        " or ".join(tables.together(effects) for effects in one.explanations),
         partial(_draw_experiment, diagnosis, one),
-        "From above: the command to play, what either fitted model predicts, and by how much they"
-        " differ before either is re-fitted. Shaded: the noise floor.",
+        "From above: the command to play, what the likeliest explanations predict, and by how much"
+        " they differ from the first before any is re-fitted. Shaded: the noise floor.",
         rows=rows,
         height=0.7 + PANEL * rows,
         shared=True,
@@ -277,25 +280,29 @@ def experiment(diagnosis: Diagnosis, one: Experiment) -> Picture:
 
 def _draw_experiment(diagnosis: Diagnosis, one: Experiment, axes: Sequence[Axes]) -> None:
     rivals = {it.effects: it for it in diagnosis.undecided}
-    pair = [rivals[effects] for effects in (one.one, one.other)]
+    likeliest = [rivals[effects] for effects in one.explanations[: len(EXPLANATIONS)]]
+    names = [tables.together(it.effects) for it in likeliest]
+    told = [played(it, one.plan).responses(it.evidence.vector)[0] for it in likeliest]
     command, *predicted, difference = axes
-    told = [played(it, one.plan).responses(it.evidence.vector)[0] for it in pair]
     scale, unit = display(one.wire)
     thin = curves.envelope(one.times, scale * one.command, curves.BUCKETS)
     command.plot(*thin, color=colour("ink"), lw=0.9)
     command.set_ylabel(axis_label(one.wire.name, unit), parse_math=False)
-    for output, panel, series in zip(diagnosis.floors, predicted, SERIES * len(predicted)):
+    for output, panel in zip(diagnosis.floors, predicted):
         scale, unit = display(diagnosis.model.plant.wire[output])
-        for it, values, style in zip(pair, told, (curves.JUDGED, curves.NOMINAL)):
-            curves.draw_curve(
-                panel, one.times, scale * values[output], tables.together(it.effects), style
-            )
+        for name, values, style in zip(names, told, EXPLANATIONS):
+            curves.draw_curve(panel, one.times, scale * values[output], name, style)
         panel.set_ylabel(axis_label(output, unit), parse_math=False)
-        apart = (told[0][output] - told[1][output]) / diagnosis.floors[output]
-        curves.draw_curve(difference, one.times, apart, output, (series, "-", 1.0, 1.0))
-    curves.draw_legend(predicted[0], len(pair))
-    if len(predicted) > 1:
-        curves.draw_legend(difference, len(predicted))
+    differences = [
+        (f"{output}, {name}", (values[output] - told[0][output]) / floor)
+        for output, floor in diagnosis.floors.items()
+        for name, values in zip(names[1:], told[1:])
+    ]
+    for (label, apart), series in zip(differences, SERIES * len(differences)):
+        curves.draw_curve(difference, one.times, apart, label, (series, "-", 1.0, 1.0))
+    curves.draw_legend(predicted[0], len(likeliest))
+    if len(differences) > 1:
+        curves.draw_legend(difference, len(differences))
     difference.axhspan(-1.0, 1.0, color=colour("grid"), alpha=0.8, lw=0, zorder=0)
     difference.set(xlabel="time [s]", xlim=(one.times[0], one.times[-1]))
     difference.set_ylabel("difference\n[noise floors]")

@@ -17,7 +17,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.signatures import sentence
-from servo_models.diagnosis.verdict import weights_of
+from servo_models.diagnosis.verdict import OUTSIDE, weights_by_effects
 from servo_models.identification.readings import error_table
 from servo_models.report.numbers import Quantity, number, percent, prefix
 from servo_models.report.sections import Cell, Table
@@ -48,14 +48,15 @@ def size(diagnosis: Diagnosis, value: Value) -> Quantity:
     )
 
 
-def probability(effect: RankedEffect) -> str:
-    """Return how likely an effect is."""
-    return _chance(effect.probability)
+def likelihood(effect: RankedEffect) -> str:
+    """Return how likely an effect is: its probability, or where there is none its model weight."""
+    if effect.probability is None:
+        return "" if effect.model_weight is None else _weight(effect.model_weight)
+    return percent(effect.probability)
 
 
-def _chance(chance: float) -> str:
-    """A probability, of which nothing is certain or impossible."""
-    return percent(min(max(chance, 0.001), 0.999))
+def _weight(weight: float) -> str:
+    return f"{weight:.2f}"
 
 
 def gap(diagnosis: Diagnosis) -> Table:
@@ -173,9 +174,12 @@ def _percent(share: float | None) -> Quantity:
 
 def effects(diagnosis: Diagnosis) -> Table:
     """Every effect that was fitted, most likely first."""
-    columns = ("effect", "on", "probability", "size", f"left [{FLOORS}]", "closes", "")
+    outside = diagnosis.verdict.kind == OUTSIDE
+    likely = "model weight" if outside else "probability"
+    columns = ("effect", "on", likely, "size", f"left [{FLOORS}]", "closes", "")
     rows = tuple(_effect(diagnosis, effect) for effect in diagnosis.ranking)
-    return Table("Effects, most likely first", columns, rows)
+    title = "Effects, nearest first: none explains all" if outside else "Effects, most likely first"
+    return Table(title, columns, rows)
 
 
 def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> tuple[Cell, ...]:
@@ -187,7 +191,7 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> tuple[Cell, ...]:
     return (
         effect.name,
         effect.wire,
-        probability(effect) if diagnosis.verdict.weights else "",
+        likelihood(effect),
         ", ".join(f"{v.name.rpartition('.')[2]} {size(diagnosis, v)}" for v in effect.parameters),
         Quantity(effect.gap_after, digits=3),
         percent(effect.closed),
@@ -197,28 +201,25 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> tuple[Cell, ...]:
 
 def fits(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel], title: str) -> Table:
     """Every fit of so many effects, the best first."""
-    chances = probabilities(diagnosis, fitted_models)
+    weights = shown_weights(diagnosis, fitted_models)
     rows = tuple(
         (
             together(one.effects),
             Quantity(one.evidence.rms, interval=interval),
-            chance,
+            weight,
             "in the set" if one in diagnosis.verdict.rivals else "",
             "converged" if one.converged else "did not converge",
         )
-        for one, interval, chance in zip(fitted_models, intervals(fitted_models), chances)
+        for one, interval, weight in zip(fitted_models, intervals(fitted_models), weights)
     )
-    columns = ("effects", f"left [{FLOORS}], 95 %", "probability", "set", "search")
+    columns = ("effects", f"left [{FLOORS}], 95 %", "model weight", "set", "search")
     return Table(title, columns, rows, folded=True)
 
 
-def probabilities(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
-    """Return them among fitted models of as many effects as were taken, "" for others."""
-    alike = diagnosis.selection.alike
-    if list(fitted_models) != alike or not diagnosis.selection.taken.effects:
-        return [""] * len(fitted_models)
-    chances = weights_of(diagnosis.selection, diagnosis.verdict.rest)
-    return [_chance(float(chance)) for chance in chances]
+def shown_weights(diagnosis: Diagnosis, fitted_models: Sequence[FittedModel]) -> list[str]:
+    """Return model weights of fitted models of as many effects as were taken, "" for others."""
+    weights = weights_by_effects(diagnosis.selection, diagnosis.verdict)
+    return [_weight(weights[it.effects]) if it.effects in weights else "" for it in fitted_models]
 
 
 def intervals(fitted_models: Sequence[FittedModel]) -> list[tuple[float, float]]:
@@ -296,7 +297,7 @@ def masked(diagnosis: Diagnosis) -> Table:
         )
         for one in diagnosis.masked
     )
-    columns = ("effect", "on", f"up to [{FLOORS}]", "experiment")
+    columns = ("effect", "on", f"up to [{FLOORS}]", "shown by the next experiment")
     return Table("Not ruled out: re-tuned parameters imitate them", columns, rows)
 
 

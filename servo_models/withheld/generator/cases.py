@@ -14,7 +14,7 @@ that is not there, so that the noise tells nothing.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,9 @@ from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 
-TIERS = ("easy", "hard", "poor")
+EASY, HARD, POOR = TIERS = ("easy", "hard", "poor")
+THIN = {EASY: 1, HARD: 4, POOR: 1}
+"""Samples of which a tier logs one."""
 KINDS = {"nothing": 0.16, "one": 0.25, "two": 0.42, "foreign": 0.17}
 """How often each is drawn: about as many cases of each kind are told apart by their logs, of two
 effects at once fewer than half."""
@@ -102,7 +104,7 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     acting, hidden = [main], []
     if kind == "two":
         acting.append(_second(experiment, known, main, math.exp(rng.uniform(-0.6, 0.6)), rng))
-    elif tier == "hard" and kind != "nothing":
+    elif tier == HARD and kind != "nothing":
         hidden.append(_second(experiment, known, main, HIDDEN, rng))
     gaps = [cause.gap for cause in acting]
     low, high = max(gaps) / RATIO[1], min(gaps) / RATIO[0]
@@ -110,10 +112,11 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     if kind == "nothing":
         acting = []
     noise_free = experiment.logs(_settings(experiment, *acting, *hidden))
-    hard = tier == "hard"
+    hard = tier == HARD
     quantum = floor * rng.uniform(1.0, 4.0) if hard else 0.0
     noise = COLOURED * floor if hard else floor
-    logs = tuple(_measured(experiment, log, noise, hard, quantum, rng) for log in noise_free)
+    noises = noise * experiment.ranges / experiment.ranges[0]
+    logs = tuple(_measured(log, noises, hard, quantum, rng) for log in noise_free)
     return Case(
         tier,
         kind,
@@ -126,6 +129,40 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
         noise_free,
         logs,
     )
+
+
+def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
+    """The same rig, its sensors and their noise with one more log, sampled as the first one.
+
+    Args:
+        case: a case.
+        command: SI, one value per row, shape (n,); it is played as its log can print it.
+        rng: of the noise.
+    """
+    before = case.experiment
+    plan = _plan(before.rig, before.plans[0].stride, command - before.rig.rest)
+    causes = _settings(before, *case.acting, *case.hidden)
+    alone = replace(before, plans=(plan,), seed=before.seed + len(before.plans))
+    (noise_free,) = alone.logs(causes)
+    noises = case.noise * before.ranges / before.ranges[0]
+    log = _measured(noise_free, noises, case.tier == HARD, case.quantum, rng)
+    return replace(
+        case,
+        experiment=replace(before, plans=(*before.plans, plan)),
+        noise_free=(*case.noise_free, noise_free),
+        logs=(*case.logs, log),
+    )
+
+
+def another_command(case: Case, rows: int, rng: np.random.Generator) -> Array:
+    """A command [SI] of the kind that the logs of a case have, drawn anew, shape (rows,)."""
+    thin = THIN[case.tier]
+    rig = replace(case.experiment.rig, sampling=(case.experiment.plans[0].stride // thin,))
+    command = np.empty(0)
+    while len(command) < rows:
+        plans = _plans(rig, case.tier, rng)
+        command = np.concatenate([command, *(plan.command for plan in plans)])
+    return command[:rows]
 
 
 def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment:
@@ -143,8 +180,13 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
     further = [place for _, place in rig.readings[1:]]
     readings = (0, int(rng.choice(further))) if rng.random() < 0.5 else (0,)
     seed = int(rng.integers(2**31))
-    plans = large_step(rig, rng) if tier == "poor" else rich(rig, rng, 4 if tier == "hard" else 1)
+    plans = _plans(rig, tier, rng)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
+
+
+def _plans(rig: Rig, tier: str, rng: np.random.Generator) -> tuple[Plan, ...]:
+    """What is played on a rig of a tier."""
+    return large_step(rig, rng) if tier == POOR else rich(rig, rng, THIN[tier])
 
 
 def _settings(experiment: Experiment, *acting: Acting) -> dict[str, float]:
@@ -236,21 +278,16 @@ def _between(low: tuple[float, float], high: tuple[float, float], slope: float) 
 
 
 def _measured(
-    experiment: Experiment,
-    log: Array,
-    noise: float,
-    coloured: bool,
-    quantum: float,
-    rng: np.random.Generator,
+    log: Array, noises: Array, coloured: bool, quantum: float, rng: np.random.Generator
 ) -> Array:
-    """A log with noise on every reading, in proportion to its range, and the quantum."""
+    """A log with noise of these sizes on its readings, and the quantum of the judged one."""
     raw = rng.standard_normal(log.shape)
     if coloured:
         keep = rng.uniform(*COLOUR)
         fresh = math.sqrt(1.0 - keep * keep)
         for row in range(1, len(raw)):
             raw[row] = keep * raw[row - 1] + fresh * raw[row]
-    measured = log + raw * noise * experiment.ranges / experiment.ranges[0]
+    measured = log + raw * noises
     if quantum > 0.0:
         measured[:, 0] = quantum * np.round(measured[:, 0] / quantum)
     return np.asarray(measured)

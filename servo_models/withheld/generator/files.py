@@ -54,7 +54,7 @@ def generate(
     answers = []
     for number in range(cases):
         case = draw_case(seed, number, tiers[number % len(tiers)])
-        answers.append(_write_case(part, f"{number:04d}", case))
+        answers.append(write_case(part, f"{number:04d}", case))
         if progress:
             progress(number + 1, cases)
     content = {"version": VERSION, "seed": seed, "cases": answers}
@@ -65,7 +65,7 @@ def generate(
     return hashlib.sha256(text).hexdigest()
 
 
-def _write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
+def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
     """Write one case; returns its answer."""
     count = len(case.logs)
     logs = ["log.csv"] if count == 1 else [f"log_{i + 1}.csv" for i in range(count)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,14 +15,23 @@ from hypothesis import strategies as st
 from servo_models.analysis.experiment import in_time
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
+from servo_models.data.audit import REPEATS, RESIDUAL
 from servo_models.data.log import Log
 from servo_models.data.tables import read_inputs
-from servo_models.diagnosis.experiments import experiment
-from servo_models.diagnosis.experiments.commands import FAMILIES, Command
-from servo_models.diagnosis.experiments.experiment import Experiment, next_experiments
-from servo_models.diagnosis.experiments.experiment_search import Stage
-from servo_models.diagnosis.search.fitting import Fitter
+from servo_models.diagnosis import design
+from servo_models.diagnosis.design import (
+    FAMILIES,
+    Command,
+    Experiment,
+    Stage,
+    confusion,
+    jensen_renyi,
+    next_experiments,
+    repeats_wanted,
+)
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.grid_search import shortened
+from servo_models.diagnosis.search.residuals import Residuals
 from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter
@@ -69,18 +78,25 @@ def verdict(first: Log) -> Verdict:
     return verdict_on(first)
 
 
+def designed(rivals: Sequence[FittedModel]) -> Experiment:
+    """The experiment for fitted models that are equally likely."""
+    (found,) = next_experiments(rivals, (1.0,) * len(rivals))
+    return found
+
+
+def stage_of(rivals: Sequence[FittedModel]) -> Stage:
+    return Stage(rivals, (1.0,) * len(rivals), 0)
+
+
 @pytest.fixture(scope="module")
-def experiments(verdict: Verdict) -> tuple[Experiment, ...]:
-    return next_experiments(verdict.rivals)
+def planned(verdict: Verdict) -> Experiment:
+    return designed(verdict.rivals)
 
 
-def test_the_set_shrinks_to_the_truth(
-    first: Log, verdict: Verdict, experiments: tuple[Experiment, ...]
-) -> None:
+def test_the_set_shrinks_to_the_truth(first: Log, verdict: Verdict, planned: Experiment) -> None:
     assert set(verdict.members) >= STATIC
-    one = max(experiments, key=lambda e: e.separation)
-    assert one.telling
-    second = played(DEAD_ZONE, one.times, one.command, 2)
+    assert planned.telling
+    second = played(DEAD_ZONE, planned.times, planned.command, 2)
     both = verdict_on(first, second)
     assert both.members == ("drive_dead_zone",)
 
@@ -97,7 +113,7 @@ def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Pa
     document = json.loads(found.read_text())
     assert document["verdict"] == "not-identifiable"
     assert {one["name"] for one in document["effects"] if one["in_set"]} >= STATIC
-    told = max(document["next_experiments"], key=lambda it: it["separation"])
+    (told,) = document["next_experiments"]
     times, inputs = read_inputs(tmp_path / told["file"], nominal().plant)
     rig.write_text(text + record(tmp_path / "second.csv", true, times, inputs["voltage"], 2))
     assert run("diagnose", rig, "--json", found)[0] == 1
@@ -109,27 +125,21 @@ def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Pa
     assert (1.0 - kept) * width == pytest.approx(1.5, rel=0.01)  # lost beyond the zone
 
 
-def test_the_instruction_can_be_followed(
-    verdict: Verdict, experiments: tuple[Experiment, ...]
-) -> None:
-    against_the_likeliest = [
-        one.other for one in experiments if one.one == verdict.rivals[0].effects
-    ]
-    assert against_the_likeliest == [rival.effects for rival in verdict.rivals[1:]]
-    for one in experiments:
-        for word in (*one.one, *one.other, "voltage", " V", "log angle every 0.5 ms"):
-            assert word in one.text
-        assert one.so_far < 0.1 < one.separation
-        assert np.all(np.abs(one.command) <= 30.0)  # the actuator's standard step
+def test_the_instruction_can_be_followed(verdict: Verdict, planned: Experiment) -> None:
+    assert planned.explanations == tuple(rival.effects for rival in verdict.rivals[: design.MOST])
+    names = {name for effects in planned.explanations for name in effects}
+    for word in (*names, "on voltage for", " V", "log angle at 2000 Hz", "Predicted angle: from"):
+        assert word in planned.text
+    assert np.all(np.abs(planned.command) <= 30.0)  # the actuator's standard step
 
 
-def test_the_table_is_ready_to_play(experiments: tuple[Experiment, ...], tmp_path: Path) -> None:
-    replace(experiments[0], file="next.csv").write(tmp_path)
+def test_the_table_is_ready_to_play(planned: Experiment, tmp_path: Path) -> None:
+    replace(planned, file="next.csv").write(tmp_path)
     file = tmp_path / "next.csv"
     assert file.read_text().splitlines()[0] == "time [s],voltage [V]"
     times, inputs = read_inputs(file, nominal().plant)
-    np.testing.assert_array_equal(times, experiments[0].times)
-    np.testing.assert_array_equal(inputs["voltage"], experiments[0].command)
+    np.testing.assert_array_equal(times, planned.times)
+    np.testing.assert_array_equal(inputs["voltage"], planned.command)
 
 
 @pytest.mark.parametrize(("samples", "lasts"), [(600, 1.0), (41, 0.1)])
@@ -140,7 +150,7 @@ def test_an_experiment_is_as_long_as_five_responses_or_five_logs(
     rival = verdict.rivals[0]
     problem = rival.problem
     brief = Problem(problem.model, shortened(problem.logs, samples), problem.free, problem.sigma)
-    stage = Stage([replace(rival, problem=brief)] * 2, 0)
+    stage = stage_of([replace(rival, problem=brief)] * 2)
     assert stage.times[-1] == pytest.approx(5.0 * lasts * nominal().stop_time, rel=1e-6)
 
 
@@ -156,18 +166,91 @@ def test_what_parameters_imitate_does_not_count(first: Log) -> None:
     retuned = fitter.fit((), ())
     gain = free_parameter(parameters["gain_error.error"], 0.0, None)
     other = fitter.fit(("gain_error",), [gain])
-    (found,) = next_experiments((other, retuned))
-    assert found.separation < 0.1
+    found = designed((other, retuned))
+    assert found.separations.max() < 0.1
     assert not found.telling
-    assert "No command that was tried inside the limits" in found.text
-    assert next_experiments((retuned, other)) == ()  # which of them it is hardly matters
+    assert "No command that was tried inside the limits tells gain_error or" in found.text
 
 
-def test_each_pair_of_few_is_separated(verdict: Verdict) -> None:
-    few = replace(verdict, rivals=verdict.rivals[:3])
-    pairs = [{one.one, one.other} for one in next_experiments(few.rivals)]
-    one, two, three = (rival.effects for rival in few.rivals)
-    assert pairs == [{one, two}, {one, three}, {two, three}]
+def test_identical_models_are_told_as_inseparable(verdict: Verdict) -> None:
+    rival = verdict.rivals[0]
+    found = designed((rival, replace(rival, effects=("transport_delay",))))
+    assert not found.telling
+    assert f"tells {rival.effects[0]} or transport_delay apart" in found.text
+
+
+LAG = 1e-3
+
+
+def test_models_that_differ_above_a_frequency_get_a_command_above_it() -> None:
+    """A lag of 1 ms, and a delay of as much that imitates it far below 1 / (2 pi lag)."""
+    parameters, rivals = nominal().plant.parameters, []
+    times = STEP * np.arange(float(len(TWO_LEVELS)))
+    for name in ("sensor_lag.time_constant", "transport_delay.time"):
+        log = played({name: LAG}, times, TWO_LEVELS, 1)
+        fitter = Fitter(nominal(), [log], (), {"angle": FLOOR})
+        effect = free_parameter(parameters[name], 0.0, None)
+        rivals.append(fitter.unfit((name.partition(".")[0],), [effect], {name: LAG}))
+    found = designed(rivals)
+    assert found.telling
+    power = np.abs(np.fft.rfft(found.command)) ** 2
+    frequency = np.fft.rfftfreq(len(found.command), STEP)
+    fast = frequency > 0.2 / LAG / (2.0 * np.pi)
+    slow = frequency < 0.2 / found.times[-1]
+    assert power[fast].sum() > 0.05 * power[~slow].sum()
+
+
+@pytest.mark.parametrize("spread", [0.5, 2.0, 6.0])
+def test_the_divergence_is_that_of_samples(spread: float) -> None:
+    random = np.random.default_rng(0)
+    weights, power = np.array([0.5, 0.3, 0.2]), 0.7
+    means = spread * random.standard_normal((3, 2))
+    squares = np.sum((means[:, None] - means) ** 2, axis=2)
+
+    def density(at: Array) -> Array:
+        distances = np.sum((at[:, None] - means) ** 2, axis=2)
+        return np.asarray(np.exp(-0.5 * distances / power) / (2.0 * np.pi * power))
+
+    n = 200_000
+    noise = np.sqrt(power) * random.standard_normal((n, 2))
+    mixed = density(means[random.choice(3, n, p=weights)] + noise) @ weights
+    alone = density(means[0] + noise)[:, 0]
+    expected = -np.log(mixed.mean()) + np.log(alone.mean())
+    assert jensen_renyi(weights, squares, power) == pytest.approx(expected, abs=0.01)
+
+
+def test_the_divergence_is_that_of_the_weights_at_most_and_nothing_at_least() -> None:
+    weights = np.array([0.6, 0.4])
+    far = 1e4 * (1.0 - np.eye(2))
+    assert jensen_renyi(weights, 0.0 * far, 1.0) == pytest.approx(0.0, abs=1e-12)
+    assert jensen_renyi(weights, far, 1.0) == pytest.approx(-np.log(0.36 + 0.16))
+    assert confusion(weights, 2.0 * far, 1.0) < confusion(weights, far, 1.0)  # all digits are equal
+
+
+def test_the_whole_set_counts() -> None:
+    """One pair that is far apart already does not outweigh another one that is not."""
+    weights = np.full(3, 1.0 / 3.0)
+    one_pair = np.array([[0.0, 900.0, 900.0], [900.0, 0.0, 0.0], [900.0, 0.0, 0.0]])
+    all_pairs = 25.0 * (1.0 - np.eye(3))
+    assert one_pair.sum() > all_pairs.sum()
+    assert jensen_renyi(weights, all_pairs, 1.0) > jensen_renyi(weights, one_pair, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("structured", "least", "origin", "wanted"),
+    [
+        (0.8, 0.1, RESIDUAL, True),
+        (0.8, 0.7, RESIDUAL, False),  # surely no noise
+        (0.1, 0.0, RESIDUAL, False),  # too little to matter
+        (0.8, 0.1, REPEATS, False),  # known from repeats
+    ],
+)
+def test_repeats_are_wanted_where_noise_and_structure_cannot_be_told_apart(
+    structured: float, least: float, origin: str, wanted: bool, first: Log
+) -> None:
+    text = repeats_wanted(Residuals(structured, least, 1.0, 1.2), [origin], [first])
+    assert bool(text) is wanted
+    assert not wanted or "command of log 'log 1' 4 times" in text
 
 
 @pytest.mark.thorough
@@ -178,14 +261,14 @@ def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first
     inputs = {**first.inputs, "load_torque": load}
     held = replace(first, inputs=inputs) if recorded else None
     loaded = verdict_on(held or replace(first, constants={"load_torque": 2e-4}))
-    told = next_experiments(loaded.rivals[:2])[0]
+    told = designed(loaded.rivals[:2])
     assert told.constants == {"load_torque": 2e-4}
     assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text
 
 
 def test_an_experiment_begins_at_rest_where_its_limits_allow_that(verdict: Verdict) -> None:
     """Else the motor is held at the first value for as long as a step takes."""
-    stage = Stage(verdict.rivals[:2], 0)
+    stage = stage_of(verdict.rivals[:2])
     away = Command("triangle", 5.0, 2.0, 0.01, 0)
     plan = stage.plan(away)
     assert plan.settle == 0.0
@@ -197,19 +280,16 @@ def test_an_experiment_begins_at_rest_where_its_limits_allow_that(verdict: Verdi
     assert plan.inputs["voltage"][0] == away.values(stage.times)[0]
 
 
-def test_a_played_table_is_read_as_it_was_meant(
-    verdict: Verdict, experiments: tuple[Experiment, ...]
-) -> None:
+def test_a_played_table_is_read_as_it_was_meant(verdict: Verdict, planned: Experiment) -> None:
     """Its first row says that the rig rests, so that nobody takes what follows for settled."""
-    for one in experiments:
-        assert one.plan.settle == 0.0
-        assert one.command[0] == 0.0
-        assert "Hold its first value" not in one.text
-    stage = Stage(verdict.rivals[:2], 0)
+    assert planned.plan.settle == 0.0
+    assert planned.command[0] == 0.0
+    assert "Hold its first value" not in planned.text
+    stage = stage_of(verdict.rivals[:2])
     stage.low = 10.0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(experiment, "Stage", lambda *_: stage)
-        (away,) = next_experiments(verdict.rivals[:2])
+        patch.setattr(design, "Stage", lambda *_: stage)
+        away = designed(verdict.rivals[:2])
     held = in_time(away.plan.settle)
     assert f"Hold its first value for {held} before the log begins." in away.text
     assert away.command[0] != 0.0
@@ -223,8 +303,8 @@ def test_a_model_that_runs_away_promises_nothing(first: Log) -> None:
         log = replace(first, outputs={"angle": size * first.outputs["angle"]})
         fitter = Fitter(nominal(), [log], (), {"angle": FLOOR})
         other = fitter.unfit(("gain_error",), [gain], {"gain_error.error": 1.0})
-        stage = Stage((fitter.unfit((), (), {}), other), 0)
-        told[size] = stage.difference(Command("triangle", 0.0, 10.0, 0.05, 0), 0, 1)
+        stage = stage_of((fitter.unfit((), (), {}), other))
+        told[size] = stage.differences(Command("triangle", 0.0, 10.0, 0.05, 0)).max()
     assert told[1.0] > 100.0
     assert told[1e-5] == 0.0
 
@@ -238,18 +318,20 @@ def test_what_parameters_imitate_is_no_separation_however_far_they_have_to_go(fi
         nominal(), [still], (free_parameter(spring, value, 10.0 * value),), {"angle": FLOOR}
     )
     rivals = [fitter.unfit((), (), {"stiffness": by * value}) for by in (1.0, 1.5)]
-    stage = Stage(rivals, 0)
+    stage = stage_of(rivals)
     command = Command("triangle", 0.0, 10.0, 0.05, 0)
-    assert stage.difference(command, 0, 1) > 50.0
-    assert stage.separation(command, 0, 1) > 0.3  # slopes are those of another spring
-    assert stage.masked(command, 0, 1) < 0.1
+    assert stage.differences(command).max() > 50.0
+    linear = stage.separations(command)
+    assert linear.max() > 0.3  # slopes are those of another spring
+    assert stage.masked(command, linear).max() < 0.1
 
 
 def test_a_refit_leaves_no_more_than_there_was(verdict: Verdict) -> None:
-    stage = Stage(verdict.rivals[:2], 0)
+    stage = stage_of(verdict.rivals[:2])
     for family in ("triangle", "chirp"):
         command = Command(family, 0.0, 10.0, 0.05, 0)
-        assert 0.0 <= stage.masked(command, 0, 1) <= stage.difference(command, 0, 1)
+        most = stage.differences(command)
+        assert np.all(stage.masked(command, most) <= most)
 
 
 def test_what_is_played_does_not_hold_meanwhile(verdict: Verdict, first: Log) -> None:
@@ -259,7 +341,7 @@ def test_what_is_played_does_not_hold_meanwhile(verdict: Verdict, first: Log) ->
     )
     rivals = verdict.rivals[:2]
     rivals = tuple(replace(it, problem=replace_logs(it.problem, [held, first])) for it in rivals)
-    stage = Stage(rivals, 0)
+    stage = stage_of(rivals)
     plan = stage.plan(Command("triangle", 0.0, 2.0, 0.05, 0))
     assert list(plan.inputs) == ["voltage"]
     assert set(plan.constants) == {"load_torque"}
@@ -276,13 +358,13 @@ def test_a_log_too_coarse_for_every_pace_gets_slower_ones(verdict: Verdict, firs
     rivals = tuple(
         replace(it, problem=replace_logs(it.problem, [coarse])) for it in verdict.rivals[:2]
     )
-    separation, command = Stage(rivals, 0).best(0, 1)
-    assert separation >= 0.0
+    separations, command = stage_of(rivals).best()
+    assert np.all(separations >= 0.0)
     assert command.pace >= 5.0 * 0.025
 
 
 def test_nothing_to_separate() -> None:
-    assert next_experiments(()) == ()
+    assert next_experiments((), ()) == ()
 
 
 @given(

@@ -1,1 +1,0 @@
-"""The next experiment: commands, and the one that separates two fitted models best."""
