@@ -671,12 +671,12 @@ def _expected(found: Experiment) -> Iterator[str]:
         if gone:
             least = _few(min(found.separations[i, k] for k in gone))
             clauses.append(
-                f"{_listed([found.explanations[k] for k in gone])}, re-fitted, leave"
+                f"re-fitted, {_listed([found.explanations[k] for k in gone])} leave"
                 f"{'s' * (len(gone) == 1)} {least} noise floors{' or more' * (len(gone) > 1)}"
             )
         if stay:
             clauses.append(f"{_listed(stay)} can still imitate it")
-        yield f"If it is {_names(found.explanations[i])}, {'; '.join(clauses)}."
+        yield f"If the cause is {_names(found.explanations[i])}: {'; '.join(clauses)}."
 
 
 def _rate(step: float) -> str:

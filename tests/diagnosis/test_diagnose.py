@@ -104,8 +104,11 @@ SAID = {
 
 @pytest.mark.parametrize("kind", SAID)
 def test_every_verdict_is_one_sentence(case: tuple[Diagnosis, Told], kind: str) -> None:
-    verdict = Verdict(kind, {}, ("transport_delay", "backlash"), ())
-    text = summary.sentence(replace(case[0], verdict=verdict))
+    found, verdict = case[0], Verdict(kind, {}, ("transport_delay", "backlash"), ())
+    if kind == "parameters":  # as if these had closed the gap
+        selection = replace(found.selection, retuned=found.selection.taken)
+        found = replace(found, selection=selection)
+    text = summary.sentence(replace(found, verdict=verdict))
     assert text.startswith(SAID[kind])
     assert text.endswith(".")
     assert "\n" not in text

@@ -41,6 +41,9 @@ stiffness = "1 %"
 rotor_inertia = "1 %"
 """
 
+STEP_SHARE = 2e-3
+"""What the longer internal step of a search may change, far below the noise."""
+
 
 def rig(effects: dict[str, float]) -> Model:
     values = {"end_stops.half_range": 0.0, "torque_constant": 5.5, **effects}
@@ -97,7 +100,7 @@ def test_an_imitated_effect_moves_much_and_shows_little(found: Diagnosis) -> Non
         own = one.fitted_model.problem.model.values
         effect = {k: v for k, v in own.items() if k.startswith(f"{one.name}.")}
         moved = response({**parameters, **effect}) - without
-        assert np.sqrt(np.mean(moved**2)) == pytest.approx(one.moved, rel=1e-6)
+        assert np.sqrt(np.mean(moved**2)) == pytest.approx(one.moved, rel=STEP_SHARE)
         errors = response({**one.fitted_model.values, **effect}) - measured
         more = np.sum(errors**2) - np.sum((without - measured) ** 2)
         assert more < noise**2
@@ -232,14 +235,16 @@ def test_the_reach_of_an_effect_is_that_of_its_largest_size(found: Diagnosis) ->
     every = {one.name: one for one in candidates(found.model, found.logs)}
     load = [response(size) - plain for size in every["constant_load"].trial_values]
     most = max(float(np.sqrt(np.mean(it**2))) for it in load)
-    assert found.selection.detectability["constant_load"].moved == pytest.approx(most, rel=1e-6)
+    assert found.selection.detectability["constant_load"].moved == pytest.approx(
+        most, rel=STEP_SHARE
+    )
     ripples = [
         response({**size, "cogging.phase": phase}) - plain
         for size in every["cogging"].trial_values
         for phase in (0.0, 0.5 * np.pi)
     ]
     most = 10.0 * max(float(np.sqrt(np.mean(it**2))) for it in ripples)
-    assert found.selection.detectability["cogging"].moved == pytest.approx(most, rel=1e-6)
+    assert found.selection.detectability["cogging"].moved == pytest.approx(most, rel=STEP_SHARE)
     for reach in found.selection.detectability.values():
         assert reach.shown <= reach.moved * (1.0 + 1e-9)
 

@@ -167,6 +167,9 @@ class Fitter:
         workers: on which simulations go on together.
         rough: over which slopes of the nominal parameters mean something, in scales, by name;
             none where small differences will do.
+        smooth: switches of quantisers and holds that the model has on, turned off: where these make
+            the response rough, a fit of this smooth twin is one more start.
+        smooth_rough: ``rough`` of the twin.
         trials: natural logarithm of the sizes and shapes that each effect may have.
         steps: choose the internal step of every run; None for the model's own.
     """
@@ -177,6 +180,8 @@ class Fitter:
     floors: dict[str, float]
     workers: Workers = ALONE
     rough: dict[str, float] = field(default_factory=dict)
+    smooth: dict[str, float] = field(default_factory=dict)
+    smooth_rough: dict[str, float] = field(default_factory=dict)
     trials: dict[str, float] = field(default_factory=dict)
     steps: Steps | None = None
 
@@ -189,10 +194,33 @@ class Fitter:
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""
+        rough, smooth = self._rough(), self._switched_off()
+        if not rough or not smooth:
+            return replace(self, rough=rough)
+        twin = replace(self, smooth=smooth)._twin()
+        return replace(self, rough=rough, smooth=smooth, smooth_rough=twin._rough())
+
+    def _rough(self) -> dict[str, float]:
         problem = self.problem()
         found = steps(problem, problem.start) if problem.free else None
-        names = [free.name for free in self.nominal]
-        return self if found is None else replace(self, rough=dict(zip(names, found.tolist())))
+        return {} if found is None else dict(zip(problem.values(found), found.tolist()))
+
+    def _switched_off(self) -> dict[str, float]:
+        """Switches of the discontinuous effects that the model has on, at 0."""
+        plant = self.model.plant
+        return {
+            name: 0.0
+            for name, parameter in plant.parameters.items()
+            if parameter.owner
+            and parameter.param.switch
+            and plant.main(parameter.owner).effect.hints.grid
+            and self.model.values[name] != 0.0
+        }
+
+    def _twin(self) -> Fitter:
+        """The same about a model without quantisers and holds."""
+        model = replace(self.model, values={**self.model.values, **self.smooth})
+        return replace(self, model=model, rough=self.smooth_rough, smooth={})
 
     def widths(self, problem: Problem) -> Array | None:
         """Return over which slopes of a problem are taken, shape (p,); None for small ones."""
@@ -224,9 +252,21 @@ class Fitter:
             return self._judged(effects, problem, problem.start, converged=True)
         begin = [(start or {}).get(free.name, free.start) for free in problem.free]
         vector = np.array(begin) / problem.scales
-        return self._judged(
+        found = self._judged(
             effects, problem, *self._descend(problem, vector, FIT_TOLERANCE, limit, known)
         )
+        if not self.smooth or found.settled:
+            return found
+        other = self._descend(problem, self._smooth_start(problem, vector), FIT_TOLERANCE, limit)
+        return min(found, self._judged(effects, problem, *other), key=lambda it: it.cost)
+
+    def _smooth_start(self, problem: Problem, vector: Array) -> Array:
+        """Where fits of the smooth twin end that leaves least in the problem itself."""
+        twin = self._twin()
+        same = twin.problem(problem.free[len(self.nominal) :])
+        begins = vector, same.start
+        ends = [twin._descend(same, one, FIT_TOLERANCE, FIT_STEPS)[0] for one in begins]
+        return ends[int(np.argmin(problem.costs(ends)))]
 
     def unfit(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]

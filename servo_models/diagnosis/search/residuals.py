@@ -59,6 +59,8 @@ STRUCTURED_OVER_GAP = 0.2
 """Structured part over that before, from which on a fitted model has missed something: it
 leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
 more; where it shows, a pair explains both."""
+STRUCTURED_FLOORS = 5.0
+"""Structured part [noise floors] from which on it has whatever the gap was."""
 MANY_EFFECTS = 3
 """Effects that together imitate what is none of them: whatever these surely leave matters."""
 
@@ -114,8 +116,9 @@ def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
     """Return whether a fitted model lacks something that matters.
 
     Its structured part is surely ``STRUCTURED_OVER_NOISE`` against the noise, and at least
-    ``STRUCTURED_OVER_GAP`` of what there was to explain: a small second cause, or laws that are
-    not quite those of the actuator, do not make a fitted model by one or two effects wrong.
+    ``STRUCTURED_OVER_GAP`` of what there was to explain, or ``STRUCTURED_FLOORS``: a small second
+    cause, or laws that are not quite those of the actuator, do not make a fitted model by one or
+    two effects wrong.
 
     Args:
         left: by the fitted model.
@@ -125,7 +128,7 @@ def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
     if effects >= MANY_EFFECTS:
         return sure(left)
     before = math.sqrt(max(gap**2 - left.noise**2, left.structured**2))
-    return sure(left) and left.structured > STRUCTURED_OVER_GAP * before
+    return sure(left) and left.structured > min(STRUCTURED_OVER_GAP * before, STRUCTURED_FLOORS)
 
 
 def sure(left: Residuals) -> bool:

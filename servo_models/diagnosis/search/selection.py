@@ -387,7 +387,9 @@ class SubsetSelection:
         if size > 1 and self.gains(size):
             for one in self.best(size)[:PARTS_OF]:
                 for name in one.effects:
-                    self.keep(self.fitter.fit(*one.without(name), one.values))
+                    part = self.fitter.fit(*one.without(name), one.values)
+                    # what did not converge says nothing against its effects
+                    self.keep(part if part.converged else self.fitter.finish(part))
 
     # -- comparing ---------------------------------------------------------------------------------
 
