@@ -1,13 +1,9 @@
 """The effects that may cause a gap: every effect of the actuator that the model has switched off.
 
-A candidate is a parameter vector: its switches at some trial value, its shape at the default.
-
-
-At which values an effect is tried before anything is fitted, from its own search hints.
-
-Trial values are a few over the typical one, of both signs where the bounds allow.  Of a
-discontinuous parameter, or a ripple, no slope leads to the best one: there they are a grid, and
-what the logs themselves show of a quantum is among them.
+A candidate is an effect with its free parameters and the values at which it is tried before
+anything is fitted, by its own search hints: a few over the typical one, of both signs where the
+bounds allow.  Of a discontinuous parameter, or a ripple, no slope leads to the best value: there
+they are a grid, and what the logs themselves show of a quantum is among them.
 """
 
 from __future__ import annotations

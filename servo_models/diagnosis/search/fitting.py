@@ -1,28 +1,16 @@
 """A fit with some effects switched on, and the fitter that makes such fits.
 
 Nominal parameters stay free inside their priors in every fit, since a wrong value that is held
-fixed looks like an effect.
+fixed looks like an effect.  Parameters that no slope leads to, such as a quantum or a delay before
+a hold, are moved by trial beside the least squares.  Where the model itself has a quantiser or a
+hold, its smooth twin gives one more start: the rough response has dents in which a fit ends.
 
-
-Parameters that no slope leads to: other values of them are tried out beside a search.
-
-Whether a fitted model carries over to a condition under which its fit has seen nothing.
-
-Logs with other constants, such as a gain, were taken under another condition.  What merely
-imitates the cause fits each of them with a size in between, and predicts one that was left
-out worse than fewer effects do.
-Source: Roberts et al., Ecography 40 (2017) 913 (blocks as the structure of the data has them).
-
-
-Which nominal parameters are free in every fit, and how far.
-
-What a fitted model could not repeat itself: the part of its errors that says nothing against it.
-
-A quantiser or a dead band in a loop makes it hunt.  The hunting depends on parameters to more
-digits than any log holds, so the response with the true cause differs from the measured one as
-much as from itself with parameters changed within their standard errors.  Codes that merely flip at
-other samples are no hunting: with a smaller change of parameters fewer of them do.
-Source: Gelman, Meng, Stern, Statistica Sinica 6 (1996) 733 (posterior predictive checks).
+A fit is judged by blocks of time, and by conditions, that it has not seen: what merely imitates the
+cause fits each condition with a size in between.  A quantiser or a dead band in a loop makes a
+limit cycle that depends on parameters to more digits than any log holds; by how much a response
+differs from itself, parameters changed within their standard errors, says nothing against it.
+Sources: Roberts et al., Ecography 40 (2017) 913 (blocks as the structure of the data has them);
+Gelman, Meng, Stern, Statistica Sinica 6 (1996) 733 (posterior predictive checks).
 """
 
 from __future__ import annotations
@@ -48,20 +36,213 @@ from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_
 from servo_models.identification.simulation import Steps
 from servo_models.identification.uncertainty import Spread, spread
 
-FIT_TOLERANCE, FIT_STEPS = 1e-4, 25
-"""Relative tolerance and steps of a fit: differences between effects are larger."""
-FINAL_TOLERANCE, FINAL_STEPS = 1e-7, 60
-"""Those of the fit that is reported."""
+PRIOR_BOUND_SIGMAS = 4.0
+"""Prior deviations that a nominal parameter may move."""
+LEAST_CONDITIONS = 3
+"""Conditions from which one can be spared."""
+LIMIT_CYCLE_DRAWS = 8
+"""Other parameters that are tried."""
+MOVE_IN_STANDARD_ERRORS = 0.3
+"""How far they are away."""
+SMALLER_MOVE_IN_STANDARD_ERRORS = 0.03
+"""The same once more."""
+LIMIT_CYCLE_SHARE = 0.5
+"""Share of a difference that stays when parameters are ten times nearer, from which a response
+hunts; of codes that flip it would be a third, the root of a tenth."""
+FIT_TOLERANCE = 1e-4  # of the cost
+"""Of a fit in the search: differences between effects are larger."""
+FIT_STEPS = 25
+FINAL_TOLERANCE = 1e-7  # of the cost
+"""Of a fit that is reported."""
+FINAL_STEPS = 60
 LOSS_FACTOR_ON_BOUND = 1.25
 """Factor on the squared errors that an effect on its bound leaves."""
 ADVANTAGE_BEYOND_BOUND = 9.0
 """Twice the log likelihood ratio that a step over a bound promises, from which it holds a fit."""
-COARSE_WIDTH_IN_SCALES, COARSE_RELATIVE_WIDTH = 0.02, 0.01
-"""Widths of slopes where an effect makes a staircase of the response, or a jump in it: of the
-parameters in scales, and of a stepwise size relative to it."""
-
+COARSE_WIDTH_IN_SCALES = 0.02
+"""Of slopes where an effect makes the response jump."""
+COARSE_RELATIVE_WIDTH = 0.01
+"""Of the slope along a discontinuous parameter."""
 SETTLED_OVER_NOISE = 0.3
 """Structured part of the errors over the noise, below which nothing is left to explain."""
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)
+"""Of a discontinuous parameter, tried in turn before a search."""
+NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
+"""The same after it."""
+JUMP_OVER_RANGE = 0.2
+"""Between two samples of a reading: every delay of a sample more then puts the jump between two
+other ones."""
+DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
+"""Of the delay before such a reading."""
+DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
+"""Of a delay before a hold: one tick off, it would be made up for by a friction or an inertia."""
+MOVED_COST_OVER_COST = 0.98
+"""From which a move is taken."""
+MOST_MOVES = 8
+
+
+def discontinuous_of(problem: Problem) -> list[int]:
+    """Which free parameters are discontinuous: the response is a staircase of them."""
+    return [
+        i
+        for i, free, parameter, hints in _of_effects(problem)
+        if hints.grid and parameter.param.switch and free.prior is None
+    ]
+
+
+def begins_with_jump(problem: Problem) -> bool:
+    """Whether effects begin with a part of a jump: small changes then move where it comes by a
+    sample, or not at all."""
+    return any(
+        free.start > 0.0 and parameter.key == hints.jump
+        for _, free, parameter, hints in _of_effects(problem)
+    )
+
+
+def _of_effects(problem: Problem) -> Iterator[tuple[int, Free, Parameter, Hints]]:
+    """Free parameters of effects: which, as what they were declared, and what is known of them."""
+    plant = problem.model.plant
+    for i, free in enumerate(problem.free):
+        parameter = plant.parameters[free.name]
+        if parameter.owner:
+            yield i, free, parameter, plant.main(parameter.owner).effect.hints
+
+
+def others_first(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array | None,
+    tolerance: float,
+    limit: int,
+) -> Array:
+    """Least squares by the other parameters alone, see ``descend``."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    values = problem.values(vector)
+    sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
+    model = replace(problem.model, values={**problem.model.values, **sizes})
+    free = [problem.free[i] for i in others]
+    rest = replace(problem, model=model, free=free, start=vector[others])
+    found = vector.copy()
+    own = None if widths is None else widths[others]
+    found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)
+    return found
+
+
+def past_an_edge(
+    problem: Problem, vector: Array, widths: Array | None, tolerance: float, limit: int
+) -> Array | None:
+    """Return a vector with other parameters fitted while delays stay, where they are or on the next
+    stair, if that is surely better.
+
+    Where a reading jumps, a search ends on the edge of a stair: each step that moves the delay as
+    well falls off it, and the others would go on.
+    """
+    delays, samples = delays_of(problem), _jumping(problem)
+    if not delays or not samples or len(delays) == len(vector):
+        return None
+    found = []
+    for move in (0.0, *(half * sample for sample in samples for half in (-0.5, 0.5))):
+        begin = vector.copy()
+        begin[delays] += move / problem.scales[delays]
+        begin = np.clip(begin, *problem.bounds)
+        found.append(others_first(problem, begin, delays, widths, tolerance, limit))
+    before, *after = problem.costs([vector, *found])
+    return found[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
+
+
+def sharpened(
+    problem: Problem,
+    vector: Array,
+    stepwise: Sequence[int],
+    widths: Array | None,
+    spans: Iterable[float],
+) -> Array:
+    """Try nearby sizes, ever nearer; other parameters follow each by their slopes."""
+    others = [i for i in range(len(vector)) if i not in stepwise]
+    low, high = problem.bounds
+    slopes = problem.jacobian(vector, widths)[:, others]
+    inverse = np.linalg.pinv(slopes, rcond=1e-6)
+    best, least = vector, problem.costs([vector])[0]
+    for span in spans:
+        trials = []
+        for i in stepwise:
+            for factor in (1.0 - span, 1.0 + span):
+                trial = best.copy()
+                trial[i] *= factor
+                followed = trial.copy()
+                followed[others] -= inverse @ problem.residuals(trial)
+                trials += [trial, np.clip(followed, low, high)]
+        costs = problem.costs(trials)
+        if min(costs) < least:
+            best, least = trials[int(np.argmin(costs))], min(costs)
+    return best
+
+
+def shifted(problem: Problem, vector: Array) -> Array | None:
+    """Return a vector with a delay moved by a few samples, or by parts of the period of a hold, if
+    that is surely better.
+
+    Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
+    between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
+    the next tick, and the delay is such a staircase too.
+    """
+    moves = [it * sample for sample in _jumping(problem) for it in DELAY_MOVES_IN_SAMPLES]
+    moves += [it * period for period in _periods(problem, vector) for it in DELAY_MOVES_IN_PERIODS]
+    trials = []
+    for i in delays_of(problem):
+        for move in (sign * it for it in moves if it for sign in (-1.0, 1.0)):
+            trial = vector.copy()
+            trial[i] += move / problem.free[i].scale
+            trials.append(np.clip(trial, *problem.bounds))
+    if not trials:
+        return None
+    before, costs = problem.costs([vector])[0], problem.costs(trials)
+    return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
+
+
+def turned(problem: Problem, vector: Array) -> Array | None:
+    """Return a vector with the phases that lie on a bound moved a turn on, None if there are none.
+
+    The response is the same there, and the search may go on where the bound has stopped it.
+    """
+    sides, found = problem.sides(vector), vector.copy()
+    for i, free, parameter, hints in _of_effects(problem):
+        if sides[i] and parameter.key == hints.phase:
+            found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
+    found = np.clip(found, *problem.bounds)
+    return None if np.array_equal(found, vector) else found
+
+
+def delays_of(problem: Problem) -> list[int]:
+    """Which free parameters are times of a transport delay."""
+    return [
+        i
+        for i, _, parameter, hints in _of_effects(problem)
+        if isinstance(hints.small_signal, DeadTime) and parameter.key == hints.small_signal.time
+    ]
+
+
+def _periods(problem: Problem, vector: Array) -> list[float]:
+    """Periods [s] of the holds that are on."""
+    plant = problem.model.plant
+    values = {**problem.model.values, **problem.values(vector)}
+    places = [plant.main(name) for name in plant.placements]
+    found = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
+    return [period for period in found if period > 0.0]
+
+
+def _jumping(problem: Problem) -> list[float]:
+    """Sampling intervals [s] of readings that jump, those once that only rounding tells apart."""
+    found: list[float] = []
+    for log in problem.logs:
+        for values in log.outputs.values():
+            change = np.max(np.abs(np.diff(values)), initial=0.0)
+            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
+                step = float(np.median(np.diff(log.times)))
+                if not any(abs(step - it) <= ROUNDING * it for it in found):
+                    found.append(step)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,190 +564,6 @@ def _strangeness(problem: Problem, vector: Array) -> float:
     return float(found)
 
 
-WIDE_RELATIVE_CHANGES = (0.02, 0.01)
-"""Of a discontinuous parameter, tried in turn before a search."""
-NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
-"""The same after it."""
-JUMP_OVER_RANGE = 0.2
-"""Between two samples of a reading: every delay of a sample more then puts the jump between two
-other ones."""
-DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
-"""Of the delay before such a reading."""
-DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
-"""Of a delay before a hold: one tick off, it would be made up for by a friction or an inertia."""
-MOVED_COST_OVER_COST = 0.98
-"""From which a move is taken."""
-MOST_MOVES = 8
-
-
-def discontinuous_of(problem: Problem) -> list[int]:
-    """Which free parameters are discontinuous: the response is a staircase of them."""
-    return [
-        i
-        for i, free, parameter, hints in _of_effects(problem)
-        if hints.grid and parameter.param.switch and free.prior is None
-    ]
-
-
-def begins_with_jump(problem: Problem) -> bool:
-    """Whether effects begin with a part of a jump: small changes then move where it comes by a
-    sample, or not at all."""
-    return any(
-        free.start > 0.0 and parameter.key == hints.jump
-        for _, free, parameter, hints in _of_effects(problem)
-    )
-
-
-def _of_effects(problem: Problem) -> Iterator[tuple[int, Free, Parameter, Hints]]:
-    """Free parameters of effects: which, as what they were declared, and what is known of them."""
-    plant = problem.model.plant
-    for i, free in enumerate(problem.free):
-        parameter = plant.parameters[free.name]
-        if parameter.owner:
-            yield i, free, parameter, plant.main(parameter.owner).effect.hints
-
-
-def others_first(
-    problem: Problem,
-    vector: Array,
-    stepwise: Sequence[int],
-    widths: Array | None,
-    tolerance: float,
-    limit: int,
-) -> Array:
-    """Least squares by the other parameters alone, see ``descend``."""
-    others = [i for i in range(len(vector)) if i not in stepwise]
-    values = problem.values(vector)
-    sizes = {name: values[name] for name in (problem.free[i].name for i in stepwise)}
-    model = replace(problem.model, values={**problem.model.values, **sizes})
-    free = [problem.free[i] for i in others]
-    rest = replace(problem, model=model, free=free, start=vector[others])
-    found = vector.copy()
-    own = None if widths is None else widths[others]
-    found[others], _, _ = descend(rest, vector[others], tolerance, limit, own)
-    return found
-
-
-def past_an_edge(
-    problem: Problem, vector: Array, widths: Array | None, tolerance: float, limit: int
-) -> Array | None:
-    """Return a vector with other parameters fitted while delays stay, where they are or on the next
-    stair, if that is surely better.
-
-    Where a reading jumps, a search ends on the edge of a stair: each step that moves the delay as
-    well falls off it, and the others would go on.
-    """
-    delays, samples = delays_of(problem), _jumping(problem)
-    if not delays or not samples or len(delays) == len(vector):
-        return None
-    found = []
-    for move in (0.0, *(half * sample for sample in samples for half in (-0.5, 0.5))):
-        begin = vector.copy()
-        begin[delays] += move / problem.scales[delays]
-        begin = np.clip(begin, *problem.bounds)
-        found.append(others_first(problem, begin, delays, widths, tolerance, limit))
-    before, *after = problem.costs([vector, *found])
-    return found[int(np.argmin(after))] if min(after) < MOVED_COST_OVER_COST * before else None
-
-
-def sharpened(
-    problem: Problem,
-    vector: Array,
-    stepwise: Sequence[int],
-    widths: Array | None,
-    spans: Iterable[float],
-) -> Array:
-    """Try nearby sizes, ever nearer; other parameters follow each by their slopes."""
-    others = [i for i in range(len(vector)) if i not in stepwise]
-    low, high = problem.bounds
-    slopes = problem.jacobian(vector, widths)[:, others]
-    inverse = np.linalg.pinv(slopes, rcond=1e-6)
-    best, least = vector, problem.costs([vector])[0]
-    for span in spans:
-        trials = []
-        for i in stepwise:
-            for factor in (1.0 - span, 1.0 + span):
-                trial = best.copy()
-                trial[i] *= factor
-                followed = trial.copy()
-                followed[others] -= inverse @ problem.residuals(trial)
-                trials += [trial, np.clip(followed, low, high)]
-        costs = problem.costs(trials)
-        if min(costs) < least:
-            best, least = trials[int(np.argmin(costs))], min(costs)
-    return best
-
-
-def shifted(problem: Problem, vector: Array) -> Array | None:
-    """Return a vector with a delay moved by a few samples, or by parts of the period of a hold, if
-    that is surely better.
-
-    Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
-    between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
-    the next tick, and the delay is such a staircase too.
-    """
-    moves = [it * sample for sample in _jumping(problem) for it in DELAY_MOVES_IN_SAMPLES]
-    moves += [it * period for period in _periods(problem, vector) for it in DELAY_MOVES_IN_PERIODS]
-    trials = []
-    for i in delays_of(problem):
-        for move in (sign * it for it in moves if it for sign in (-1.0, 1.0)):
-            trial = vector.copy()
-            trial[i] += move / problem.free[i].scale
-            trials.append(np.clip(trial, *problem.bounds))
-    if not trials:
-        return None
-    before, costs = problem.costs([vector])[0], problem.costs(trials)
-    return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
-
-
-def turned(problem: Problem, vector: Array) -> Array | None:
-    """Return a vector with the phases that lie on a bound moved a turn on, None if there are none.
-
-    The response is the same there, and the search may go on where the bound has stopped it.
-    """
-    sides, found = problem.sides(vector), vector.copy()
-    for i, free, parameter, hints in _of_effects(problem):
-        if sides[i] and parameter.key == hints.phase:
-            found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
-    found = np.clip(found, *problem.bounds)
-    return None if np.array_equal(found, vector) else found
-
-
-def delays_of(problem: Problem) -> list[int]:
-    """Which free parameters are times of a transport delay."""
-    return [
-        i
-        for i, _, parameter, hints in _of_effects(problem)
-        if isinstance(hints.small_signal, DeadTime) and parameter.key == hints.small_signal.time
-    ]
-
-
-def _periods(problem: Problem, vector: Array) -> list[float]:
-    """Periods [s] of the holds that are on."""
-    plant = problem.model.plant
-    values = {**problem.model.values, **problem.values(vector)}
-    places = [plant.main(name) for name in plant.placements]
-    found = [values[it.switch] for it in places if it.effect.hints.signature == "clock"]
-    return [period for period in found if period > 0.0]
-
-
-def _jumping(problem: Problem) -> list[float]:
-    """Sampling intervals [s] of readings that jump, those once that only rounding tells apart."""
-    found: list[float] = []
-    for log in problem.logs:
-        for values in log.outputs.values():
-            change = np.max(np.abs(np.diff(values)), initial=0.0)
-            if change > JUMP_OVER_RANGE * np.ptp(values) > 0.0:
-                step = float(np.median(np.diff(log.times)))
-                if not any(abs(step - it) <= ROUNDING * it for it in found):
-                    found.append(step)
-    return found
-
-
-LEAST_CONDITIONS = 3
-"""Conditions from which one can be spared."""
-
-
 def conditions(logs: Sequence[Log]) -> list[list[Log]]:
     """Return the logs with fitted samples by what their constants are."""
     groups: dict[tuple[tuple[str, float], ...], list[Log]] = {}
@@ -593,10 +590,6 @@ def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
         errors = unseen.residuals(fitted.evidence.vector)[: unseen.samples]
         lost += float(errors @ errors)
     return lost
-
-
-PRIOR_BOUND_SIGMAS = 4.0
-"""Prior deviations that a nominal parameter may move."""
 
 
 def prior_parameters(told: Description) -> tuple[Free, ...]:
@@ -626,15 +619,6 @@ def _idle(model: Model, name: str, uncertain: Container[str]) -> bool:
     owner = known[name].owner
     switches = [it.name for it in known.values() if owner and it.owner == owner and it.param.switch]
     return bool(switches) and not any(model.values[it] or it in uncertain for it in switches)
-
-
-LIMIT_CYCLE_DRAWS = 8
-"""Other parameters that are tried."""
-MOVE_IN_STANDARD_ERRORS, SMALLER_MOVE_IN_STANDARD_ERRORS = 0.3, 0.03
-"""How far they are away, in standard errors, and once more."""
-LIMIT_CYCLE_SHARE = 0.5
-"""Share of a difference that stays when parameters are ten times nearer, from which a response
-hunts; of codes that flip it would be a third, the root of a tenth."""
 
 
 def unrepeatable(found: FittedModel) -> float:

@@ -20,30 +20,38 @@ from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.linearisation import linearised
 from servo_models.diagnosis.search.screening import Screened, residual_beside, screen
 
-BRIEF, LONG = 1000, 5000
-"""Samples of the parts of the logs in which every size is looked at, and the best of them closer:
-the longer a log, the narrower is what a size has to meet."""
-SHOWING = 0.1
-"""Mean square of what is left to explain in the shorter part over that in the longer one, from
-which it shows enough of it."""
-HUNDREDS = 150
-"""Sizes that are looked at in the longer part after that."""
-DOZENS, CLOSER = 40, (-0.0005, 0.0005)
-"""Sizes that are worth a closer look, and how far from half of them others are looked at, relative
-to it."""
-CLOSEST = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
-"""The same from a period of a hold: where a log is over, one so much longer is a sample late."""
-APART = 0.005
-"""Relative distance of the sizes that are looked at first, at least.  A hold, and any staircase
-beside effects that hide it no longer, is looked for at all sizes that logs tell apart."""
-SHOWN, AROUND = 0.7, 2.0
-"""Share of what is left that the best of them has to leave at most for all sizes within a factor
-to be looked at: a needle may lie beside what resembles it."""
-ALONE, REST, STRONG = 0.2, 0.05, 3.0
-"""What a staircase moves over what is left to explain, above which it may be the cause, alone and
-beside other effects, and below which."""
-LISTED = 12
-"""Sizes that are looked at with the whole logs, and their neighbours that only these tell apart."""
+BRIEF_SAMPLES = 1000
+"""Of the parts of the logs in which every value is screened."""
+LONG_SAMPLES = 5000
+"""Of those in which the best are: the longer a log, the narrower is the minimum."""
+BRIEF_MEAN_SQUARE_RATIO = 0.1
+"""Of what is left to explain in the shorter part over that in the longer one, from which it shows
+enough of it."""
+VALUES_IN_LONG = 150
+"""Screened in the longer part after that."""
+VALUES_CORRECTED = 40
+"""Screened there again, other parameters corrected, and half of them with values around."""
+AROUND_RELATIVE = (-0.0005, 0.0005)
+"""Where these lie, relative to the value."""
+AROUND_PERIOD_RELATIVE = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
+"""The same of the period of a hold: where a log is over, one so much longer is a sample late."""
+FIRST_RELATIVE_SPACING = 0.005
+"""Of the values that are screened first.  A hold, and any other beside effects that hide it no
+longer, is screened at all values that logs tell apart."""
+NEIGHBOURS_LEFT_SHARE = 0.7
+"""Of what is left, that the best of them has to leave at most for its neighbours to be screened: a
+narrow minimum may lie beside what resembles it."""
+NEIGHBOURS_FACTOR = 2.0
+"""Within which of the best they lie."""
+LEAST_MOVE_ALONE = 0.2
+"""What a discontinuous effect moves over what is left to explain, from which it may be the cause
+alone."""
+LEAST_MOVE_BESIDE = 0.05
+"""The same beside other effects."""
+LARGEST_MOVE = 3.0
+"""The same, up to which it may be the cause."""
+VALUES_LISTED = 12
+"""Screened with the whole logs, and their neighbours that only these tell apart."""
 
 
 def shortlist(
@@ -61,7 +69,9 @@ def shortlist(
     if not discontinuous:
         return ()
     smooth = [it for it in seen if not it.candidate.grid]
-    parts = {samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF, LONG)}
+    parts = {
+        samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF_SAMPLES, LONG_SAMPLES)
+    }
     return tuple(_listed(one, parts, seen, bool(first.effects)) for one in discontinuous)
 
 
@@ -117,15 +127,15 @@ def _listed(
     full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Screened], beside: bool
 ) -> Candidate:
     """A staircase with the sizes that look best, ``beside`` effects or alone."""
-    part, long = _showing(parts), parts[LONG]
-    every = parts[BRIEF if full.late else LONG].candidates[full.name].grid
-    likely = _fitting(every, full.name, seen, REST if beside else ALONE)
+    part, long = _showing(parts), parts[LONG_SAMPLES]
+    every = parts[BRIEF_SAMPLES if full.late else LONG_SAMPLES].candidates[full.name].grid
+    likely = _fitting(every, full.name, seen, LEAST_MOVE_BESIDE if beside else LEAST_MOVE_ALONE)
     grid, results = _over_all(full, part, every, likely, beside)
     if not full.late and part is not long:
-        results = long.screen(full.name, [it.settings for it in part.best(results, HUNDREDS)])
+        results = long.screen(full.name, [it.settings for it in part.best(results, VALUES_IN_LONG)])
         part = long
-    results = _closer(full, long, [it.settings for it in part.best(results, DOZENS)])
-    best = [it.settings for it in long.best(results, LISTED)]
+    results = _closer(full, long, [it.settings for it in part.best(results, VALUES_CORRECTED)])
+    best = [it.settings for it in long.best(results, VALUES_LISTED)]
     near = [it for size in best for it in _between(full.grid, grid, size)]
     sizes = {tuple(it.items()): it for it in (*best, *near)}
     return replace(full, trial_values=tuple(sizes.values()))
@@ -143,7 +153,7 @@ def _over_all(
     grid = [*full.trial_values, *chosen]  # a closer look finds those between
     results = part.screen(full.name, grid)
     alone = not full.late and not beside
-    if alone and results and results[0].left < SHOWN * part.linearised.left:
+    if alone and results and results[0].left < NEIGHBOURS_LEFT_SHARE * part.linearised.left:
         nearer = [it for it in _about(results[0].settings, every) if it not in grid]
         grid += nearer
         results = sorted([*results, *part.screen(full.name, nearer)], key=lambda it: it.left)
@@ -153,8 +163,8 @@ def _over_all(
 def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Screened]:
     """What is seen of some sizes and of those around the best half, other parameters corrected."""
     results = part.screen(full.name, best, corrected=True)
-    apart = CLOSEST if full.late else CLOSER
-    half = part.best(results, DOZENS // 2)
+    apart = AROUND_PERIOD_RELATIVE if full.late else AROUND_RELATIVE
+    half = part.best(results, VALUES_CORRECTED // 2)
     closer = [it for result in half for it in _around(result.settings, apart)]
     more = part.screen(full.name, closer, corrected=True)
     return sorted([*results, *more], key=lambda it: it.left)
@@ -162,9 +172,11 @@ def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Scre
 
 def _showing(parts: Mapping[int, _Part]) -> _Part:
     """The shorter part, if what is left to explain shows there."""
-    brief, long = (parts[samples].linearised for samples in (BRIEF, LONG))
-    least = SHOWING * long.left / long.problem.samples
-    return parts[BRIEF] if brief.left > least * brief.problem.samples else parts[LONG]
+    brief, long = (parts[samples].linearised for samples in (BRIEF_SAMPLES, LONG_SAMPLES))
+    least = BRIEF_MEAN_SQUARE_RATIO * long.left / long.problem.samples
+    return (
+        parts[BRIEF_SAMPLES] if brief.left > least * brief.problem.samples else parts[LONG_SAMPLES]
+    )
 
 
 def _around(best: Settings, apart: Iterable[float]) -> list[Settings]:
@@ -175,7 +187,9 @@ def _around(best: Settings, apart: Iterable[float]) -> list[Settings]:
 def _about(best: Settings, every: Sequence[Settings]) -> list[Settings]:
     """Sizes within a factor of the best."""
     (size,) = best.values()
-    return [it for it in every if size / AROUND < max(it.values()) < size * AROUND]
+    return [
+        it for it in every if size / NEIGHBOURS_FACTOR < max(it.values()) < size * NEIGHBOURS_FACTOR
+    ]
 
 
 def _thinned(every: Sequence[Settings]) -> list[Settings]:
@@ -184,7 +198,7 @@ def _thinned(every: Sequence[Settings]) -> list[Settings]:
     last = np.inf
     for it in every:
         size = max(it.values())
-        if size < last * (1.0 - APART):
+        if size < last * (1.0 - FIRST_RELATIVE_SPACING):
             found.append(it)
             last = size
     return found
@@ -206,7 +220,7 @@ def _fitting(
     wanted = np.log([max(it.values()) for it in sizes])
     # beyond what was seen, as far as the size does
     found = np.interp(wanted, known, moved) + wanted - np.clip(wanted, known[0], known[-1])
-    return [it for it, size in zip(sizes, found) if log(weak) < size < log(STRONG)]
+    return [it for it, size in zip(sizes, found) if log(weak) < size < log(LARGEST_MOVE)]
 
 
 def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:
@@ -243,6 +257,6 @@ def _between(every: Sequence[Settings], grid: Sequence[Settings], size: Settings
     others = np.array([it[switch] for it in grid])
     below = max(others[others < value], default=0.0)
     above = min(others[others > value], default=np.inf)
-    low = max(0.5 * (value + below), value * (1.0 - APART))
-    high = min(0.5 * (value + above), value * (1.0 + APART))
+    low = max(0.5 * (value + below), value * (1.0 - FIRST_RELATIVE_SPACING))
+    high = min(0.5 * (value + above), value * (1.0 + FIRST_RELATIVE_SPACING))
     return [it for it in every if low <= it[switch] <= high]

@@ -1,12 +1,9 @@
-"""Where one looks from: a fit, and what its parameters would do about a change of the response.
+"""A fit, linear about its estimates: what its parameters would do about a change of the response.
 
-Many small quadratic problems in boxes at once: what each look asks of the other parameters.
-
-A look predicts what parameters would do beside an effect.  Without their bounds they would do
-wonders: ten deviations of a stiffness imitate an offset, and hide it.
+That asks for thousands of small quadratic problems in boxes, solved together: without their bounds
+parameters would do wonders, and ten deviations of a stiffness hide an offset.
 Source: Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625 (block principal
-pivoting, one variable at a time where blocks take turns); a library solves one such problem in
-the time in which this solves thousands.
+pivoting, one variable at a time where blocks take turns).
 """
 
 from __future__ import annotations
@@ -20,6 +17,15 @@ from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 from servo_models.identification.problem import Problem
+
+BLOCK_EXCHANGES = 8
+"""Of all variables on the wrong side of a bound at once."""
+SINGLE_EXCHANGES = 40
+"""Of one variable at a time, after them."""
+COORDINATE_SWEEPS = 3
+"""Over single variables, at last."""
+RELATIVE_RIDGE = 1e-10
+"""On the diagonal, scaled to 1: variables that do the same share what is to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +117,6 @@ def _orthonormal(slopes: Array) -> Array:
         return slopes
     left, singular, _ = np.linalg.svd(slopes, full_matrices=False)
     return left[:, singular > 1e-9 * singular[0]]
-
-
-BLOCK_EXCHANGES, SINGLE_EXCHANGES, COORDINATE_SWEEPS = 8, 40, 3
-"""Exchanges of what is free, all that is wrong at once and then one variable at a time, and
-sweeps over single variables after them."""
-RELATIVE_RIDGE = 1e-10
-"""On the diagonal, scaled to 1: variables that do the same share what is to do."""
 
 
 def least_in_box(gram: Array, gradient: Array, low: Array, high: Array) -> Array:

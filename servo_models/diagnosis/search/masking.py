@@ -25,9 +25,10 @@ UNMASKED_SHARE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
 HALVINGS = 2
 """Of the way between a size that does not show and the next one, which does."""
-SHAPES_TRIED, MASKED_FIT_STEPS = 2, 8
-"""Shapes and signs of an effect that are tried, those first that may move most, and steps of a fit:
-what parameters imitate they find at once."""
+SHAPES_TRIED = 2
+"""Shapes and signs of an effect, those first that may move most."""
+MASKED_FIT_STEPS = 8
+"""Of a fit: what parameters imitate they find at once."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,10 @@ from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.search.crossval import CrossValidation
 from servo_models.identification.problem import Problem
 
-LONGEST_STRETCH, SHORTEST_STRETCH, LEAST_STRETCHES = 48, 16, 8
-"""Samples of a stretch at most and at least, and how many of them a record has at least."""
+LONGEST_STRETCH = 48  # samples
+SHORTEST_STRETCH = 16  # samples
+LEAST_STRETCHES = 8
+"""In a record."""
 LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES
 """Of a record that is judged: a shorter one counts as noise."""
 NOISE_FREQUENCY_PER_SAMPLE = 0.08

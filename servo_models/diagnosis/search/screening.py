@@ -28,17 +28,29 @@ from servo_models.diagnosis.search.fitting import FittedModel, delays_of
 from servo_models.diagnosis.search.linearisation import Linearisation, least_in_box, value_at
 from servo_models.errors import UserError
 
-LARGEST_SHARE, LEAST_SHARE = 1.6, 0.5
-"""A difference counts up to this much larger than simulated, since sizes are a grid, and that of a
-limit on a rate at least this part: a small part of what a tight one does is what none does."""
+VALUES_IN_PAIRS = 3
+"""Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it
+takes one that imitates the other effect as well."""
+CORRECTIONS = 2
+"""Times that other parameters are corrected before a discontinuous one is judged."""
+NEIGHBOUR_RATIO = 1.05
+"""Of two values of it, below which one correction serves both."""
+LARGEST_GROUP = 32
+"""Neighbouring values that are simulated one after another."""
+DELAY_LESS_IN_PERIODS = (0.25, 0.5, 0.75)
+"""By which a delay is less beside a hold; 0.5 where nothing is corrected."""
+LARGEST_SHARE = 1.6
+"""Of a simulated change that an effect may make: trial values are a grid."""
+LARGEST_RIPPLE_SHARE = 10.0
+"""The same of a ripple, which is tried at one amplitude."""
+LEAST_SHARE = 0.5
+"""The same of a limit, at least: a small part of what a tight one does is what none does."""
 VALUES_BESIDE = 6
 """Trial values at which an effect is screened beside others."""
 VALUES_SIMULATED = 5
 """Of an effect before a fit of it, where screening puts the other parameters."""
 NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))
 """From its value in a model, at which a discontinuous parameter is sought again."""
-LARGEST_RIPPLE_SHARE = 10.0
-"""The same for a ripple, of which one size is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,14 +214,6 @@ def remains(
     return float(seen.errors @ seen.errors) + value_at(gram, towards, best), best
 
 
-CORRECTIONS, NEIGHBOUR_RATIO, LARGEST_GROUP = 2, 1.05, 32
-"""Times that other parameters are corrected before a staircase is judged, and sizes, relative to
-each other, so near that once is enough; so many of them are looked at one after another."""
-DELAY_LESS_IN_PERIODS = (0.25, 0.5, 0.75)
-"""Parts of a hold's period by which a delay is less beside it, of which the best is taken; at a
-first look it is half of it, which is as often among the best sizes."""
-
-
 def neighbours(one: Candidate) -> list[list[Settings]]:
     """Sizes of an effect that are simulated one after another: those of a staircase that are
     near each other, since one tells where the other parameters are at the next."""
@@ -321,11 +325,6 @@ def _difference(seen: Linearisation, values: dict[str, float]) -> Array:
     changed -= seen.errors
     changed[problem.samples :] = 0.0
     return changed
-
-
-VALUES_IN_PAIRS = 3
-"""Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it
-takes one that imitates the other effect as well."""
 
 
 class _Pair(NamedTuple):
