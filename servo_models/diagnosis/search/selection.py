@@ -88,8 +88,8 @@ LEAST_MASKED_FLOORS = 1.0
 ENOUGH_FLOORS = 1.1
 """Held-out error [noise floors] of re-tuned parameters below which no effect is named."""
 ENTRY_PART_OF_GAP = 0.1
-"""Part of what re-tuned parameters leave above the noise floor [RMS] that an effect has to take
-away."""
+"""Part of what re-tuned parameters leave above the noise floor [RMS] that a first effect has to
+take away."""
 ENTRY_ADVANTAGE = 20.0
 """Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
 what the best of so many trials does by chance."""
@@ -407,7 +407,7 @@ class SubsetSelection:
         """Whether each effect of a model earns its place, also under conditions left out."""
         share = ENTRY_SHARE if len(model.effects) < 3 else ENTRY_SHARE_OF_THIRD
         least = ENTRY_PART_OF_GAP * (self.retuned.evidence.rms - 1.0)
-        if fewer.evidence.rms - model.evidence.rms < least:
+        if not fewer.effects and fewer.evidence.rms - model.evidence.rms < least:
             return False
         if not passes_entry_test(model, fewer, share):
             return False
