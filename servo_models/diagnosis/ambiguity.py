@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 Effects = tuple[str, ...]
 T = TypeVar("T")
@@ -82,6 +81,8 @@ def _slots(models: Sequence[Effects], family: Callable[[str], str]) -> tuple[Slo
 
 def _linked(items: Sequence[T], link: Callable[[T, T], bool]) -> list[list[T]]:
     """Items in groups: those linked directly or over others, each in the order given."""
+    from scipy.sparse.csgraph import connected_components
+
     links = np.array([[link(one, other) for other in items] for one in items])
     _, labels = connected_components(links, directed=False)
     groups: dict[int, list[T]] = {}
