@@ -387,7 +387,7 @@ def test_what_the_fmu_leaves_is_told(found: Diagnosis) -> None:
 def test_every_verdict_has_a_page(found: Diagnosis, kind: str, judged: str, begins: str) -> None:
     selection = found.selection
     if kind in (NO_GAP, PARAMETERS):
-        selection = replace(selection, taken=selection.retuned, singles=[], pairs=[])
+        selection = replace(selection, taken=selection.retuned, tried=[])
     other = replace(
         found,
         selection=selection,

@@ -19,7 +19,7 @@ from servo_models.diagnosis.search.candidates import (
 from servo_models.diagnosis.search.fitting import shifted
 from servo_models.diagnosis.search.grid_search import shortened, shortlist
 from servo_models.diagnosis.search.joint_fits import beside
-from servo_models.diagnosis.search.screening import Screener, screen
+from servo_models.diagnosis.search.screening import screen
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, measured
@@ -122,7 +122,7 @@ def test_a_hold_is_seen_beside_another_effect(period: float) -> None:
     first = beside(fitter, retuned, friction[:2])
     others = [one for one in every.values() if not one.grid]
     both = [*others, every["sample_hold"]]
-    known = Screener(both, []).beside(first, both)
+    known = screen((first.linearised,), both)
     seen = screen((first.linearised,), shortlist(fitter, first, both, known))
     best = [it.settings["sample_hold.period"] for it in seen[:4]]
     assert min(abs(it / period - 1.0) for it in best) < 2.5e-4
