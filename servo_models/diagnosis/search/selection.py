@@ -238,7 +238,7 @@ class SubsetSelection:
                 break
             self.grow(size, self.every)
             taken = self.accepted()
-        if len(taken.effects) > 1:
+        if taken.effects:
             self.exchange(taken)
         return self.accepted()
 
