@@ -120,12 +120,15 @@ def test_a_delay_one_tick_off_before_a_hold_is_found(ticks: float) -> None:
     assert fitter.fit((own.name,), begun).evidence.rms < 1.1
 
 
-@pytest.mark.parametrize(("structured", "lacks"), [(4.0, False), (6.0, True)])
-def test_five_floors_of_structure_lack_something_whatever_the_gap(
-    structured: float, lacks: bool
+@pytest.mark.parametrize(
+    ("structured", "gap", "lacks"),
+    [(4.0, 200.0, False), (6.0, 200.0, True), (2.0, 12.0, False), (3.0, 12.0, True)],
+)
+def test_a_fifth_of_the_gap_or_five_floors_are_lacking(
+    structured: float, gap: float, lacks: bool
 ) -> None:
     left = Residuals(structured, 0.9 * structured, 1.0, math.hypot(structured, 1.0))
-    assert unmodelled(left, gap=200.0) == lacks
+    assert unmodelled(left, gap) == lacks
 
 
 @pytest.mark.parametrize(("low", "said"), [(-1.0, ""), (0.0, NOT_DETERMINED)])
