@@ -16,7 +16,8 @@ from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_logs, without_flags
 from servo_models.diagnosis.ranking import estimates, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.fitting import Fitter, prior_parameters
+from servo_models.diagnosis.search.fitting import Fitter
+from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
 from servo_models.diagnosis.verdict import decide
 from servo_models.errors import UserError

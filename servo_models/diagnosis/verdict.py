@@ -10,7 +10,8 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import calibrated
 from servo_models.diagnosis.gap import closed, not_followed
 from servo_models.diagnosis.residual_regression import LockedTest, command_locked
-from servo_models.diagnosis.search.fitting import FittedModel, unrepeatable
+from servo_models.diagnosis.search.fitting import FittedModel
+from servo_models.diagnosis.search.limit_cycle import unrepeatable
 from servo_models.diagnosis.search.residuals import sure, unmodelled
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
 from servo_models.diagnosis.weights import covering, model_weights

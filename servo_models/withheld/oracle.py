@@ -39,8 +39,9 @@ from servo_models.data.readers import read_columns
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import dispersion
-from servo_models.diagnosis.search.fitting import FittedModel, Fitter, prior_parameters
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import beside, together
+from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import Screened, likeliest, pairs, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError

@@ -13,8 +13,8 @@ from servo_models.core.types import Array
 from servo_models.data.description import read_description
 from servo_models.diagnosis.search import grid_search as staircases
 from servo_models.diagnosis.search.candidates import candidates
-from servo_models.diagnosis.search.fitting import prior_parameters
 from servo_models.diagnosis.search.joint_fits import beside, best_start
+from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import (
     Detectability,
     likeliest,

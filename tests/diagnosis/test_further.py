@@ -11,8 +11,9 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.held_out import held_out_scores
 from servo_models.diagnosis.search.candidates import candidates
-from servo_models.diagnosis.search.fitting import FittedModel, Fitter, unrepeatable
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import best_start
+from servo_models.diagnosis.search.limit_cycle import unrepeatable
 from servo_models.diagnosis.search.residuals import Residuals
 from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.search.selection import select_effects
@@ -48,16 +49,16 @@ def test_two_causes_are_not_joined_by_a_third() -> None:
 
 
 @pytest.mark.parametrize("name", ["drive_saturation", "coulomb_friction", "gear_compliance"])
-def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_seen(name: str) -> None:
+def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_screened(name: str) -> None:
     fitter, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
-    seen = fitter.fit((), ()).linearised
-    for result in screen((seen,), [every[name]])[:5]:
+    linear = fitter.fit((), ()).linearised
+    for result in screen((linear,), [every[name]])[:5]:
         begin = best_start([result])
-        as_seen = {**result.settings, **result.seen.start(result.whole)}
-        assert begin.cost <= seen.cost(as_seen)
-        assert begin.cost <= seen.cost(result.settings)  # the others as they are
+        as_screened = {**result.settings, **result.linearised.start(result.whole)}
+        assert begin.cost <= linear.cost(as_screened)
+        assert begin.cost <= linear.cost(result.settings)  # the others as they are
         own = {free.name: free.start for free in begin.free}
-        assert begin.cost == seen.cost({**begin.values, **own})
+        assert begin.cost == linear.cost({**begin.values, **own})
 
 
 def test_a_motion_that_the_effects_make_worse_is_named() -> None:

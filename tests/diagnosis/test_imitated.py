@@ -19,8 +19,9 @@ from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
-from servo_models.diagnosis.search.fitting import Fitter, prior_parameters
+from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.masking import masked_effects
+from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.screening import screening_results
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict

@@ -102,7 +102,7 @@ def test_few_values_show_from_the_nominal_model_what_all_values_do() -> None:
     retuned = fitter.fit((), ())
     nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal}).linearised
     results = moving(survey(retuned.linearised, [nominal], list(every.values())))
-    few = [it for it in results if it.seen is nominal]
+    few = [it for it in results if it.linearised is nominal]
     most = screen((nominal,), list(every.values()))
     best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
     assert best[1]["coulomb_friction"] == best[0]["coulomb_friction"]

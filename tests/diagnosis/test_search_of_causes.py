@@ -15,9 +15,9 @@ from servo_models.core.simulate import model
 from servo_models.data.description import read_description
 from servo_models.diagnosis.search.candidates import candidates, travel
 from servo_models.diagnosis.search.crossval import blocks, cross_validate
-from servo_models.diagnosis.search.fitting import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS, prior_parameters
 from servo_models.diagnosis.search.screening import reaches, screen
 from servo_models.identification.optimise import _Point, _step, descend
 from servo_models.identification.problem import Free

@@ -1,1 +1,1 @@
-"""The search for causes: which effects are looked at, fitted and taken."""
+"""The search for causes: which effects are screened, fitted and taken."""

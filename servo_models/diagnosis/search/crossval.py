@@ -1,4 +1,4 @@
-"""How well a fitted model predicts what its fit has not seen.
+"""How well a fitted model predicts what is held out of its fit.
 
 Blocks of time are left out in turn.  The parameters without a block follow from the fit to
 all by one Gauss-Newton step, which is exact for a linear model, so nothing is fitted again.
@@ -33,7 +33,7 @@ SIGN_DRAWS = 999
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """A fitted model judged on blocks that it has not seen, errors in noise floors.
+    """A fitted model judged on blocks that are held out, errors in noise floors.
 
     Attributes:
         vector: the fit, in scales.
@@ -81,23 +81,23 @@ def blocks(problem: Problem) -> NDArray[np.int64]:
 
 
 def cross_validate(
-    problem: Problem, seen: Linearisation, parts: NDArray[np.int64], held: Sequence[int] = ()
+    problem: Problem, linear: Linearisation, parts: NDArray[np.int64], held: Sequence[int] = ()
 ) -> CrossValidation:
     """Return the errors of a fit on each block, with the block left out of the fit.
 
     Args:
         problem: with the fit's free parameters and weights.
-        seen: errors and slopes at the fit.
+        linear: errors and slopes at the fit.
         parts: from ``blocks``.
-        held: parameters that stay, since the response is a staircase of them, or a bound holds
+        held: parameters that stay, since the response jumps with them, or a bound holds
             them.
     """
     n = problem.samples
-    slopes = seen.slopes.copy()
+    slopes = linear.slopes.copy()
     slopes[:, list(held)] = 0.0
-    errors = seen.errors[:n]
+    errors = linear.errors[:n]
     gram = slopes.T @ slopes
-    gram += 1e-12 * np.trace(gram) * np.eye(len(seen.vector))
+    gram += 1e-12 * np.trace(gram) * np.eye(len(linear.vector))
     unseen = errors.copy()
     for k in range(int(parts.max()) + 1):
         rows = np.flatnonzero(parts == k)
@@ -106,7 +106,7 @@ def cross_validate(
         change = own @ step
         size, most = np.linalg.norm(change), LARGEST_CHANGE_OVER_ERRORS * np.linalg.norm(error)
         unseen[rows] += change * (most / size if size > most else 1.0)
-    return CrossValidation(seen.vector, unseen, errors, parts)
+    return CrossValidation(linear.vector, unseen, errors, parts)
 
 
 def dispersion(errors: Array) -> float:

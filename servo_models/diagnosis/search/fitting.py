@@ -5,17 +5,14 @@ fixed looks like an effect.  Parameters that no slope leads to, such as a quantu
 a hold, are moved by trial beside the least squares.  Where the model itself has a quantiser or a
 hold, its smooth twin gives one more start: the rough response has dents in which a fit ends.
 
-A fit is judged by blocks of time, and by conditions, that it has not seen: what merely imitates the
-cause fits each condition with a size in between.  A quantiser or a dead band in a loop makes a
-limit cycle that depends on parameters to more digits than any log holds; by how much a response
-differs from itself, parameters changed within their standard errors, says nothing against it.
-Sources: Roberts et al., Ecography 40 (2017) 913 (blocks as the structure of the data has them);
-Gelman, Meng, Stern, Statistica Sinica 6 (1996) 733 (posterior predictive checks).
+A fit is judged by blocks of time, and by conditions, that are held out: what merely imitates the
+cause fits each condition with a size in between.
+Source: Roberts et al., Ecography 40 (2017) 913 (blocks as the structure of the data has them).
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -26,29 +23,17 @@ from servo_models.core.plant import Parameter
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
-from servo_models.data.description import Description
 from servo_models.data.log import ROUNDING, Log
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
 from servo_models.diagnosis.search.linearisation import Linearisation, linearised
 from servo_models.diagnosis.search.residuals import Residuals, residuals_of
 from servo_models.identification.optimise import descend, steps
-from servo_models.identification.problem import DIFFERENCE, Free, Problem, free_parameter
+from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.simulation import Steps
 from servo_models.identification.uncertainty import Spread, spread
 
-PRIOR_BOUND_SIGMAS = 4.0
-"""Prior deviations that a nominal parameter may move."""
 LEAST_CONDITIONS = 3
 """Conditions from which one can be spared."""
-LIMIT_CYCLE_DRAWS = 8
-"""Other parameters that are tried."""
-MOVE_IN_STANDARD_ERRORS = 0.3
-"""How far they are away."""
-SMALLER_MOVE_IN_STANDARD_ERRORS = 0.03
-"""The same once more."""
-LIMIT_CYCLE_SHARE = 0.5
-"""Share of a difference that stays when parameters are ten times nearer, from which a response
-hunts; of codes that flip it would be a third, the root of a tenth."""
 FIT_TOLERANCE = 1e-4  # of the cost
 """Of a fit in the search: differences between effects are larger."""
 FIT_STEPS = 25
@@ -82,7 +67,7 @@ MOST_MOVES = 8
 
 
 def discontinuous_of(problem: Problem) -> list[int]:
-    """Which free parameters are discontinuous: the response is a staircase of them."""
+    """Which free parameters are discontinuous: the response jumps with them."""
     return [
         i
         for i, free, parameter, hints in _of_effects(problem)
@@ -185,7 +170,7 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
 
     Where a reading jumps with the command, the cost falls by a stair a sample: it is flat
     between two of them, and no slope leads on.  Before a hold, every edge of the command waits for
-    the next tick, and the delay is such a staircase too.
+    the next tick, and the response jumps with the delay too.
     """
     moves = [it * sample for sample in _jumping(problem) for it in DELAY_MOVES_IN_SAMPLES]
     moves += [it * period for period in _periods(problem, vector) for it in DELAY_MOVES_IN_PERIODS]
@@ -325,16 +310,16 @@ class FittedModel:
 
     @cached_property
     def loss(self) -> float:
-        """Sum of squared unseen errors, larger for a disguise, which yields to a plain effect.
+        """Sum of squared unseen errors, larger for an effect on its bound.
 
         The best of many trials explains a little by chance: twice their logarithm, as the
         largest of so many squares of normal numbers is.  Look-alikes are told apart by how
         usual their sizes are.
         """
-        seen = float(self.evidence.losses.sum()) * (
+        squared = float(self.evidence.losses.sum()) * (
             LOSS_FACTOR_ON_BOUND if self.held_by_bound else 1.0
         )
-        return seen + 2.0 * self.chance * self.evidence.dispersion
+        return squared + 2.0 * self.chance * self.evidence.dispersion
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,10 +446,10 @@ class Fitter:
         """Return the nominal model as it is: no fit, so that everything is unseen."""
         problem = self.problem()
         errors = problem.residuals(problem.nominal)
-        seen = Linearisation(problem, problem.nominal, errors, np.empty((len(errors), 0)))
+        linear = Linearisation(problem, problem.nominal, errors, np.empty((len(errors), 0)))
         own = errors[: problem.samples]
         evidence = CrossValidation(problem.nominal, own, own, blocks(problem))
-        return FittedModel((), problem, seen, evidence, converged=True, chance=0.0)
+        return FittedModel((), problem, linear, evidence, converged=True, chance=0.0)
 
     def again(
         self, found: FittedModel, tolerance: float = FIT_TOLERANCE, limit: int = FIT_STEPS
@@ -493,12 +478,12 @@ class Fitter:
         slopes: Array | None = None,
     ) -> FittedModel:
         widths = self.widths(problem)
-        seen = linearised(problem, vector, widths, slopes)
-        held = [*discontinuous_of(problem), *_pressed(seen)]
-        evidence = cross_validate(problem, seen, blocks(problem), held)
+        linear = linearised(problem, vector, widths, slopes)
+        held = [*discontinuous_of(problem), *_pressed(linear)]
+        evidence = cross_validate(problem, linear, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        return FittedModel(effects, problem, seen, evidence, converged, chance, widths)
+        return FittedModel(effects, problem, linear, evidence, converged, chance, widths)
 
     def _descend(
         self,
@@ -508,7 +493,7 @@ class Fitter:
         limit: int,
         known: Array | None = None,
     ) -> tuple[Array, bool, Array | None]:
-        """Least squares; sizes on which the response is a staircase are tried out beside it.
+        """Least squares; discontinuous parameters are tried out beside it.
 
         They stay until the other parameters are where such a size needs them: before, a wrong
         one may leave less.
@@ -516,7 +501,7 @@ class Fitter:
         widths, stepwise = self.widths(problem), discontinuous_of(problem)
         vector = np.clip(start, *problem.bounds)
         if stepwise:
-            assert widths is not None  # a staircase has no small slopes
+            assert widths is not None  # a discontinuous parameter has no small slopes
             vector = others_first(problem, vector, stepwise, widths, tolerance, limit)
             vector, known = (
                 sharpened(problem, vector, stepwise, widths, WIDE_RELATIVE_CHANGES),
@@ -538,9 +523,9 @@ class Fitter:
         return vector, met, slopes
 
 
-def _pressed(seen: Linearisation) -> list[int]:
+def _pressed(linear: Linearisation) -> list[int]:
     """Which parameters a bound holds from a better fit: without a block it would hold them too."""
-    sides, gradient = seen.problem.sides(seen.vector), seen.slopes.T @ seen.errors
+    sides, gradient = linear.problem.sides(linear.vector), linear.slopes.T @ linear.errors
     inward = {"low": 1.0, "high": -1.0}
     return [i for i, side in enumerate(sides) if side and inward[side] * gradient[i] > 0.0]
 
@@ -590,61 +575,3 @@ def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
         errors = unseen.residuals(fitted.evidence.vector)[: unseen.samples]
         lost += float(errors @ errors)
     return lost
-
-
-def prior_parameters(told: Description) -> tuple[Free, ...]:
-    """Return what is free in every fit: parameters with an uncertainty, within its reach.
-
-    Without the limit a large gap takes them anywhere, and an effect that is missing is
-    imitated by constants that nobody would believe.
-    """
-    parameters, found = told.model.plant.parameters, []
-    uncertain = told.uncertainty.keys()
-    for name, prior in told.uncertainty.items():
-        if _idle(told.model, name, uncertain):
-            continue
-        nominal, bounds = told.model.values[name], told.bounds.get(name)
-        free = free_parameter(parameters[name], nominal, prior, bounds)
-        low, high = (
-            free.nominal - PRIOR_BOUND_SIGMAS * prior,
-            free.nominal + PRIOR_BOUND_SIGMAS * prior,
-        )
-        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
-    return tuple(found)
-
-
-def _idle(model: Model, name: str, uncertain: Container[str]) -> bool:
-    """Whether a parameter is that of an effect that is off and surely so."""
-    known = model.plant.parameters
-    owner = known[name].owner
-    switches = [it.name for it in known.values() if owner and it.owner == owner and it.param.switch]
-    return bool(switches) and not any(model.values[it] or it in uncertain for it in switches)
-
-
-def unrepeatable(found: FittedModel) -> float:
-    """Return by how much a response that hunts differs from itself [RMS, noise floors], else 0."""
-    if found.widths is None:
-        return 0.0
-    difference, nearer = (
-        _difference(found, MOVE_IN_STANDARD_ERRORS),
-        _difference(found, SMALLER_MOVE_IN_STANDARD_ERRORS),
-    )
-    return difference if nearer > LIMIT_CYCLE_SHARE * difference else 0.0
-
-
-def _difference(found: FittedModel, scale: float) -> float:
-    """RMS change [noise floors] beyond the slopes; the size of a staircase stays."""
-    problem, seen = found.problem, found.linearised
-    free = [i for i in range(len(seen.vector)) if i not in discontinuous_of(problem)]
-    _, spread, turned = np.linalg.svd(seen.slopes[:, free], full_matrices=False)
-    certain = spread > 1e-6 * spread.max(initial=0.0)
-    sizes = scale * np.sqrt(found.evidence.dispersion) / spread[certain]
-    random = np.random.default_rng(0)
-    power = 0.0
-    for _ in range(LIMIT_CYCLE_DRAWS):
-        vector = seen.vector.copy()
-        vector[free] += (random.standard_normal(len(sizes)) * sizes) @ turned[certain]
-        vector = np.clip(vector, *problem.bounds)
-        moved = problem.residuals(vector) - seen.errors - seen.slopes @ (vector - seen.vector)
-        power += float(np.mean(moved[: problem.samples] ** 2)) / LIMIT_CYCLE_DRAWS
-    return float(np.sqrt(power))

@@ -1,8 +1,7 @@
-"""Which of thousands of sizes of a staircase are worth a look: a short list from short logs.
+"""Which of a discontinuous parameter's thousands of values to screen: a short list from short logs.
 
-Where a response is a staircase of a size no slope leads to the best one, and beside another
-effect the best is another one than alone.  The first part of the logs tells quickly which sizes
-are near it; the whole logs then tell them apart.
+No slope leads to the best value, and beside another effect it is another one than alone.  The first
+part of the logs tells quickly which values are near it; the whole logs then tell them apart.
 """
 
 from __future__ import annotations
@@ -55,28 +54,29 @@ VALUES_LISTED = 12
 
 
 def shortlist(
-    fitter: Fitter, first: FittedModel, every: Sequence[Candidate], seen: Sequence[Screened] = ()
+    fitter: Fitter, first: FittedModel, every: Sequence[Candidate], known: Sequence[Screened] = ()
 ) -> tuple[Candidate, ...]:
-    """Return the staircases among some effects, with the sizes that look best beside ``first``.
+    """Return the discontinuous ones of some effects, with the values that leave least beside
+    ``first``.
 
-    What was ``seen`` of them, with the whole logs, tells how much a size moves, and of smooth
-    effects what these may do beside it.
+    What is ``known`` of effects, from the whole logs, tells how much a value moves, and what smooth
+    effects may do beside it.
     """
     discontinuous = [one for one in every if one.grid and one.name not in first.effects]
-    if seen:
-        moving = {it.candidate.name for it in seen}
+    if known:
+        moving = {it.candidate.name for it in known}
         discontinuous = [one for one in discontinuous if one.name in moving]
     if not discontinuous:
         return ()
-    smooth = [it for it in seen if not it.candidate.grid]
+    smooth = [it for it in known if not it.candidate.grid]
     parts = {
         samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF_SAMPLES, LONG_SAMPLES)
     }
-    return tuple(_listed(one, parts, seen, bool(first.effects)) for one in discontinuous)
+    return tuple(_listed(one, parts, known, bool(first.effects)) for one in discontinuous)
 
 
 class _Part:
-    """The first part of some logs, seen from a fit."""
+    """The first part of some logs, linearised about a fit."""
 
     def __init__(
         self, fitter: Fitter, first: FittedModel, samples: int, smooth: Iterable[Screened] = ()
@@ -92,16 +92,19 @@ class _Part:
     def screen(
         self, name: str, sizes: Iterable[Settings], corrected: bool = False
     ) -> list[Screened]:
-        """What is seen of a staircase at some sizes, best first."""
+        """Results of a discontinuous effect at some values, best first."""
         one = replace(self.candidates[name], trial_values=tuple(sizes))
         return screen((self.linearised,), [one], corrected)
 
     def _cut(self, result: Screened, rows: NDArray[np.int_]) -> Screened:
-        """What was seen of an effect with the whole logs, as far as this part goes."""
+        """A result of an effect with the whole logs, as far as this part goes."""
         change = np.zeros(len(self.linearised.errors))
         change[: len(rows)] = result.change[rows]
         return replace(
-            result, seen=self.linearised, change=change, difference=self.linearised.without(change)
+            result,
+            linearised=self.linearised,
+            change=change,
+            difference=self.linearised.without(change),
         )
 
     def best(self, results: Sequence[Screened], count: int) -> list[Screened]:
@@ -124,12 +127,12 @@ def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
 
 
 def _listed(
-    full: Candidate, parts: Mapping[int, _Part], seen: Iterable[Screened], beside: bool
+    full: Candidate, parts: Mapping[int, _Part], known: Iterable[Screened], beside: bool
 ) -> Candidate:
-    """A staircase with the sizes that look best, ``beside`` effects or alone."""
+    """An effect with the values that leave least, ``beside`` effects or alone."""
     part, long = _showing(parts), parts[LONG_SAMPLES]
     every = parts[BRIEF_SAMPLES if full.late else LONG_SAMPLES].candidates[full.name].grid
-    likely = _fitting(every, full.name, seen, LEAST_MOVE_BESIDE if beside else LEAST_MOVE_ALONE)
+    likely = _fitting(every, full.name, known, LEAST_MOVE_BESIDE if beside else LEAST_MOVE_ALONE)
     grid, results = _over_all(full, part, every, likely, beside)
     if not full.late and part is not long:
         results = long.screen(full.name, [it.settings for it in part.best(results, VALUES_IN_LONG)])
@@ -148,9 +151,9 @@ def _over_all(
     likely: Sequence[Settings],
     beside: bool,
 ) -> tuple[list[Settings], list[Screened]]:
-    """The sizes that are looked at in a part of the logs, and what is seen there, best first."""
+    """The values that are screened in a part of the logs, and the results there, best first."""
     chosen = likely if full.late else likely[::2] if beside else _thinned(likely)
-    grid = [*full.trial_values, *chosen]  # a closer look finds those between
+    grid = [*full.trial_values, *chosen]  # those between are screened later
     results = part.screen(full.name, grid)
     alone = not full.late and not beside
     if alone and results and results[0].left < NEIGHBOURS_LEFT_SHARE * part.linearised.left:
@@ -161,7 +164,7 @@ def _over_all(
 
 
 def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Screened]:
-    """What is seen of some sizes and of those around the best half, other parameters corrected."""
+    """Results of some sizes and of those around the best half, other parameters corrected."""
     results = part.screen(full.name, best, corrected=True)
     apart = AROUND_PERIOD_RELATIVE if full.late else AROUND_RELATIVE
     half = part.best(results, VALUES_CORRECTED // 2)
@@ -205,12 +208,12 @@ def _thinned(every: Sequence[Settings]) -> list[Settings]:
 
 
 def _fitting(
-    sizes: Sequence[Settings], name: str, seen: Iterable[Screened], weak: float
+    sizes: Sequence[Settings], name: str, known: Iterable[Screened], weak: float
 ) -> Sequence[Settings]:
     """Sizes that move about as much as there is left to explain, a ``weak`` part of it at least."""
     own = {
-        max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.seen.left)
-        for it in seen
+        max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.linearised.left)
+        for it in known
         if it.candidate.name == name
     }
     if not own:
@@ -218,7 +221,7 @@ def _fitting(
     known = np.log(sorted(own))
     moved = np.log([own[size] for size in sorted(own)])
     wanted = np.log([max(it.values()) for it in sizes])
-    # beyond what was seen, as far as the size does
+    # beyond the results, as far as the size does
     found = np.interp(wanted, known, moved) + wanted - np.clip(wanted, known[0], known[-1])
     return [it for it, size in zip(sizes, found) if log(weak) < size < log(LARGEST_MOVE)]
 

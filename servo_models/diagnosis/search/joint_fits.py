@@ -1,4 +1,4 @@
-"""Fit an effect beside others, or two at once, from where screening has seen them.
+"""Fit an effect beside others, or two at once, from where screening leads.
 
 Screening is linear: it takes a share of the change that an effect makes at one trial value, and
 moves the other parameters along their slopes.  The effect at that value, at the share of it, and
@@ -39,9 +39,9 @@ SLOW_COST_RATIO = 0.98
 
 
 def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> FittedModel:
-    """Fit an effect beside those of ``first``, from sizes at which it was seen from there.
+    """Fit an effect beside those of ``first``, from its results of screening there.
 
-    It begins where least is left, and again from the next while a look has promised less.  While
+    It begins where least is left, and again from the next while screening has promised less.  While
     something is left to explain, it begins with another shape, or half of a jump, as well.
     """
     kept = [free for free in first.problem.free if free.prior is None]
@@ -54,7 +54,7 @@ def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> Fitte
         if best and begin.cost > FAR_FACTOR * first.cost:
             break
         (result,) = begin.results
-        found = fitter.fit(effects, [*kept, *begin.free], begin.values, result.seen.slopes)
+        found = fitter.fit(effects, [*kept, *begin.free], begin.values, result.linearised.slopes)
         if found.cost < first.cost:
             found = _followed(fitter, found, kept, result.candidate)
         found = _polished(fitter, found, first) if result.candidate.discontinuous else found
@@ -68,7 +68,7 @@ def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> Fitte
     for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
         if best.settled:
             break
-        found = fitter.fit(effects, [*kept, *free], values, begins[0].results[0].seen.slopes)
+        found = fitter.fit(effects, [*kept, *free], values, begins[0].results[0].linearised.slopes)
         best = min(best, found, key=lambda it: it.cost)
     return best
 
@@ -87,7 +87,7 @@ def _half_jumps(
     begin: Start, found: FittedModel
 ) -> Iterator[tuple[tuple[Free, ...], dict[str, float]]]:
     """Two starts at half of the jump, as parameters of the effect and values [SI] of the others:
-    at the size that was seen, and at that which loses as much beyond the jump as a fit does.
+    at the size that was screened, and at that which loses as much beyond the jump as a fit does.
 
     Neither suffices: between sizes and parts of a jump are ridges.
     """
@@ -95,8 +95,8 @@ def _half_jumps(
     one = result.candidate
     assert one.jump
     switch, half = one.free[0], 0.5 * one.jump.high
-    seen = best_start([replace(result, settings={**result.settings, one.jump.name: half})])
-    yield seen.free, seen.values
+    start = best_start([replace(result, settings={**result.settings, one.jump.name: half})])
+    yield start.free, start.values
     lost = found.values[switch.name] * (1.0 - found.values[one.jump.name])
     size = min(max(lost / (1.0 - half), switch.low), switch.high)
     own = {switch.name: size, one.jump.name: half}
@@ -127,7 +127,8 @@ def _opened(side: str, before: Free, after: Free) -> bool:
 
 
 def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedModel:
-    """Fit a promising staircase again while that helps: each fit moves its size a little."""
+    """Fit a promising discontinuous effect again while that helps: its value moves a little each
+    time."""
     for _ in range(MOST_REFITS):
         if found.cost > REFIT_COST * first.cost:
             break
@@ -138,10 +139,10 @@ def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedM
 
 
 def together(fitter: Fitter, pair: Sequence[Screened]) -> FittedModel:
-    """Fit effects that were seen together."""
+    """Fit effects that were screened together."""
     names = tuple(names_of(pair))
     begin = best_start(pair)
-    return fitter.fit(names, begin.free, begin.values, pair[0].seen.slopes)
+    return fitter.fit(names, begin.free, begin.values, pair[0].linearised.slopes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +163,7 @@ class Start:
 
 
 def best_start(results: Sequence[Screened], thorough: bool = True) -> Start:
-    """Return the best start of effects that are fitted together, each seen at one size.
+    """Return the best start of effects that are fitted together, each screened at one size.
 
     Other parameters are tried where they make up for the whole effects only, unless ``thorough``.
     """
@@ -172,8 +173,8 @@ def best_start(results: Sequence[Screened], thorough: bool = True) -> Start:
 
 
 def _start(results: Sequence[Screened], scales: Sequence[float], thorough: bool) -> Start:
-    """The start with the effects at so many times the sizes at which they were seen."""
-    seen = results[0].seen
+    """The start with the effects at so many times the sizes at which they were screened."""
+    linear = results[0].linearised
     free = tuple(one for it, scale in zip(results, scales) for one in it.candidate.at(it.at(scale)))
     own = {it.name: it.start for it in free}
     full = tuple(scale / it.share if it.share else 0.0 for it, scale in zip(results, scales))
@@ -182,9 +183,9 @@ def _start(results: Sequence[Screened], scales: Sequence[float], thorough: bool)
         np.sum([share * it.whole for it, share in zip(results, shares)], axis=0)
         for shares in (parts if thorough else (full,))
     ]
-    tried = [seen.start(whole) for whole in wholes]
+    tried = [linear.start(whole) for whole in wholes]
     if thorough:
-        stays = seen.problem.values(seen.vector)
-        tried += [stays, *(seen.near_start(whole) for whole in wholes)]
-    found = (Start(tuple(results), free, it, seen.cost({**it, **own})) for it in tried)
+        stays = linear.problem.values(linear.vector)
+        tried += [stays, *(linear.near_start(whole) for whole in wholes)]
+    found = (Start(tuple(results), free, it, linear.cost({**it, **own})) for it in tried)
     return min(found, key=lambda it: it.cost)

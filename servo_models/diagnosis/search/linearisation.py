@@ -30,7 +30,7 @@ RELATIVE_RIDGE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Where one looks from: a fitted problem, linear about its estimates.
+    """A fitted problem, linear about its estimates.
 
     Attributes:
         problem, vector: the fit.

@@ -1,7 +1,7 @@
 """Effects that re-tuned parameters imitate: one may be there, and the logs would hardly show it.
 
-A look tells of which that may be so; then the effect is put into the model at sizes that were
-looked at, and at some between them, and the parameters are fitted beside it.
+Screening tells of which that may be so; then the effect is put into the model at the values that
+were screened, and at some between them, and the parameters are fitted beside it.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def masked_effects(
     """
     alike: dict[tuple[object, ...], list[Screened]] = {}
     for result in results:
-        # a ripple is seen as a share of each phase, at no size of its own
-        if result.seen is retuned.linearised and result.waves is None:
+        # a ripple is screened as a share of each phase, at no size of its own
+        if result.linearised is retuned.linearised and result.waves is None:
             alike.setdefault(_kind(result), []).append(result)
     largest: dict[str, MaskedEffect] = {}
     tried: Counter[str] = Counter()
@@ -91,7 +91,7 @@ def _kind(result: Screened) -> tuple[object, ...]:
 
 def _promised(own: Iterable[Screened]) -> float:
     """How far an effect moves the outputs at sizes that parameters may imitate."""
-    return max((_rms(it.change, it.seen) for it in own if _alike(it)), default=0.0)
+    return max((_rms(it.change, it.linearised) for it in own if _alike(it)), default=0.0)
 
 
 def _alike(result: Screened) -> bool:
@@ -139,10 +139,12 @@ class _Walk:
                 high = middle
 
     def _passes(self, result: Screened) -> bool:
-        """Whether parameters imitate an effect at a size that was looked at."""
+        """Whether parameters imitate an effect at a value that was screened."""
         if not result.change.any():
             return True
-        return _alike(result) and self._tried(result.settings, result.seen.start(result.change))
+        return _alike(result) and self._tried(
+            result.settings, result.linearised.start(result.change)
+        )
 
     def _tried(self, settings: Settings, start: Mapping[str, float]) -> bool:
         """Whether they do so at some settings; keeps the largest that they do imitate."""
@@ -183,5 +185,5 @@ def _moved(found: FittedModel, retuned: FittedModel) -> float:
     return _rms(errors - retuned.linearised.errors, retuned.linearised)
 
 
-def _rms(change: Array, seen: Linearisation) -> float:
-    return float(np.linalg.norm(change) / np.sqrt(max(seen.problem.samples, 1)))
+def _rms(change: Array, linear: Linearisation) -> float:
+    return float(np.linalg.norm(change) / np.sqrt(max(linear.problem.samples, 1)))

@@ -60,7 +60,7 @@ class Screened:
     """An effect at one size.
 
     Attributes:
-        seen: from where.
+        linearised: from where.
         candidate: the effect.
         settings: its parameters [SI].
         share: of the change, by which it explains most; 1 where it cannot be shared.
@@ -70,7 +70,7 @@ class Screened:
         waves: of a ripple, its changes by a sine and by a cosine, shape (m + priors, 2).
     """
 
-    seen: Linearisation
+    linearised: Linearisation
     candidate: Candidate
     settings: dict[str, float]
     share: float
@@ -107,8 +107,8 @@ def screen(
 ) -> list[Screened]:
     """Return each effect at each size from each view, best first, without those that do nothing.
 
-    Other parameters are ``corrected`` before a staircase is judged: one of the wrong step looks
-    as good while they are still at values that made up for it.
+    Other parameters are ``corrected`` before a discontinuous effect is judged: a wrong value leaves
+    as little while they are still where they made up for it.
     """
     return moving(screening_results(views, every, corrected))
 
@@ -123,14 +123,14 @@ def screening_results(
 ) -> list[Screened]:
     """Return each effect at each size from each view, whatever it does."""
     results: list[Screened] = []
-    for seen in views:
-        problem = seen.problem
-        base = problem.values(seen.vector)
+    for linear in views:
+        problem = linear.problem
+        base = problem.values(linear.vector)
         tasks = [(one, sizes) for one in every for sizes in neighbours(one)]
-        simulate = partial(corrected_changes if corrected else changes, seen, base)
+        simulate = partial(corrected_changes if corrected else changes, linear, base)
         found = problem.workers.map(simulate, tasks)
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
-        results += _results(seen, every_size, list(chain.from_iterable(found)))
+        results += _results(linear, every_size, list(chain.from_iterable(found)))
     return results
 
 
@@ -142,9 +142,9 @@ def survey(
     results = screening_results((retuned,), every)
     by_left = sorted(results, key=lambda it: it.left)
     known = [_at_best(one, by_left) for one in preselect(every, by_left)]
-    for seen in others:
-        likely = [_at_likely_sizes(seen, it, VALUES_IN_OTHER_VIEWS) for it in known]
-        results += screening_results((seen,), likely)
+    for linear in others:
+        likely = [_at_likely_sizes(linear, it, VALUES_IN_OTHER_VIEWS) for it in known]
+        results += screening_results((linear,), likely)
     return results
 
 
@@ -158,39 +158,39 @@ def _at_best(one: Candidate, results: Iterable[Screened]) -> Candidate:
 
 
 def _results(
-    seen: Linearisation, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
+    linear: Linearisation, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
 ) -> list[Screened]:
-    left, share = best_scales(seen, [one for one, _ in every], changes)
+    left, share = best_scales(linear, [one for one, _ in every], changes)
     return [
-        _screened(seen, one, settings, columns, own, float(rest))
+        _screened(linear, one, settings, columns, own, float(rest))
         for (one, settings), columns, rest, own in zip(every, changes, left, share)
     ]
 
 
 def best_scales(
-    seen: Linearisation, every: Sequence[Candidate], changes: Sequence[Array]
+    linear: Linearisation, every: Sequence[Candidate], changes: Sequence[Array]
 ) -> tuple[Array, Array]:
     """Return what effects leave that change errors so, shape (k,), and at which share of it.
 
     Args:
-        seen: from where, so that its parameters follow inside their bounds.
+        linear: from where, so that its parameters follow inside their bounds.
         every: the effect of each change.
         changes: of shape (m + priors, 1), or of a sine and a cosine, which have a share each.
             Shares have shape (k, 2), the second unused where there is one.
     """
-    p, (down, up) = seen.slopes.shape[1], seen.room
+    p, (down, up) = linear.slopes.shape[1], linear.room
     gram, towards = np.zeros((len(every), p + 2, p + 2)), np.zeros((len(every), p + 2))
     low, high = np.zeros_like(towards), np.zeros_like(towards)
-    gram[:, :p, :p], towards[:, :p] = seen.gram, seen.slopes.T @ seen.errors
+    gram[:, :p, :p], towards[:, :p] = linear.gram, linear.slopes.T @ linear.errors
     low[:, :p], high[:, :p] = down, up
     for k, (one, columns) in enumerate(zip(every, changes)):
         own = slice(p, p + columns.shape[1])
-        gram[k, :p, own] = seen.slopes.T @ columns
+        gram[k, :p, own] = linear.slopes.T @ columns
         gram[k, own, :p] = gram[k, :p, own].T
         gram[k, own, own] = columns.T @ columns
-        towards[k, own] = columns.T @ seen.errors
+        towards[k, own] = columns.T @ linear.errors
         low[k, own], high[k, own] = scales(one)
-    left, steps = remains(seen, gram, towards, low, high)
+    left, steps = remains(linear, gram, towards, low, high)
     return left, steps[:, p:]
 
 
@@ -204,7 +204,7 @@ def scales(one: Candidate) -> tuple[float, float]:
 
 
 def _screened(
-    seen: Linearisation,
+    linear: Linearisation,
     one: Candidate,
     settings: Settings,
     columns: Array,
@@ -213,9 +213,11 @@ def _screened(
 ) -> Screened:
     if not one.ripple:
         change = columns[:, 0]
-        return Screened(seen, one, settings, float(share[0]), change, seen.without(change), left)
+        return Screened(
+            linear, one, settings, float(share[0]), change, linear.without(change), left
+        )
     at_once = {**settings, one.ripple[1]: 0.0}
-    plain = Screened(seen, one, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
+    plain = Screened(linear, one, at_once, 1.0, columns[:, 0], columns[:, 0], left, columns)
     return turned(plain, share, left)
 
 
@@ -227,21 +229,21 @@ def turned(ripple: Screened, share: Array, left: float) -> Screened:
     size = ripple.candidate.trial_values[0][switch] * min(hypot(*share), LARGEST_RIPPLE_SHARE)
     shown = {**ripple.settings, switch: size, phase: atan2(share[1], share[0])}
     change = ripple.waves @ share
-    without = ripple.seen.without(change)
+    without = ripple.linearised.without(change)
     return replace(ripple, settings=shown, change=change, difference=without, left=left)
 
 
 def remains(
-    seen: Linearisation, gram: Array, towards: Array, low: Array, high: Array
+    linear: Linearisation, gram: Array, towards: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
     """Return the squared errors that are left at the best steps inside a box, and these steps."""
     best = least_in_box(gram, towards, low, high)
-    return float(seen.errors @ seen.errors) + value_at(gram, towards, best), best
+    return float(linear.errors @ linear.errors) + value_at(gram, towards, best), best
 
 
 def neighbours(one: Candidate) -> list[list[Settings]]:
-    """Sizes of an effect that are simulated one after another: those of a staircase that are
-    near each other, since one tells where the other parameters are at the next."""
+    """Sizes of an effect that are simulated one after another: those of a discontinuous
+    effect that are near each other, since one tells where the other parameters are at the next."""
     if not one.discontinuous:
         return [[size] for size in one.trial_values]
     found: list[list[Settings]] = []
@@ -255,101 +257,101 @@ def neighbours(one: Candidate) -> list[list[Settings]]:
 
 
 def changes(
-    seen: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+    linear: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
 ) -> list[Array]:
     """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
     one, sizes = task
-    if one.late and _delay(seen):
-        return _held(seen, base, sizes, (0.5,))
-    return [_simulated(seen, base, one, size) for size in sizes]
+    if one.late and _delay(linear):
+        return _held(linear, base, sizes, (0.5,))
+    return [_simulated(linear, base, one, size) for size in sizes]
 
 
 def corrected_changes(
-    seen: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+    linear: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
 ) -> list[Array]:
-    """The same, other parameters corrected beside a staircase."""
+    """The same, other parameters corrected beside a discontinuous effect."""
     one, sizes = task
     if not one.discontinuous:
-        return changes(seen, base, task)
-    if one.late and _delay(seen):
-        return _held(seen, base, sizes, DELAY_LESS_IN_PERIODS)
-    whole = _difference(seen, {**base, **sizes[0]})
+        return changes(linear, base, task)
+    if one.late and _delay(linear):
+        return _held(linear, base, sizes, DELAY_LESS_IN_PERIODS)
+    whole = _difference(linear, {**base, **sizes[0]})
     if not whole.any():  # mostly since it reaches no measured output
         return [whole[:, None]] * len(sizes)
     for _ in range(CORRECTIONS - 1):
-        whole = _corrected(seen, sizes[0], whole)
+        whole = _corrected(linear, sizes[0], whole)
     found = []
     for size in sizes:
-        whole = _corrected(seen, size, whole)
-        if _left(seen, whole) > seen.left:  # slopes may have led astray
-            whole = min(whole, _difference(seen, {**base, **size}), key=partial(_left, seen))
+        whole = _corrected(linear, size, whole)
+        if _left(linear, whole) > linear.left:  # slopes may have led astray
+            whole = min(whole, _difference(linear, {**base, **size}), key=partial(_left, linear))
         found.append(whole[:, None])
     return found
 
 
-def _simulated(seen: Linearisation, base: Settings, one: Candidate, size: Settings) -> Array:
+def _simulated(linear: Linearisation, base: Settings, one: Candidate, size: Settings) -> Array:
     """The change by an effect; of a ripple, those by its sine and by its cosine."""
     phases = (0.0, pi / 2.0) if one.ripple else ()
     probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
-    return np.column_stack([_difference(seen, {**base, **probe}) for probe in probes])
+    return np.column_stack([_difference(linear, {**base, **probe}) for probe in probes])
 
 
-def _corrected(seen: Linearisation, size: Settings, whole: Array) -> Array:
+def _corrected(linear: Linearisation, size: Settings, whole: Array) -> Array:
     """A change by an effect once more, from where it would take the other parameters."""
-    return _change(seen, seen.start(whole), size)
+    return _change(linear, linear.start(whole), size)
 
 
 def _held(
-    seen: Linearisation, base: Settings, sizes: Sequence[Settings], parts: Sequence[float]
+    linear: Linearisation, base: Settings, sizes: Sequence[Settings], parts: Sequence[float]
 ) -> list[Array]:
     """Changes by a hold, with the delay less by the part of its period that leaves least.
 
     A hold is late by half its period on average, and by how much at an edge of the command no
     slope tells: the clock may tick just after it.
     """
-    delay = _delay(seen)
-    least = next(free.low for free in seen.problem.free if free.name == delay)
+    delay = _delay(linear)
+    least = next(free.low for free in linear.problem.free if free.name == delay)
     found = []
     for size in sizes:
         (period,) = size.values()
         sooner = dict.fromkeys(max(base[delay] - part * period, least) for part in parts)
-        tried = [_change(seen, {**base, delay: time}, size) for time in sooner]
-        best = tried[0] if len(tried) == 1 else min(tried, key=partial(_left, seen))
+        tried = [_change(linear, {**base, delay: time}, size) for time in sooner]
+        best = tried[0] if len(tried) == 1 else min(tried, key=partial(_left, linear))
         found.append(best[:, None])
     return found
 
 
-def _left(seen: Linearisation, change: Array) -> float:
+def _left(linear: Linearisation, change: Array) -> float:
     """Squared errors beside a change, without what parameters imitate."""
-    return float(np.sum(seen.without(seen.errors + change) ** 2))
+    return float(np.sum(linear.without(linear.errors + change) ** 2))
 
 
-def _delay(seen: Linearisation) -> str:
+def _delay(linear: Linearisation) -> str:
     """The free delay of a problem, empty where there is none."""
-    delays = delays_of(seen.problem)
-    return seen.problem.free[delays[0]].name if delays else ""
+    delays = delays_of(linear.problem)
+    return linear.problem.free[delays[0]].name if delays else ""
 
 
-def _change(seen: Linearisation, values: Settings, size: Settings) -> Array:
+def _change(linear: Linearisation, values: Settings, size: Settings) -> Array:
     """A change by an effect with other parameters at ``values``, less what their slopes do."""
-    change = _difference(seen, {**values, **size})
+    change = _difference(linear, {**values, **size})
     if not change.any():  # also where nothing can be simulated: slopes would make a change of it
         return change
-    vector = np.array(list(values.values())) / seen.problem.scales
-    change -= seen.slopes @ (vector - seen.vector)
-    change[seen.problem.samples :] = 0.0
+    vector = np.array(list(values.values())) / linear.problem.scales
+    change -= linear.slopes @ (vector - linear.vector)
+    change[linear.problem.samples :] = 0.0
     return change
 
 
-def _difference(seen: Linearisation, values: dict[str, float]) -> Array:
+def _difference(linear: Linearisation, values: dict[str, float]) -> Array:
     """Change of the weighted errors, none where nothing can be simulated; the priors do not
     change."""
-    problem = seen.problem
+    problem = linear.problem
     try:
         changed = problem.errors_with(values, strict=True)
     except UserError:
-        return np.zeros(len(seen.errors))
-    changed -= seen.errors
+        return np.zeros(len(linear.errors))
+    changed -= linear.errors
     changed[problem.samples :] = 0.0
     return changed
 
@@ -368,8 +370,8 @@ def pairs(results: Sequence[Screened], enough: float = np.inf) -> list[tuple[Scr
     Pairs that leave more than ``enough`` squared errors are none.
     """
     scored: list[_Pair] = []
-    for seen in dict.fromkeys(result.seen for result in results):
-        scored += _pairs(results, _taking_part(results, seen))
+    for linear in dict.fromkeys(result.linearised for result in results):
+        scored += _pairs(results, _taking_part(results, linear))
     best: dict[frozenset[str], tuple[Screened, Screened]] = {}
     for pair in sorted(scored, key=lambda it: it.left):
         if pair.left > enough:
@@ -386,13 +388,13 @@ def _at(result: Screened, share: Array) -> Screened:
     return result if result.waves is None else turned(result, share, result.left)
 
 
-def _taking_part(results: Sequence[Screened], seen: Linearisation) -> list[int]:
+def _taking_part(results: Sequence[Screened], linear: Linearisation) -> list[int]:
     """Which results from a linearisation take part in pairs: of each effect those that leave least
     alone, of a ripple all, and of a discontinuous one those that leave least beside a smooth one.
     """
     groups: dict[str, list[int]] = {}
     for i, result in enumerate(results):
-        if result.seen is seen:
+        if result.linearised is linear:
             groups.setdefault(result.candidate.name, []).append(i)
     best = [i for group in groups.values() for i in group[:VALUES_IN_PAIRS]]
     smooth = [results[i] for i in best if not results[i].candidate.discontinuous]
@@ -410,8 +412,8 @@ def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> 
 
     All are from the same linearisation.  Shape (results,).
     """
-    seen = results[0].seen
-    rest = seen.without(np.column_stack([seen.errors + it.change for it in results]))
+    linear = results[0].linearised
+    rest = linear.without(np.column_stack([linear.errors + it.change for it in results]))
     columns = np.column_stack([it.difference for it in others])
     low, high = np.array([scales(it.candidate) for it in others]).T[..., None]
     power, along = np.sum(columns**2, axis=0)[:, None], columns.T @ rest
@@ -424,10 +426,10 @@ def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> 
 def _pairs(results: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
     """What pairs from one view would leave."""
     part = [results[k] for k in own]
-    seen = part[0].seen
+    linear = part[0].linearised
     widths = np.array([it.columns.shape[1] for it in part])
-    columns = np.column_stack([seen.slopes, *(it.columns for it in part)])
-    gram, towards, p = columns.T @ columns, columns.T @ seen.errors, seen.slopes.shape[1]
+    columns = np.column_stack([linear.slopes, *(it.columns for it in part)])
+    gram, towards, p = columns.T @ columns, columns.T @ linear.errors, linear.slopes.shape[1]
     begins = p + np.cumsum(widths) - widths
     found: list[_Pair] = []
     i, j = _different(part)
@@ -440,10 +442,10 @@ def _pairs(results: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
         chosen = np.hstack([*first, *(begins[k][:, None] + np.arange(n) for k, n in ends)])
         low, high = (
             np.hstack([np.tile(room, (group.sum(), 1)), *(np.tile(end[k], n) for k, n in ends)])
-            for room, end in zip(seen.room, _limits(part))
+            for room, end in zip(linear.room, _limits(part))
         )
         both = gram[chosen[:, :, None], chosen[:, None, :]]
-        left, steps = remains(seen, both, towards[chosen], low, high)
+        left, steps = remains(linear, both, towards[chosen], low, high)
         middle = p + wide[0]
         for rest, step, k, m in zip(left, steps, i[group], j[group]):
             found.append(_Pair(float(rest), (own[k], own[m]), (step[p:middle], step[middle:])))
@@ -477,7 +479,7 @@ def _limits(part: Sequence[Screened]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Detectability:
-    """How far an effect moves the outputs at the sizes looked at, RMS in noise floors.
+    """How far an effect moves the outputs at the values screened, RMS in noise floors.
 
     Attributes:
         moved: at most.
@@ -489,7 +491,7 @@ class Detectability:
 
 
 def reaches(results: Iterable[Screened], every: Sequence[Candidate]) -> dict[str, Detectability]:
-    """Return the reach of each effect by its name, from all that was seen of it."""
+    """Return the reach of each effect by its name, from all results."""
     found = {one.name: Detectability() for one in every}
     for result in results:
         before, own = found[result.candidate.name], _reach(result)
@@ -503,23 +505,23 @@ def _reach(result: Screened) -> Detectability:
     moved, shown = result.change[:, None], result.difference[:, None]
     if result.waves is not None:
         moved = LARGEST_RIPPLE_SHARE * result.waves
-        shown = result.seen.without(moved)
-    samples = max(result.seen.problem.samples, 1)
+        shown = result.linearised.without(moved)
+    samples = max(result.linearised.problem.samples, 1)
     return Detectability(
         *(float(np.sqrt((it**2).sum(axis=0).max() / samples)) for it in (moved, shown))
     )
 
 
-Seen = tuple[str, list[Screened]]
-"""An effect, and the sizes at which it was seen that promise most."""
+Promising = tuple[str, list[Screened]]
+"""An effect, and its results that promise most."""
 
 
 def names_of(results: Iterable[Screened]) -> list[str]:
     return list(dict.fromkeys(result.candidate.name for result in results))
 
 
-def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator[Seen]:
-    """The effects seen first, each with the sizes from which its fit begins."""
+def starts_of(results: Sequence[Screened], count: int | None = None) -> Iterator[Promising]:
+    """The effects of the first results, each with those from which its fit begins."""
     for name in names_of(results)[:count]:
         yield name, likeliest([result for result in results if result.candidate.name == name])
 
@@ -536,11 +538,13 @@ def likeliest(own: Sequence[Screened]) -> list[Screened]:
     return [*first, *(it for it in own if it not in first)][:VALUES_SIMULATED]
 
 
-def _at_likely_sizes(seen: Linearisation, one: Candidate, count: int = VALUES_BESIDE) -> Candidate:
+def _at_likely_sizes(
+    linear: Linearisation, one: Candidate, count: int = VALUES_BESIDE
+) -> Candidate:
     """An effect at the sizes that would leave least from there if changes add up."""
     if len(one.alone) <= count:
         return one
-    left, _ = best_scales(seen, [one] * len(one.alone), one.alone)
+    left, _ = best_scales(linear, [one] * len(one.alone), one.alone)
     best = np.argsort(left, kind="stable")[:count]
     return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
 
@@ -548,8 +552,8 @@ def _at_likely_sizes(seen: Linearisation, one: Candidate, count: int = VALUES_BE
 def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[Candidate]:
     """Return effects with what ``results``, best first, have shown of their sizes alone.
 
-    Of the thousands of sizes of a staircase, those stay that were promising once.  Others keep all:
-    alone, each takes the size that imitates what is missing as well.
+    Of the thousands of values of a discontinuous effect those stay that were promising once.
+    Others keep all: alone, each takes the size that imitates what is missing as well.
     """
     found = []
     for one in every:
@@ -590,7 +594,7 @@ class Screener:
         self._known: dict[Hashable, list[Screened]] = before._known if before else {}
 
     def beside(self, first: FittedModel, pool: Iterable[Candidate]) -> list[Screened]:
-        """Return what is seen of effects beside those of a model, best first."""
+        """Return the results of effects beside those of a model, best first."""
         others = [self.candidates[one.name] for one in pool if one.name not in first.effects]
         keys = {_key(first, one): one for one in others}
         new = {one.name: key for key, one in keys.items() if key not in self._known}
@@ -614,7 +618,7 @@ def _screened_beside(first: FittedModel, others: Iterable[Candidate]) -> list[Sc
 
 
 def _key(first: FittedModel, one: Candidate) -> Hashable:
-    """An effect at its trial values, seen from a fit."""
+    """An effect at its trial values, beside those of a fit."""
     return first, one.name, tuple(tuple(size.items()) for size in one.trial_values)
 
 

@@ -2,8 +2,8 @@
 
 Forward, swap, backward: one more effect is fitted beside the best few models, each effect of the
 best one is sought again beside the others, and each has to earn its place against the model without
-it.  An effect earns its place where it predicts blocks of time that its fit has not seen, and, from
-two effects on, conditions that were left out as well.
+it.  An effect earns its place where it predicts blocks of time that are held out of its fit and,
+from two effects on, conditions that were left out as well.
 Sources: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed., sec. 3.3
 (forward and backward selection); Miller, Subset Selection in Regression, 2nd ed. (2002), sec. 3.5
 (replacing one variable at a time).
@@ -31,9 +31,9 @@ from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
 from servo_models.diagnosis.search.residuals import sure
 from servo_models.diagnosis.search.screening import (
     Detectability,
+    Promising,
     Screened,
     Screener,
-    Seen,
     likeliest,
     moving,
     names_of,
@@ -280,8 +280,8 @@ class SubsetSelection:
         """Fit the effects of a pool that promise to leave less than a share of what each of some
         smaller models leaves."""
         for base in bases:
-            seen = self.screener.beside(base, pool)
-            self.add(base, promising(seen, share * base.cost, ADDED))
+            results = self.screener.beside(base, pool)
+            self.add(base, promising(results, share * base.cost, ADDED))
 
     def grow_discontinuous(self, size: int, pool: Sequence[Candidate]) -> None:
         """Fit discontinuous effects beside the best smaller model, unless another one halves it."""
@@ -291,8 +291,8 @@ class SubsetSelection:
                 return
             self.say(f"searching discontinuous effects beside {' and '.join(base.effects)}")
             short = shortlist(self.fitter, base, pool, self.screener.beside(base, pool))
-            seen = screen((base.linearised,), short)
-            self.add(base, promising(seen, PROMISED_COST * base.cost, ADDED))
+            results = screen((base.linearised,), short)
+            self.add(base, promising(results, PROMISED_COST * base.cost, ADDED))
 
     def bases(self, size: int) -> list[FittedModel]:
         """The best models of a size that share no effect."""
@@ -318,7 +318,7 @@ class SubsetSelection:
         self.say("searching discontinuous effects")
         best = min([self.retuned, *self.best(1)], key=lambda it: it.loss)
         there = self.fitter.unfit((), (), best.values)
-        near = [it for it in self.results if it.seen is self.retuned.linearised]
+        near = [it for it in self.results if it.linearised is self.retuned.linearised]
         short = shortlist(self.fitter, there, self.every, near)
         found = screen((self.retuned.linearised, there.linearised), short)
         self.results = sorted([*self.results, *found], key=lambda it: it.left)
@@ -331,29 +331,29 @@ class SubsetSelection:
         if model.settled:
             self.exchange(model)
             return
-        for name, stays, seen in self.without_each(model):
-            likely = dict(promising(seen, PROMISED_COST * model.cost, SWAPS))
-            own = likeliest([it for it in seen if it.candidate.name == name])
+        for name, stays, results in self.without_each(model):
+            likely = dict(promising(results, PROMISED_COST * model.cost, SWAPS))
+            own = likeliest([it for it in results if it.candidate.name == name])
             if len({it.candidate.shape_at(it.settings) for it in own}) > 1:
                 likely.setdefault(name, own)  # no slope may have led to another shape
             self.add(stays, likely.items(), again=True)
 
     def exchange(self, model: FittedModel) -> None:
         """Fit others in the place of each effect of a model that may do as well."""
-        for name, stays, seen in self.without_each(model):
-            others = [it for it in seen if it.candidate.name != name]
+        for name, stays, results in self.without_each(model):
+            others = [it for it in results if it.candidate.name != name]
             likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
             self.add(stays, likely)
 
     def without_each(self, model: FittedModel) -> Iterator[tuple[str, FittedModel, list[Screened]]]:
-        """Each effect of a model, the model as it is without it, and what is seen beside that."""
+        """Each effect of a model, the model as it is without it, and the results beside that."""
         for name in model.effects:
             stays = self.fitter.unfit(*model.without(name), model.values)
             yield name, stays, self.screener.again_beside(stays, model)
 
     # -- fitting -----------------------------------------------------------------------------------
 
-    def add(self, base: FittedModel, starts: Iterable[Seen], again: bool = False) -> None:
+    def add(self, base: FittedModel, starts: Iterable[Promising], again: bool = False) -> None:
         """Fit some effects beside those of a model, those only that were not fitted yet unless
         ``again``."""
         tasks = [
@@ -446,12 +446,12 @@ class SubsetSelection:
 
     # -- what is worth a fit -----------------------------------------------------------------------
 
-    def starts(self, pool: Iterable[Candidate]) -> Iterator[Seen]:
+    def starts(self, pool: Iterable[Candidate]) -> Iterator[Promising]:
         """Effects of a pool that were not fitted alone yet, most promising first."""
         names = {one.name for one in pool if frozenset((one.name,)) not in self.models}
         return starts_of([it for it in self.results if it.candidate.name in names])
 
-    def as_good(self, starts: Iterable[Seen], count: int | None = None) -> list[Seen]:
+    def as_good(self, starts: Iterable[Promising], count: int | None = None) -> list[Promising]:
         """Those that may do as well as a model that leaves noise only; all where there is none."""
         least = min((one.cost for one in self.tried() if one.settled), default=-np.inf)
         enough = inf
@@ -461,14 +461,14 @@ class SubsetSelection:
 
 
 def promising(
-    seen: Iterable[Screened], enough: float, count: int, unlike: bool = True
-) -> Iterator[Seen]:
+    results: Iterable[Screened], enough: float, count: int, unlike: bool = True
+) -> Iterator[Promising]:
     """Yield effects that promise to leave less than enough, and values to begin from.
 
     Of those that change the response alike only the first, if they are to be ``unlike``.
     """
     chosen: list[Screened] = []
-    for name, own in starts_of([it for it in seen if it.left < enough]):
+    for name, own in starts_of([it for it in results if it.left < enough]):
         if len(chosen) == count:
             break
         if not (unlike and any(same(own[0], it) for it in chosen)):
@@ -483,7 +483,7 @@ def same(one: Screened, other: Screened) -> bool:
 
 
 def passes_entry_test(one: FittedModel, other: FittedModel, share: float = ENTRY_SHARE) -> bool:
-    """Return whether ``one`` predicts what its fit has not seen surely better than ``other``.
+    """Return whether ``one`` predicts what is held out of its fit surely better than ``other``.
 
     ``share`` is that of the squared errors that it has to take away.
     """

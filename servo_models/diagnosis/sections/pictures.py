@@ -13,7 +13,8 @@ from servo_models.diagnosis.design import Experiment, played
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import Value
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.fitting import PRIOR_BOUND_SIGMAS, FittedModel
+from servo_models.diagnosis.search.fitting import FittedModel
+from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.signatures import Answers, Codes, Signature, sentence
 from servo_models.identification.readings import (
