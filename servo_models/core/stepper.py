@@ -72,10 +72,10 @@ def run_text(flat: Flat) -> str:
         *text.checks("_row"),
     ]
     body = [
+        f"_ahead = _np.zeros({len(flat.memory)})",
         *text.unpack(),
         *text.load(),
-        f"_ahead = _np.zeros({len(flat.memory)})",
-        "for _row in _range(_len(_times)):",
+        "for _row in _range(0, _len(_times)):",
         *indent(text.placed(rows)),
         *text.store(),
         "return 0, _len(_times)",
