@@ -26,6 +26,7 @@ import numpy as np
 
 from servo_models.core import c_text
 from servo_models.core.compilers import cached_library, here, host
+from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.files import cached
 
@@ -82,22 +83,28 @@ def run_in_c(text: str) -> Run:
         FAST,
     )
     function = ctypes.CDLL(str(library)).run
-    count, pointer = ctypes.c_longlong, np.ctypeslib.ndpointer
-    vector = functools.partial(pointer, np.float64, 1)
-    table = functools.partial(pointer, np.float64, 2)
-    fixed, changed = "C_CONTIGUOUS", ("C_CONTIGUOUS", "WRITEABLE")
-    function.argtypes = [
-        *(vector(flags=fixed), vector(flags=changed)),
-        *(count, vector(flags=fixed), table(flags=fixed), table(flags=changed)),
-        ctypes.POINTER(count),
-    ]
+    count, pointer = ctypes.c_longlong, ctypes.c_void_p
+    function.argtypes = [pointer, pointer, count, pointer, pointer, pointer, pointer]
 
-    def run(p: Any, x: Any, times: Any, inputs: Any, out: Any) -> tuple[int, int]:
+    def run(p: Array, x: Array, times: Array, inputs: Array, out: Array) -> tuple[int, int]:
         row = count()
-        code = function(p, x, len(times), times, inputs, out, row)
+        code = function(
+            *(_address(p, 1), _address(x, 1, changed=True), len(times)),
+            *(_address(times, 1), _address(inputs, 2), _address(out, 2, changed=True)),
+            ctypes.addressof(row),
+        )
         return code, row.value
 
     return run
+
+
+def _address(array: Array, dimensions: int, changed: bool = False) -> int:
+    """Where an array begins; ``ndpointer`` of numpy would take as long as a short run."""
+    flags = array.flags
+    fits = array.dtype == np.float64 and array.ndim == dimensions and flags.c_contiguous
+    if not fits or (changed and not flags.writeable):
+        raise TypeError(f"not an array of {dimensions} dimensions of float64 in C order: {array!r}")
+    return array.ctypes.data
 
 
 def run_by_numba(text: str) -> Run:
