@@ -1,8 +1,9 @@
-"""Print a flattened plant as C99: the step text of ``stepper.py``, statement by statement.
+"""Print a flattened plant as C99: the texts of ``stepper.py``, statement by statement.
 
-It stands there twice: guarded, for any effects, and without those that are off in the FMU as built,
-for the runs that leave it so.  The text is Python in the small subset of ``inline.py``, so each
-statement has one C form:
+The step of an FMU stands there twice: guarded, for any effects, and without those that are off in
+the FMU as built, for the runs that leave it so.  A run of this process, ``c_run_text``, computes as
+numba does, so nothing in it fails and whole numbers have 64 bits; the rest is the same.  The text
+is Python in the small subset of ``inline.py``, so each statement has one C form:
 
 =====================================  ===================================================
 ``a / b``, ``_math.sqrt(a)``, ``% b``  a function of ``arithmetic.h``, which fails where Python
@@ -118,6 +119,7 @@ static inline double divided(double a, double b, const int *failed)
     return a / b;
 }
 
+/* As numba's, which is 0 for a divisor of 0; a % -1 is 0, but overflows for the least number. */
 static inline Whole whole_remainder(Whole a, Whole b)
 {
     const Whole rest = b > 0 || b < -1 ? a % b : 0;
@@ -144,6 +146,7 @@ static inline double remainder_of(double a, double b, const int *failed)
         return (Whole)name(x); \\
     }
 """
+"""The functions of ``arithmetic.h`` under the same names, without what fails."""
 _WHOLE = ("ceil", "floor", "trunc")
 _WHOLE_CALLS = ("_int", "_len", *(f"_math.{name}" for name in _WHOLE))
 
@@ -239,7 +242,7 @@ def _whole(write: _Function, body: Sequence[ast.stmt]) -> Iterator[str]:
 
 
 class _Kinds:
-    """Which variables are ``Whole``: those whose every value is."""
+    """Which variables are ``Whole``: those whose every value is, as that of ``calls`` is."""
 
     def __init__(
         self, body: Sequence[ast.stmt], outer: _Kinds | None = None, calls: Collection[str] = ()

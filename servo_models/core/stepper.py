@@ -1,6 +1,6 @@
-"""The stepper: print a flattened plant as one self-contained text, for numba or for plain Python.
+"""The stepper: print a flattened plant as one self-contained text, for simulations or for one step.
 
-``c_text.py`` writes the second one in C.
+Both are Python, which numba compiles and ``c_text.py`` writes in C.
 
 This file, ``flat.py`` and ``printer.py`` use the standard library only and are part of every
 FMU, so that an FMU can drop its neutral effects when initialisation ends and print itself again.

@@ -279,7 +279,6 @@ def test_c_is_numba_for_random_sets_of_effects_and_where_they_fail(plant: str) -
     random = np.random.default_rng(11)
     parameters = chosen(plant).plant.parameters
     step = chosen(plant).values["internal_step"]
-    codes = set()
     on = [switch for name in chosen(plant).plant.placements for switch in switches(plant, name)]
     for _ in range(RANDOM_SETS):
         drawn = {"internal_step": step * 10.0 ** random.uniform(-0.5, 1.5)}
@@ -293,8 +292,6 @@ def test_c_is_numba_for_random_sets_of_effects_and_where_they_fail(plant: str) -
         one, other = compiled(plant, vector, run_in_c), compiled(plant, vector, run_by_numba)
         assert one[:2] == other[:2], drawn
         assert same(one[2], other[2]), drawn
-        codes.add(one[0])
-    print(codes)
 
 
 def shapes() -> Iterator[object]:
