@@ -3,7 +3,7 @@
     servo-models blind --cases 900 --seed 31 --folder runs/31 --json runs/31.json
     python -m benchmarks.calibrate runs/*.json                           # how well it would do
     python -m benchmarks.calibrate runs/*.json --commit dc14424 --write  # the shipped maps
-    python -m benchmarks.calibrate                                       # from rows in withheld/
+    python -m benchmarks.calibrate                                       # from withheld/before
 
 Use seeds for nothing else: figures of a study on the same seeds would look too good.  The figures
 printed are of maps that have not seen the seed they are judged on.  Needs scipy 1.12.
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.study_blind import TABLES, case_of, known_runs, read, row_of
+from benchmarks.study_blind import BEFORE, case_of, known_cases, known_runs, row_of
 from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import DATA, MOST_PROBABILITY, Map, probability
 from servo_models.diagnosis.verdict import OUTSIDE
@@ -135,10 +135,10 @@ def table(title: str, cases: Sequence[Case]) -> None:
 
 
 def kept_runs() -> list[Run]:
-    """Runs in the tables of the study."""
+    """Runs of the diagnosis before, in the tables of the study."""
     return [
-        Run(int(row["seed"]), row["commit"], [case_of(it) for it in read(TABLES / row["table"])])
-        for row in known_runs()
+        Run(int(row["seed"]), row["commit"], known_cases([row], BEFORE))
+        for row in known_runs(BEFORE)
     ]
 
 

@@ -6,8 +6,8 @@
 
 A run adds what was said of each case, and what is true of it, to the folder ``withheld`` beside
 this script (a table per run, one row a case), with the commit that made the diagnoses: runs of the
-same diagnosis add up, and to begin with another one is to empty the folder.  What is to be said
-about them is in ``notes.md`` there.
+same diagnosis add up.  To begin with another one is to move them to ``withheld/before``, of which
+the page shows a column.  What is to be said about them is in ``notes.md``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ from servo_models.withheld.sections import BARS, MOST_WANTED, standing
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "blind.md"
 TABLES = Path(__file__).with_name("withheld")
-RUNS, NOTES = TABLES / "runs.csv", TABLES / "notes.md"
+BEFORE = TABLES / "before"
+"""Runs of the diagnosis before, of which ``calibrate.py`` learns."""
+RUNS, NOTES = "runs.csv", TABLES / "notes.md"
 HEAD = """# Withheld checks of the diagnosis
 
 What `servo-models blind` has found, on rigs of a generator that shares no simulation code with
@@ -164,8 +166,14 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     write_whole(path, text.getvalue().encode())
 
 
-def known_runs() -> list[Row]:
-    return read(RUNS) if RUNS.exists() else []
+def known_runs(folder: Path = TABLES) -> list[Row]:
+    """Return the runs in a folder of tables."""
+    return read(folder / RUNS) if (folder / RUNS).exists() else []
+
+
+def known_cases(runs: Iterable[Row], folder: Path = TABLES) -> list[Case]:
+    """Return the cases of some runs in a folder of tables."""
+    return [case_of(row) for run in runs for row in read(folder / run["table"])]
 
 
 def keep(commit: str, paths: Iterable[Path]) -> None:
@@ -175,7 +183,9 @@ def keep(commit: str, paths: Iterable[Path]) -> None:
         run = json.loads(path.read_text(encoding="utf-8"))
         table = f"{run['seed']}-{'-'.join(run['tiers'])}.csv"
         if runs.get(table, run)["seal"] != run["seal"]:
-            sys.exit(f"{path}: {RUNS} holds other cases of seed {run['seed']}: use another seed")
+            sys.exit(
+                f"{path}: {TABLES / RUNS} holds other cases of seed {run['seed']}: use another seed"
+            )
         TABLES.mkdir(exist_ok=True)
         write(TABLES / table, [row_of(case) for case in run["cases"]])
         runs[table] = {
@@ -188,19 +198,21 @@ def keep(commit: str, paths: Iterable[Path]) -> None:
             "added": str(date.today()),
             "made with": ", ".join(f"{name} {found}" for name, found in run["versions"].items()),
         }
-    write(RUNS, sorted(runs.values(), key=lambda row: (row["tiers"], int(row["seed"]))))
+    write(TABLES / RUNS, sorted(runs.values(), key=lambda row: (row["tiers"], int(row["seed"]))))
 
 
-def figures(tier: str, cases: Sequence[Case]) -> Iterator[str]:
+def figures(tier: str, cases: Sequence[Case], before: Sequence[Case]) -> Iterator[str]:
     yield f"## {tier.capitalize()}, {len(cases)} cases\n"
-    yield "| figure | value | 95 % | cases | bar | |\n|---|---|---|---|---|---|"
+    yield f"Before: {len(before)} cases, other seeds.\n"
+    yield "| figure | before | now | 95 % | cases | bar | |\n|---|---|---|---|---|---|---|"
     for define in FIGURES:
-        found, bar = define(cases), BARS[tier].get(define.__name__)
+        found, was, bar = define(cases), define(before).value, BARS[tier].get(define.__name__)
         if found.value is None:
             continue
         beside = f"{bar[0]} {bar[1]:g} | {standing(found, bar)}" if bar else " | "
         span = f"{found.low:.3f} to {found.high:.3f}"
-        yield f"| {define.__name__} | {found.value:.3f} | {span} | {found.n} | {beside} |"
+        old = "" if was is None else f"{was:.3f}"
+        yield f"| {define.__name__} | {old} | {found.value:.3f} | {span} | {found.n} | {beside} |"
     yield ""
 
 
@@ -279,12 +291,12 @@ def main(words: Sequence[str]) -> None:
     if words:
         keep(words[0], [Path(word) for word in words[1:]] or sys.exit(__doc__))
     runs = known_runs() or sys.exit(__doc__)
-    cases = [case_of(row) for run in runs for row in read(TABLES / run["table"])]
+    cases, before = known_cases(runs), known_cases(known_runs(BEFORE), BEFORE)
     lines = [HEAD.format(most=MOST_WANTED)]
     for tier in BARS:
-        own = [case for case in cases if case.tier == tier]
+        own, was = ([case for case in them if case.tier == tier] for them in (cases, before))
         if own:
-            lines += figures(tier, own)
+            lines += figures(tier, own, was)
     lines += [*by_actuator(cases), *meanings(), *confusions(cases), *curve(cases), *runs_made(runs)]
     lines.append(NOTES.read_text(encoding="utf-8") if NOTES.exists() else "")
     write_whole(PAGE, ("\n".join(lines).rstrip() + "\n").encode())

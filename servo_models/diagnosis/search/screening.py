@@ -45,6 +45,8 @@ LARGEST_RIPPLE_SHARE = 10.0
 """The same of a ripple, which is tried at one amplitude."""
 LEAST_SHARE = 0.5
 """The same of a limit, at least: a small part of what a tight one does is what none does."""
+VALUES_IN_OTHER_VIEWS = 3
+"""Of an effect, screened from where the nominal model is."""
 VALUES_BESIDE = 6
 """Trial values at which an effect is screened beside others."""
 VALUES_SIMULATED = 5
@@ -130,6 +132,29 @@ def screening_results(
         every_size = [(one, size) for one, sizes in tasks for size in sizes]
         results += _results(seen, every_size, list(chain.from_iterable(found)))
     return results
+
+
+def survey(
+    retuned: Linearisation, others: Iterable[Linearisation], every: Sequence[Candidate]
+) -> list[Screened]:
+    """Return each effect at each size from where nominal parameters alone go, and from other views
+    at the sizes that would leave least there if changes were the same."""
+    results = screening_results((retuned,), every)
+    by_left = sorted(results, key=lambda it: it.left)
+    known = [_at_best(one, by_left) for one in preselect(every, by_left)]
+    for seen in others:
+        likely = [_at_likely_sizes(seen, it, VALUES_IN_OTHER_VIEWS) for it in known]
+        results += screening_results((seen,), likely)
+    return results
+
+
+def _at_best(one: Candidate, results: Iterable[Screened]) -> Candidate:
+    """A discontinuous effect with the values that leave least: what it changes at one of them is
+    not that of another."""
+    if not one.discontinuous:
+        return one
+    own = [it.settings for it in results if it.candidate.name == one.name]
+    return replace(one, trial_values=tuple(own[:VALUES_IN_OTHER_VIEWS]))
 
 
 def _results(
@@ -249,6 +274,8 @@ def corrected_changes(
     if one.late and _delay(seen):
         return _held(seen, base, sizes, DELAY_LESS_IN_PERIODS)
     whole = _difference(seen, {**base, **sizes[0]})
+    if not whole.any():  # mostly since it reaches no measured output
+        return [whole[:, None]] * len(sizes)
     for _ in range(CORRECTIONS - 1):
         whole = _corrected(seen, sizes[0], whole)
     found = []
@@ -509,12 +536,12 @@ def likeliest(own: Sequence[Screened]) -> list[Screened]:
     return [*first, *(it for it in own if it not in first)][:VALUES_SIMULATED]
 
 
-def _at_likely_sizes(seen: Linearisation, one: Candidate) -> Candidate:
+def _at_likely_sizes(seen: Linearisation, one: Candidate, count: int = VALUES_BESIDE) -> Candidate:
     """An effect at the sizes that would leave least from there if changes add up."""
-    if len(one.alone) <= VALUES_BESIDE:
+    if len(one.alone) <= count:
         return one
     left, _ = best_scales(seen, [one] * len(one.alone), one.alone)
-    best = np.argsort(left, kind="stable")[:VALUES_BESIDE]
+    best = np.argsort(left, kind="stable")[:count]
     return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
 
 

@@ -40,8 +40,8 @@ from servo_models.diagnosis.search.screening import (
     pairs,
     reaches,
     screen,
-    screening_results,
     starts_of,
+    survey,
 )
 
 TOLERANCE = 2.0
@@ -171,11 +171,11 @@ def select_effects(
     every = candidates(fitter.model, fitter.logs, owners.union(left_out))
     fitter = replace(fitter, trials={one.name: log(one.trials) for one in every})
     say(f"screening {len(every)} effects")
-    plain = [retuned]
+    others = []
     if not retuned.settled:
         nominal = {free.name: free.nominal for free in fitter.nominal}
-        plain.insert(0, fitter.unfit((), (), nominal))
-    results = screening_results([it.linearised for it in plain], every)
+        others.append(fitter.unfit((), (), nominal).linearised)
+    results = survey(retuned.linearised, others, every)
     search = SubsetSelection(fitter, retuned, every, moving(results), say)
     taken = search.run()
     masked: Sequence[MaskedEffect] = ()
@@ -238,7 +238,7 @@ class SubsetSelection:
                 break
             self.grow(size, self.every)
             taken = self.accepted()
-        if len(taken.effects) > 1:
+        if taken.effects:
             self.exchange(taken)
         return self.accepted()
 
