@@ -24,10 +24,12 @@ from servo_models.diagnosis.search.screening import (
     Screened,
     Screener,
     likeliest,
+    moving,
     pairs,
     preselect,
     residual_beside,
     screen,
+    survey,
 )
 from servo_models.diagnosis.search.selection import (
     BASE_LOSS_OVER_BEST,
@@ -82,6 +84,30 @@ def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
         it for it in search.tried() if set(it.effects) == {"constant_load", "load_friction"}
     )
     assert twin.cost == pytest.approx(found.cost, rel=1e-3)
+
+
+def test_a_single_effect_is_exchanged_for_what_was_never_fitted() -> None:
+    """A constant torque shifts the rest of a spring."""
+    load = {"constant_load.torque": 4e-3}
+    fitter, every = made(load)
+    found = fitter.fit(("constant_load",), every["constant_load"].at(load))
+    search = selection_of(fitter, every.values())
+    search.exchange(found)
+    alone = {it.effects[0]: it.cost for it in search.tried() if len(it.effects) == 1}
+    assert alone["null_shift"] == pytest.approx(found.cost, rel=0.01)
+
+
+def test_few_values_show_from_the_nominal_model_what_all_values_do() -> None:
+    fitter, every = made({"coulomb_friction.level": 1.5e-3})
+    retuned = fitter.fit((), ())
+    nominal = fitter.unfit((), (), {free.name: free.nominal for free in fitter.nominal}).linearised
+    results = moving(survey(retuned.linearised, [nominal], list(every.values())))
+    few = [it for it in results if it.seen is nominal]
+    most = screen((nominal,), list(every.values()))
+    best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
+    assert best[1]["coulomb_friction"] == best[0]["coulomb_friction"]
+    assert np.quantile([best[1][it] / best[0][it] for it in best[1]], 0.9) < 1.02
+    assert len(few) < 0.5 * len(most)
 
 
 def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
