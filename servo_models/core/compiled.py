@@ -1,9 +1,10 @@
 """Compile a flattened plant for simulations in this process: in C, else with numba.
 
-The C compiler of the machine takes half a second where numba takes 5 to 8, and a process that finds
-the library in the cache does not import numba either.  Numba compiles where there is no compiler for
-this platform, where it fails, and where a block has no form in C.  Both compute the same bits and let
-other threads run; C is as fast within 5 % with few effects on, up to 15 % slower with all of them.
+The C compiler of the machine takes half a second where numba takes 5 to 8, and a process that
+finds the library in the cache does not import numba either.  Numba compiles where there is no
+compiler for this platform, where it fails, and where a block has no form in C.  Both compute the
+same bits and let other threads run; C is as fast within 5 % with few effects on, and up to 15 %
+slower with all of them.
 
 What was compiled is kept under a digest of the text and of what compiles it, in a folder of the
 cache whose files are compared with their digests before they are loaded (``files.cached``).  Set
