@@ -26,6 +26,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.localisation.samples import moving_input
+from servo_models.diagnosis.search.residuals import MISSED_OVER_GAP
 from servo_models.identification.problem import Problem
 
 SHIFTS = 499
@@ -51,11 +52,8 @@ DEPENDENT = 1e-6
 """Part of a function that is its own, below which slopes can do all of it."""
 SIGNIFICANT = 0.02
 """Probability by chance, beside which the test of slow power has its own."""
-EXPLAINED_OVER_NOISE = 0.3
-"""Explained part over the noise that is worth speaking of."""
-EXPLAINED_OVER_GAP = 0.2
-"""Explained part over the error after re-tuning alone, from which on a fitted model has missed
-something."""
+EXPLAINED_OVER_NOISE = 0.25
+"""Explained part over the noise: noise alone passed it and ``SIGNIFICANT`` in 1 of 394 trials."""
 FORCES = (
     "position^2",
     "position^3",
@@ -106,7 +104,7 @@ class LockedTest:
         return (
             self.p_value <= SIGNIFICANT
             and explained > EXPLAINED_OVER_NOISE * noise
-            and explained > EXPLAINED_OVER_GAP * gap
+            and explained > MISSED_OVER_GAP * gap
         )
 
 

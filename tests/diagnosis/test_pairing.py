@@ -106,7 +106,7 @@ def test_few_values_show_from_the_nominal_model_what_all_values_do() -> None:
     most = screen((nominal,), list(every.values()))
     best = [{it.candidate.name: it.left for it in reversed(seen)} for seen in (most, few)]
     assert best[1]["coulomb_friction"] == best[0]["coulomb_friction"]
-    assert np.quantile([best[1][it] / best[0][it] for it in best[1]], 0.9) < 1.02
+    assert np.quantile([best[1][it] / best[0][it] for it in best[1]], 0.9) < 1.05
     assert len(few) < 0.5 * len(most)
 
 

@@ -144,17 +144,18 @@ def test_of_a_fitted_model() -> None:
 
 
 @pytest.mark.parametrize(
-    ("p_value", "explained", "limit_cycle", "lacks"),
+    ("p_value", "explained", "gap", "limit_cycle", "lacks"),
     [
-        (0.002, 1.5, 0.0, True),
-        (0.2, 1.5, 0.0, False),  # by chance
-        (0.002, 0.5, 0.0, False),  # a quarter of the noise
-        (0.002, 0.9, 0.0, False),  # less than a fifth of the gap
-        (0.002, 1.5, 1.4, False),  # what hunting does
+        (0.002, 1.5, 5.0, 0.0, True),
+        (0.2, 1.5, 5.0, 0.0, False),  # by chance
+        (0.002, 0.4, 1.0, 0.0, False),  # a fifth of the noise
+        (0.002, 0.6, 1.0, 0.0, True),  # three tenths of it
+        (0.002, 0.9, 5.0, 0.0, False),  # less than a fifth of the gap
+        (0.002, 1.5, 5.0, 1.4, False),  # what hunting does
     ],
 )
 def test_what_matters_is_sure_and_large(
-    p_value: float, explained: float, limit_cycle: float, lacks: bool
+    p_value: float, explained: float, gap: float, limit_cycle: float, lacks: bool
 ) -> None:
     test = LockedTest(p_value, explained, 0.1, "rate")
-    assert test.matters(noise=2.0, gap=5.0, limit_cycle=limit_cycle) is lacks
+    assert test.matters(2.0, gap, limit_cycle) is lacks

@@ -11,6 +11,7 @@ import pytest
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.diagnosis.search import selection
+from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.residuals import Residuals, unmodelled
 from servo_models.diagnosis.search.selection import select_effects
@@ -92,12 +93,42 @@ def test_no_effect_is_named_where_parameters_leave_noise(monkeypatch: pytest.Mon
     assert len(select_effects(fitter).taken.effects) == 1
 
 
-@pytest.mark.parametrize(("structured", "lacks"), [(4.0, False), (6.0, True)])
-def test_five_floors_of_structure_lack_something_whatever_the_gap(
-    structured: float, lacks: bool
+@pytest.mark.parametrize(("offset_in_floors", "effects"), [(1.75, 0), (3.5, 1)])
+def test_a_first_effect_takes_a_tenth_of_what_parameters_leave(
+    offset_in_floors: float, effects: int
+) -> None:
+    """Noise of five floors and an offset leave hypot(5, offset) floors, and without it five."""
+    floor = 1e-5
+    fitter, _ = made({"sensor_offset.value": offset_in_floors * floor}, 5.0 * floor)
+    selected = select_effects(replace(fitter, floors={"angle": floor}))
+    assert len(selected.taken.effects) == effects
+
+
+@pytest.mark.parametrize("ticks", [-1.0, 1.0])
+def test_a_delay_one_tick_off_before_a_hold_is_found(ticks: float) -> None:
+    """Commands wait for the next tick, so that no slope leads from one tick to another."""
+    period, delay, floor = 8e-3, 24.3e-3, 1e-4
+    nominal = changed(model("smart_servo", "xl330"), {**NOMINAL, "sample_hold.period": period})
+    times: Array = 2e-3 * np.arange(750.0)
+    moments, goals = [0.0, 0.103, 0.511, 1.004], np.radians([0.0, 17.4, -29.1, 7.3])
+    inputs = {"goal": goals[np.searchsorted(moments, times, side="right") - 1]}
+    late = changed(nominal, {"transport_delay.time": delay})
+    log = measured(late, times, inputs, {"angle_reading": floor})
+    own = next(it for it in candidates(nominal, [log]) if it.name == "transport_delay")
+    begun = [replace(it, start=delay + ticks * period) for it in own.free]
+    fitter = Fitter(nominal, [log], (), {"angle_reading": floor}).surveyed()
+    assert fitter.fit((own.name,), begun).evidence.rms < 1.1
+
+
+@pytest.mark.parametrize(
+    ("structured", "gap", "lacks"),
+    [(4.0, 200.0, False), (6.0, 200.0, True), (2.0, 12.0, False), (3.0, 12.0, True)],
+)
+def test_a_fifth_of_the_gap_or_five_floors_are_lacking(
+    structured: float, gap: float, lacks: bool
 ) -> None:
     left = Residuals(structured, 0.9 * structured, 1.0, math.hypot(structured, 1.0))
-    assert unmodelled(left, gap=200.0) == lacks
+    assert unmodelled(left, gap) == lacks
 
 
 @pytest.mark.parametrize(("low", "said"), [(-1.0, ""), (0.0, NOT_DETERMINED)])

@@ -57,8 +57,8 @@ ONE_SIDED_95 = 1.645
 """Standard errors from an estimate to the bound that is passed in 5 % of the cases."""
 STRUCTURED_OVER_NOISE = 0.4
 """Structured part over the noise that is worth speaking of."""
-STRUCTURED_OVER_GAP = 0.2
-"""Structured part over that before, from which on a fitted model has missed something: it
+MISSED_OVER_GAP = 0.2
+"""What is left and no noise over that before, from which on a fitted model has missed something: it
 leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
 more; where it shows, a pair explains both."""
 STRUCTURED_FLOORS = 5.0
@@ -118,7 +118,7 @@ def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
     """Return whether a fitted model lacks something that matters.
 
     Its structured part is surely ``STRUCTURED_OVER_NOISE`` against the noise, and at least
-    ``STRUCTURED_OVER_GAP`` of what there was to explain, or ``STRUCTURED_FLOORS``: a small second
+    ``MISSED_OVER_GAP`` of what there was to explain, or ``STRUCTURED_FLOORS``: a small second
     cause, or laws that are not quite those of the actuator, do not make a fitted model by one or
     two effects wrong.
 
@@ -130,7 +130,7 @@ def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
     if effects >= MANY_EFFECTS:
         return sure(left)
     before = math.sqrt(max(gap**2 - left.noise**2, left.structured**2))
-    return sure(left) and left.structured > min(STRUCTURED_OVER_GAP * before, STRUCTURED_FLOORS)
+    return sure(left) and left.structured > min(MISSED_OVER_GAP * before, STRUCTURED_FLOORS)
 
 
 def sure(left: Residuals) -> bool:
