@@ -27,7 +27,7 @@ from bench_simulation import mujoco_servo
 
 import servo_models as sm
 from fmu_src.native.archive import headers
-from fmu_src.native.compilers import TARGETS, compile_library, needed_compiler
+from servo_models.core.compilers import TARGETS, compile_library, needed_compiler
 
 HERE = Path(__file__).parent
 (LINUX,) = (target for target in TARGETS if target.name == "linux-x86_64")

@@ -8,7 +8,7 @@ from pathlib import Path
 from fmu_src.archive import python_entries, write_archive
 from fmu_src.native.archive import NATIVE as NATIVE_FORM
 from fmu_src.native.archive import NATIVE3, native_entries
-from fmu_src.native.compilers import TARGETS, Target, compiler, needed_compiler
+from servo_models.core.compilers import TARGETS, Target, compiler, needed_compiler
 from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_with

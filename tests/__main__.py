@@ -20,10 +20,14 @@ REST = ["-m", "thorough and not long"]
 
 
 def compiled(name: str) -> str:
-    """Compile an actuator into the cache."""
-    from servo_models.core.simulate import model, simulate
+    """Compile an actuator into the cache, in C and by numba."""
+    from servo_models.core.compiled import compiled_run, run_by_numba
+    from servo_models.core.simulate import model
+    from servo_models.core.stepper import run_text
 
-    simulate(model(name), [0.0])
+    text = run_text(model(name).flat)
+    compiled_run(text)
+    run_by_numba(text)
     return name
 
 

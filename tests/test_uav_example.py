@@ -16,7 +16,7 @@ import pytest
 from fmpy.ssp.ssd import read_ssd
 
 import servo_models as sm
-from fmu_src.native.compilers import compiler
+from servo_models.core.compilers import compiler
 from servo_models.core.types import Array
 from tests.conftest import Run
 from tests.support.document import ROOT, alike, code_blocks, follow

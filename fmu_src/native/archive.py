@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 from fmu_src.archive import ICON, PYTHON, tool_name
 from fmu_src.description import FMI2, Form, model_description
 from fmu_src.documentation import index_html
-from fmu_src.native.compilers import Compiler, Target, compile_library, universal
 from fmu_src.native.description3 import FMI3, build_description, terminals_and_icons
 from fmu_src.native.source import IDENTITY_HEADER, identity_header, identity_of, native_sources
+from servo_models.core.compilers import Compiler, Target, compile_library, universal
 from servo_models.core.simulate import Model
 
 

@@ -1,8 +1,9 @@
-"""Print a flattened plant as C99: the step text of ``stepper.py``, statement by statement.
+"""Print a flattened plant as C99: the texts of ``stepper.py``, statement by statement.
 
-It stands there twice: guarded, for any effects, and without those that are off in the FMU as built,
-for the runs that leave it so.  The text is Python in the small subset of ``inline.py``, so each
-statement has one C form:
+The step of an FMU stands there twice: guarded, for any effects, and without those that are off in
+the FMU as built, for the runs that leave it so.  A run of this process, ``c_run_text``, computes as
+numba does, so nothing in it fails and whole numbers have 64 bits; the rest is the same.  The text
+is Python in the small subset of ``inline.py``, so each statement has one C form:
 
 =====================================  ===================================================
 ``a / b``, ``_math.sqrt(a)``, ``% b``  a function of ``arithmetic.h``, which fails where Python
@@ -107,6 +108,76 @@ def c_text(flat: Flat, off: Collection[str] = ()) -> str:
     return "\n".join([*lines, ""])
 
 
+_RUN = """
+#include <math.h>
+
+typedef long long Whole;
+
+static inline double divided(double a, double b, const int *failed)
+{
+    (void)failed;
+    return a / b;
+}
+
+/* As numba's, which is 0 for a divisor of 0; a % -1 is 0, but overflows for the least number. */
+static inline Whole whole_remainder(Whole a, Whole b)
+{
+    const Whole rest = b > 0 || b < -1 ? a % b : 0;
+    return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;
+}
+
+static inline double remainder_of(double a, double b, const int *failed)
+{
+    const double rest = fmod(a, b);
+    (void)failed;
+    return rest != 0.0 && (rest < 0.0) != (b < 0.0) ? rest + b : rest;
+}
+
+#define SAME(name) \\
+    static inline double checked_##name(double x, const int *failed) \\
+    { \\
+        (void)failed; \\
+        return name(x); \\
+    }
+#define TO_WHOLE(name) \\
+    static inline Whole checked_##name(double x, const int *failed) \\
+    { \\
+        (void)failed; \\
+        return (Whole)name(x); \\
+    }
+"""
+"""The functions of ``arithmetic.h`` under the same names, without what fails."""
+_WHOLE = ("ceil", "floor", "trunc")
+_WHOLE_CALLS = ("_int", "_len", *(f"_math.{name}" for name in _WHOLE))
+
+
+def c_run_text(text: str) -> str:
+    """Return ``run`` of a text printed by ``stepper.run_text`` in C, which computes as numba does.
+
+    Raises:
+        ValueError: a block uses a function of ``math`` that has no form here.
+    """
+    run, _ = _parsed(text)
+    lines = [
+        _RUN,
+        *(f"TO_WHOLE({name})" if name in _WHOLE else f"SAME({name})" for name in _CHECKED),
+        "",
+        '__attribute__((visibility("default"))) int run(',
+        "    const double *restrict v__p, double *restrict v__x, Whole v__rows,",
+        "    const double *restrict v__times,",
+        f"    const double (*restrict v__inputs)[{_columns(run, '_inputs')}],",
+        f"    double (*restrict v__out)[{_columns(run, '_out')}], Whole *restrict v__at)",
+        *_whole(_AsNumba(_Kinds(run.body, calls=_WHOLE_CALLS), {}, {}), run.body),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _columns(run: ast.FunctionDef, table: str) -> int:
+    """How many columns a table has; C has none without any."""
+    cells = re.findall(rf"\b{table}\[\w+, (\d+)\]", ast.unparse(run))
+    return 1 + max(map(int, cells), default=0)
+
+
 def _parsed(text: str) -> tuple[ast.FunctionDef, dict[int, str]]:
     """``make`` of a text, and its comments by line."""
     comments = {n: line.strip() for n, line in enumerate(text.split("\n"), 1) if "#" in line}
@@ -149,27 +220,37 @@ def _step(
 ) -> Iterator[str]:
     body = function.body
     yield from _head(called)
+    write = _Function(_Kinds(body, setup), {name: f"s->v_{name}" for name in fields}, comments)
+    yield from _whole(write, body)
+
+
+def _whole(write: _Function, body: Sequence[ast.stmt]) -> Iterator[str]:
+    """A function's body with its variables."""
     yield "{"
     yield "    int failed = 0;"
     match body[0]:
-        case ast.Assign([ast.Name("_ahead")], ast.BinOp(_, _, ast.Constant(int(places)))):
+        case ast.Assign(
+            [ast.Name("_ahead")],
+            ast.BinOp(_, _, ast.Constant(int(places))) | ast.Call(_, [ast.Constant(int(places))]),
+        ):
             body = body[1:]
             if places:  # C has no empty array
                 yield f"    double v__ahead[{places}] = {{0.0}};"
-    kinds = _Kinds(body, setup)
-    write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
-    lines = write.block(body)
     yield from indent(write.declared(body, ()))
-    yield from indent(lines)
+    yield from indent(write.block(body))
     yield "}"
 
 
 class _Kinds:
-    """Which variables are ``Whole``: those whose every value is."""
+    """Which variables are ``Whole``: those whose every value is, as that of ``calls`` is."""
 
-    def __init__(self, body: Sequence[ast.stmt], outer: _Kinds | None = None) -> None:
+    def __init__(
+        self, body: Sequence[ast.stmt], outer: _Kinds | None = None, calls: Collection[str] = ()
+    ) -> None:
         values: dict[str, list[ast.expr]] = {}
         self.outer = outer
+        self.calls = calls
+        self.operators = (ast.Add, ast.Sub, ast.Mult, *([ast.Mod] if calls else []))
         for node in (node for statement in body for node in ast.walk(statement)):
             if isinstance(node, ast.Assign):
                 for target, value in _pairs(node):
@@ -196,7 +277,9 @@ class _Kinds:
             return inner or (self.outer is not None and self.outer.is_whole(value))
         if isinstance(value, ast.IfExp):
             return self.is_whole(value.body) and self.is_whole(value.orelse)
-        if isinstance(value, ast.BinOp) and isinstance(value.op, (ast.Add, ast.Sub, ast.Mult)):
+        if isinstance(value, ast.Call):
+            return ast.unparse(value.func) in self.calls
+        if isinstance(value, ast.BinOp) and isinstance(value.op, self.operators):
             return self.is_whole(value.left) and self.is_whole(value.right)
         if isinstance(value, ast.UnaryOp):
             return isinstance(value.op, ast.Not) or self.is_whole(value.operand)
@@ -244,10 +327,8 @@ class _Function:
                 k = self.plain(target)
                 head = f"for ({k} = {self.plain(low)}; {k} < {self.plain(high)}; {k}++) {{"
                 return [head, *indent(self.block(body)), "}"]
-            case ast.Return(ast.Tuple([code, outputs])):
-                values = outputs.elts if isinstance(outputs, ast.List) else []
-                lines = [f"v__y[{i}] = {self.plain(it)};" for i, it in enumerate(values)]
-                return [*lines, f"return failed ? ARITHMETIC : {self.plain(code)};"]
+            case ast.Return(ast.Tuple([code, second])):
+                return self.returned(self.plain(code), second)
             case ast.Break():
                 return ["break;"]
             case ast.Continue():
@@ -255,6 +336,11 @@ class _Function:
             case ast.Pass():
                 return []
         raise ValueError(f"'{ast.unparse(node)}' has no form in C")
+
+    def returned(self, code: str, second: ast.expr) -> list[str]:
+        values = second.elts if isinstance(second, ast.List) else []
+        lines = [f"v__y[{i}] = {self.plain(it)};" for i, it in enumerate(values)]
+        return [*lines, f"return failed ? ARITHMETIC : {code};"]
 
     def branch(self, node: ast.If) -> list[str]:
         body, other = self.block(node.body), self.block(node.orelse)
@@ -300,6 +386,8 @@ class _Function:
                 return str(int(value)) if whole else repr(float(value)).replace("inf", "HUGE_VAL")
             case ast.Name(name):
                 return self.names.get(name, f"v_{name}")
+            case ast.Subscript(table, ast.Tuple([row, column])):
+                return f"{self.of(table)}[{self.plain(row)}][{self.plain(column)}]"
             case ast.Subscript(array, index):
                 return f"{self.of(array)}[{self.index(index)}]"
             case ast.BinOp(left, op, right):
@@ -348,6 +436,8 @@ class _Function:
     def call(self, function: str, arguments: Sequence[ast.expr]) -> str:
         given = [self.plain(argument) for argument in arguments]
         name = function.removeprefix("_math.")
+        if function == "_len":
+            return "v__rows"
         if function == "_abs":
             return f"fabs({given[0]})"
         if function == "_float":
@@ -362,6 +452,36 @@ class _Function:
             return f"{name}({', '.join(given)})"
         known = ", ".join(sorted({*_CHECKED, *_PLAIN}))
         raise ValueError(f"math.{name} has no form in C: use one of {known}")
+
+
+class _AsNumba(_Function):
+    """Writes what numba computes: whole numbers are of 64 bits, and nothing fails."""
+
+    def truth(self, node: ast.expr) -> str:
+        """Numba gives the operand too; the text's own flags are 0 or 1."""
+        flag = isinstance(node, ast.Name) and node.id.startswith("_")
+        if not flag and not isinstance(node, (ast.Compare, ast.BoolOp)) and not _is_not(node):
+            raise ValueError(f"'{ast.unparse(node)}' beside 'and' or 'or': write a comparison")
+        return self.of(node)
+
+    def returned(self, code: str, second: ast.expr) -> list[str]:
+        return [f"*v__at = {self.plain(second)};", f"return {code};"]
+
+    def branch(self, node: ast.If) -> list[str]:
+        """Most effects are off in most runs: what they do stands aside, which saves a tenth."""
+        first, *rest = super().branch(node)
+        if isinstance(node.test, ast.Name) and node.test.id.startswith("_"):
+            first = f"if (__builtin_expect({self.of(node.test)}, 0)) {{"
+        return [first, *rest]
+
+    def operation(self, op: ast.operator, left: ast.expr, right: ast.expr) -> str:
+        if isinstance(op, ast.Mod) and self.kinds.is_whole(left) and self.kinds.is_whole(right):
+            return f"whole_remainder({self.plain(left)}, {self.plain(right)})"
+        return super().operation(op, left, right)
+
+
+def _is_not(node: ast.expr) -> bool:
+    return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
 
 
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr]]:

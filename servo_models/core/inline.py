@@ -1,7 +1,7 @@
 """Write a block's body into a flat text: arguments become wires, returns become assignments.
 
-The subset a block may use is small on purpose, so that one text runs in numba and in
-CPython and can be printed as C: assignments, ``if``, ``while`` without ``return``,
+The subset a block may use is small on purpose, so that one text runs in CPython and in
+numba and can be printed as C: assignments, ``if``, ``while`` without ``return``,
 arithmetic, comparisons, ``abs``, ``int``, ``float`` and ``math``, which stand there as
 ``_abs`` and so on, since a wire may be called ``abs``.
 """

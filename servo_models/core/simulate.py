@@ -1,7 +1,7 @@
 """Simulate an actuator in this process, on any grid of communication points.
 
-The same text runs here through numba and in the FMU as plain Python, on the same grid, so
-both agree to the last bit.
+The same text runs here as C, or through numba, and in the FMU as plain Python, on the same grid, so
+all agree to the last bit.
 """
 
 from __future__ import annotations

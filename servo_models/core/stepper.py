@@ -1,6 +1,6 @@
-"""The stepper: print a flattened plant as one self-contained text, for numba or for plain Python.
+"""The stepper: print a flattened plant as one self-contained text, for simulations or for one step.
 
-``c_text.py`` writes the second one in C.
+Both are Python, which numba compiles and ``c_text.py`` writes in C.
 
 This file, ``flat.py`` and ``printer.py`` use the standard library only and are part of every
 FMU, so that an FMU can drop its neutral effects when initialisation ends and print itself again.
@@ -72,10 +72,10 @@ def run_text(flat: Flat) -> str:
         *text.checks("_row"),
     ]
     body = [
+        f"_ahead = _np.zeros({len(flat.memory)})",
         *text.unpack(),
         *text.load(),
-        f"_ahead = _np.zeros({len(flat.memory)})",
-        "for _row in _range(_len(_times)):",
+        "for _row in _range(0, _len(_times)):",
         *indent(text.placed(rows)),
         *text.store(),
         "return 0, _len(_times)",

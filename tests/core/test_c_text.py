@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from fmu_src.native.compilers import compiler
 from servo_models.build import NATIVE, build
 from servo_models.core.c_text import c_text
 from servo_models.core.compiled import plain_make
+from servo_models.core.compilers import compiler
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import step_text
 from tests.support.fmu_host import Host

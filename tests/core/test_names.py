@@ -14,6 +14,7 @@ import linecache
 import math
 import re
 import types
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -24,7 +25,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servo_models.core.block import Block, Param, block, effect
-from servo_models.core.compiled import compiled_run, plain_make
+from servo_models.core.compiled import Run, plain_make, run_by_numba, run_in_c
 from servo_models.core.flat import Flat, neutral_effects
 from servo_models.core.flatten import flatten
 from servo_models.core.inline import inline
@@ -32,6 +33,7 @@ from servo_models.core.plant import Plant, Wire, place
 from servo_models.core.stepper import run_text, step_text
 from servo_models.diagnosis.localisation.open_loop import measured_name, opened
 from servo_models.effects.lag import lag
+from tests.support.compilers import in_c_only
 
 GAIN = 1745.3
 """Angle for a pulse width above 1.5 ms [rad/s]."""
@@ -157,12 +159,14 @@ def by_plain_python(flat: Flat, vector: list[float]) -> NDArray[np.float64]:
     return np.array(angles)
 
 
-def by_run(flat: Flat, vector: list[float], compiled: bool = False) -> NDArray[np.float64]:
-    """Angle by the text for simulations, through numba or as it stands."""
+def by_run(
+    flat: Flat, vector: list[float], compiled: Callable[[str], Run] | None = None
+) -> NDArray[np.float64]:
+    """Angle by the text for simulations, compiled or as it stands."""
     text = run_text(flat)
     scope: dict[str, Any] = {}
     exec(compile(text, "<flat text>", "exec"), scope)
-    run = compiled_run(text) if compiled else scope["run"]
+    run = compiled(text) if compiled else scope["run"]
     start, _ = plain_make(step_text(flat, set()))(vector)
     out, pulses = np.empty((len(TIMES), 2)), np.full((len(TIMES), 1), PULSE)
     assert run(np.array(vector), np.array(start()), TIMES, pulses, out) == (0, len(TIMES))
@@ -221,14 +225,15 @@ UNLUCKY = (
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("by", [pytest.param(run_in_c, marks=in_c_only), run_by_numba])
 @pytest.mark.parametrize("names", UNLUCKY, ids=lambda names: "_".join(names.values()))
 def test_unlucky_names_compiled_with_a_lag_and_a_rate_limit_on_the_wire(
-    names: dict[str, str],
+    names: dict[str, str], by: Callable[[str], Run]
 ) -> None:
     """Both remember what they did in the sub-step before, so they may be late by one."""
     plant = declared(**names)
     flat, vector = flatten(plant, "servo"), values(plant, late__time_constant=1e-9, slew__rate=1e6)
-    compiled, plain = by_run(flat, vector, compiled=True), by_plain_python(flat, vector)
+    compiled, plain = by_run(flat, vector, by), by_plain_python(flat, vector)
     np.testing.assert_array_equal(compiled, plain)
     late = exact(TIMES) - exact(np.maximum(TIMES - 2.0 * SUB_STEP, 0.0))
     assert np.all(np.abs(compiled - exact(TIMES)) <= np.abs(late).max())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +17,15 @@ from hypothesis import strategies as st
 
 from servo_models.core.block import Block
 from servo_models.core.catalogue import actuators, effects
-from servo_models.core.compiled import plain_make
+from servo_models.core.compiled import Run, compiled_run, plain_make, run_by_numba, run_in_c
 from servo_models.core.flat import Flat, neutral_effects
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Placement, Plant
 from servo_models.core.simulate import Model, flat_of, model
-from servo_models.core.stepper import step_text
+from servo_models.core.stepper import run_text, step_text
 from servo_models.core.types import Array
 from servo_models.units import exponents
+from tests.support.compilers import in_c_only
 
 PLANTS = {
     f"{actuator.name}-{variant.name}": (actuator.name, variant.name)
@@ -143,10 +144,37 @@ def response(
     return plain(flat, neutral_effects(flat, vector), vector, times, inputs)[0]
 
 
-def compiled(plant: str, vector: list[float]) -> Array:
-    """Outputs by numba, every effect compiled in."""
+@functools.cache
+def run_of(plant: str, by: Callable[[str], Run]) -> Run:
+    return by(run_text(chosen(plant).flat))
+
+
+def compiled(
+    plant: str, vector: list[float], by: Callable[[str], Run] = compiled_run
+) -> tuple[int, int, Array]:
+    """Code and row, and outputs before that row, every effect compiled in."""
     base = chosen(plant)
-    return replace(base, values=dict(zip(base.values, vector))).run(*experiment(plant))
+    start = replace(base, values=dict(zip(base.values, vector))).start()
+    times, inputs = experiment(plant)
+    out = np.empty((len(times), len(base.plant.outputs)))
+    code, row = run_of(plant, by)(np.array(vector), start, times, inputs, out)
+    return code, row, out[:row]
+
+
+def through(plant: str, vector: list[float], by: Callable[[str], Run] = compiled_run) -> Array:
+    """Outputs of a run that succeeds."""
+    code, _, out = compiled(plant, vector, by)
+    assert code == 0
+    return out
+
+
+every_compiler = pytest.mark.parametrize(
+    "by",
+    [
+        pytest.param(run_in_c, id="c", marks=in_c_only),
+        pytest.param(run_by_numba, id="numba"),
+    ],
+)
 
 
 def without(plant: Plant, names: set[str]) -> Plant:
@@ -174,7 +202,7 @@ def test_all_neutral_is_the_bare_plant_bit_for_bit(plant: str) -> None:
     executed, _ = plain(full.flat, set(), values(plant, **off), *experiment(plant))
     assert same(executed, expected), "effects executed at their neutral value"
     assert same(response(plant, values(plant, **off)), expected), "neutral effects dropped"
-    assert same(compiled(plant, values(plant, **off)), expected), "numba, effects behind their if"
+    assert same(through(plant, values(plant, **off)), expected), "compiled, behind their if"
 
 
 @every_placement
@@ -213,25 +241,57 @@ def test_block_at_neutral_returns_its_wires(effect: Block, data: st.DataObject) 
     assert list(wires[: len(effect.acts_on)]) == [arguments[name] for name in effect.acts_on]
 
 
-# Law 2: plain Python and numba agree to the bit.
+# Law 2: plain Python, C and numba agree to the bit.
 
 
 @every_placement
 @pytest.mark.parametrize("level", ["typical", "low", "high"])
-def test_plain_is_numba_bit_for_bit_and_finite(plant: str, name: str, level: str) -> None:
+@every_compiler
+def test_plain_is_compiled_bit_for_bit_and_finite(
+    plant: str, name: str, level: str, by: Callable[[str], Run]
+) -> None:
     vector = values(plant, **at(plant, name, level))
     out = response(plant, vector)
     assert np.all(np.isfinite(out))
-    assert same(out, compiled(plant, vector))
+    assert same(out, through(plant, vector, by))
 
 
 @every_plant
-def test_plain_is_numba_bit_for_bit_with_all_effects_active(plant: str) -> None:
+@every_compiler
+def test_plain_is_compiled_bit_for_bit_with_all_effects_active(
+    plant: str, by: Callable[[str], Run]
+) -> None:
     vector = values(plant, **all_typical(plant))
     assert not neutral_effects(chosen(plant).flat, vector)
     out = response(plant, vector)
     assert np.all(np.isfinite(out))
-    assert same(out, compiled(plant, vector))
+    assert same(out, through(plant, vector, by))
+
+
+RANDOM_SETS = 500
+
+
+@in_c_only
+@every_plant
+def test_c_is_numba_for_random_sets_of_effects_and_where_they_fail(plant: str) -> None:
+    """A third of the switches on, anywhere between typical and a bound, internal steps that may be
+    too long."""
+    random = np.random.default_rng(11)
+    parameters = chosen(plant).plant.parameters
+    step = chosen(plant).values["internal_step"]
+    on = [switch for name in chosen(plant).plant.placements for switch in switches(plant, name)]
+    for _ in range(RANDOM_SETS):
+        drawn = {"internal_step": step * 10.0 ** random.uniform(-0.5, 1.5)}
+        for switch in random.permutation(on)[: len(on) // 3].tolist():
+            param = parameters[switch].param
+            bound = random.choice([param.low, param.high])
+            drawn[switch] = param.typical + random.choice([0.0, 0.01, 1.0]) * (
+                bound - param.typical
+            )
+        vector = values(plant, **{**bare(plant), **drawn})
+        one, other = compiled(plant, vector, run_in_c), compiled(plant, vector, run_by_numba)
+        assert one[:2] == other[:2], drawn
+        assert same(one[2], other[2]), drawn
 
 
 def shapes() -> Iterator[object]:

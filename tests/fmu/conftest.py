@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from fmu_src.native.compilers import compiler
 from servo_models.build import FMI3, NATIVE, PYTHON, build
+from servo_models.core.compilers import compiler
 from servo_models.core.simulate import model
 from tests.conftest import MODELS
 from tests.support.fmu_host import Host

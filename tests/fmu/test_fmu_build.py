@@ -291,7 +291,7 @@ def test_a_block_without_a_form_in_c_is_told_with_the_cure(tmp_path: Path) -> No
 def test_without_a_compiler_the_cure_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fmu_src.native.compilers.compiler", lambda: None)
+    monkeypatch.setattr("servo_models.core.compilers.compiler", lambda: None)
     with pytest.raises(UserError, match=r"no C compiler.*pip install"):
         build(model("sg90"), tmp_path / "sg90.fmu", NATIVE)
     assert list(tmp_path.iterdir()) == []

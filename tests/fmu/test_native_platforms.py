@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from fmu_src.native.archive import headers
-from fmu_src.native.compilers import zig
 from servo_models.build import NATIVE, NATIVE_ARM, build
 from servo_models.core.catalogue import actuators
+from servo_models.core.compilers import zig
 from servo_models.core.simulate import model
 from servo_models.validation.any_fmu.binaries import read_binary, slices
 

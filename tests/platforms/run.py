@@ -27,8 +27,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from fmu_src.native.archive import NATIVE, headers, native_entries
-from fmu_src.native.compilers import TARGETS, Target, zig
 from servo_models.core.catalogue import actuators
+from servo_models.core.compilers import TARGETS, Target, zig
 from servo_models.core.simulate import Model, model
 from servo_models.files import cache_folder
 from tests.support.sources import ROOT

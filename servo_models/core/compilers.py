@@ -10,12 +10,13 @@ import hashlib
 import importlib.util
 import json
 import os
+import platform
 import shlex
 import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -83,6 +84,12 @@ class Compiler:
     version: str
     targets: tuple[Target, ...]
     is_zig: bool
+
+
+def here() -> Target | None:
+    """Return the platform of this process, None if it is no target."""
+    name = _name(f"{platform.machine()}-{platform.system()}".lower())
+    return next((target for target in TARGETS if target.name == name), None)
 
 
 def compiler() -> Compiler | None:
@@ -180,24 +187,39 @@ def compile_library(
         )
     headers = {h.name: h.read_bytes() for folder in includes for h in sorted(folder.glob("*.h"))}
     files = {**headers, **sources}
+    digests = [f"{name} {_sha256(content)}" for name, content in sorted(files.items())]
+    return cached_library(compiler, target, digests, main, lambda: files).read_bytes()
+
+
+def cached_library(
+    compiler: Compiler,
+    target: Target,
+    made_of: Sequence[str],
+    main: str,
+    sources: Callable[[], Mapping[str, bytes]],
+    flags: Sequence[str] = (),
+) -> Path:
+    """Return the file of a library in the cache; its sources are written only to build it.
+
+    Args:
+        made_of: what tells the sources.
+
+    Raises:
+        UserError: the compiler refuses the sources.
+    """
     library = f"{Path(main).stem}{target.suffix}"
-    words = [*FLAGS, main, "-o", library]
+    words = [*FLAGS, *flags, main, "-o", library]
     if compiler.is_zig:
         words = ["-target", target.zig_triple, *words, *ZIG_FLAGS[target.suffix]]
     else:
         words += HOST_FLAGS[target.suffix]
 
     def make(folder: Path) -> None:
-        (folder / library).write_bytes(_compile(compiler, words, files, library, target.name))
+        built = _compile(compiler, words, sources(), library, target.name)
+        (folder / library).write_bytes(built)
 
-    made_of = [
-        compiler.version,
-        compiler.command,
-        words,
-        {n: _sha256(c) for n, c in sorted(files.items())},
-    ]
-    digest = _sha256(json.dumps(made_of).encode())
-    return (cached(f"native-{target.name}-{digest[:32]}", make) / library).read_bytes()
+    told = json.dumps([compiler.version, compiler.command, words, *made_of])
+    return cached(f"native-{target.name}-{_sha256(told.encode())[:32]}", make) / library
 
 
 def _compile(

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from fmu_src.native.compilers import (
+from servo_models.core.compilers import (
     TARGETS,
     Compiler,
     Target,
