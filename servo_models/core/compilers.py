@@ -137,6 +137,16 @@ def host() -> Compiler | None:
     return None
 
 
+def for_this_processor(compiler: Compiler) -> tuple[tuple[str, ...], str]:
+    """Return the flags for the processor of this machine, none where the compiler has none.
+
+    And what the compiler takes it for: a library for another processor may not run.
+    """
+    flags = ("-march=native",)
+    macros = _said([*compiler.command, *flags, "-dM", "-E", "-x", "c", os.devnull])
+    return (flags, macros) if macros else ((), "")
+
+
 def _words(command: str) -> list[str]:
     """The words of a command, which is one where it is a path, backslashes and spaces included."""
     if shutil.which(command) is not None:

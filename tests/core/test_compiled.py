@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from servo_models.core import compiled
 from servo_models.core.c_text import c_run_text
 from servo_models.core.compiled import Run, compiled_run, run_by_numba, run_in_c
-from servo_models.core.compilers import TARGETS, Compiler, here
+from servo_models.core.compilers import TARGETS, Compiler, for_this_processor, here, host
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
@@ -121,6 +122,27 @@ def test_whole_numbers_beside_and_or_have_no_form(tmp_path: Path) -> None:
     text = run_text(joint(tmp_path, ["return (int(goal) or 3) - angle"]).flat)
     with pytest.raises(ValueError, match="write a comparison"):
         c_run_text(text)
+
+
+@in_c_only
+def test_another_processor_has_a_library_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SERVO_MODELS_CACHE", str(tmp_path / "cache"))
+    text = run_text(joint(tmp_path, ["return goal - angle"]).flat)
+    run_in_c(text)
+    monkeypatch.setattr(compiled, "for_this_processor", lambda _: ((), "another one"))
+    run_in_c(text)
+    assert len(list((tmp_path / "cache").glob("native-*"))) == 2
+
+
+@in_c_only
+def test_a_compiler_without_flags_for_this_processor_is_asked_for_none() -> None:
+    compiler = host()
+    assert compiler is not None
+    flags, processor = for_this_processor(compiler)
+    assert not flags or "__" in processor
+    assert for_this_processor(replace(compiler, command=(sys.executable,))) == ((), "")
 
 
 @in_c_only

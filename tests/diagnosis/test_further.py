@@ -49,7 +49,7 @@ def test_two_causes_are_not_joined_by_a_third() -> None:
 
 
 @pytest.mark.parametrize("name", ["drive_saturation", "coulomb_friction", "gear_compliance"])
-def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_it_was_screened(name: str) -> None:
+def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_screened(name: str) -> None:
     fitter, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
     linear = fitter.fit((), ()).linearised
     for result in screen((linear,), [every[name]])[:5]:
