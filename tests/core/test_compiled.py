@@ -14,7 +14,14 @@ import pytest
 from servo_models.core import compiled
 from servo_models.core.c_text import c_run_text
 from servo_models.core.compiled import Run, compiled_run, run_by_numba, run_in_c
-from servo_models.core.compilers import TARGETS, Compiler, for_this_processor, here, host
+from servo_models.core.compilers import (
+    TARGETS,
+    Compiler,
+    cached_library,
+    for_this_processor,
+    here,
+    host,
+)
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
@@ -128,12 +135,16 @@ def test_whole_numbers_beside_and_or_have_no_form(tmp_path: Path) -> None:
 def test_another_processor_has_a_library_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("SERVO_MODELS_CACHE", str(tmp_path / "cache"))
+    paths = []
+    monkeypatch.setattr(
+        compiled, "cached_library", lambda *given: paths.append(cached_library(*given)) or paths[-1]
+    )
     text = run_text(joint(tmp_path, ["return goal - angle"]).flat)
+    run_in_c(text)
     run_in_c(text)
     monkeypatch.setattr(compiled, "for_this_processor", lambda _: ((), "another one"))
     run_in_c(text)
-    assert len(list((tmp_path / "cache").glob("native-*"))) == 2
+    assert paths[0] == paths[1] != paths[2]
 
 
 @in_c_only
