@@ -89,6 +89,7 @@ def test_no_effect_is_named_where_parameters_leave_noise(monkeypatch: pytest.Mon
     selected = select_effects(fitter)
     assert selected.taken.effects == ()
     assert 1.0 < selected.retuned.evidence.rms < 1.1
+    assert len(select_effects(fitter, tolerance=0.9).taken.effects) == 1  # who asks for less
     monkeypatch.setattr(selection, "ENOUGH_FLOORS", 0.0)
     assert len(select_effects(fitter).taken.effects) == 1
 

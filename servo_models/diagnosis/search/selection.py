@@ -86,7 +86,8 @@ LEAST_MASKED_FLOORS = 1.0
 """Movement of the outputs [RMS, noise floors] from which masked effects are told."""
 
 ENOUGH_FLOORS = 1.1
-"""Held-out error [noise floors] of re-tuned parameters below which no effect is named."""
+"""Held-out error [noise floors] of re-tuned parameters below which no effect is named, unless the
+tolerance is less."""
 ENTRY_PART_OF_GAP = 0.1
 """Part of what re-tuned parameters leave above the noise floor [RMS] that a first effect has to
 take away."""
@@ -177,7 +178,8 @@ def select_effects(
         others.append(fitter.unfit((), (), nominal).linearised)
     results = survey(retuned.linearised, others, every)
     search = SubsetSelection(fitter, retuned, every, moving(results), say)
-    taken = search.run()
+    enough = retuned.evidence.rms < min(ENOUGH_FLOORS, tolerance)
+    taken = retuned if enough else search.run()
     masked: Sequence[MaskedEffect] = ()
     if taken is retuned:
         search.say("looking for effects that re-tuned parameters mask")
@@ -219,8 +221,6 @@ class SubsetSelection:
 
     def run(self) -> FittedModel:
         """Return the model whose effects earn their place."""
-        if self.retuned.evidence.rms < ENOUGH_FLOORS:
-            return self.retuned
         smooth = [one for one in self.every if not one.grid]
         self.grow(1, smooth)
         if self.retuned.settled:
