@@ -181,6 +181,7 @@ def processor_seconds(code: Path, path: Path, cache: Path) -> tuple[float, float
     }
     done = subprocess.run(
         [sys.executable, "-c", TIMED, str(path)],
+        cwd=path.parent,  # Python would import from the folder in which this was started
         env=environment,
         check=True,
         capture_output=True,

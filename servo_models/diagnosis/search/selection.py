@@ -86,7 +86,7 @@ LEAST_MASKED_FLOORS = 1.0
 """Movement of the outputs [RMS, noise floors] from which masked effects are told."""
 
 ENOUGH_FLOORS = 1.1
-"""Held-out error [noise floors] of re-tuned parameters below which no effect is named, unless the
+"""Held-out error [noise floors] below which a model is enough, and no effect joins it, unless the
 tolerance is less."""
 ENTRY_PART_OF_GAP = 0.1
 """Part of what re-tuned parameters leave above the noise floor [RMS] that a first effect has to
@@ -177,9 +177,9 @@ def select_effects(
         nominal = {free.name: free.nominal for free in fitter.nominal}
         others.append(fitter.unfit((), (), nominal).linearised)
     results = survey(retuned.linearised, others, every)
-    search = SubsetSelection(fitter, retuned, every, moving(results), say)
-    enough = retuned.evidence.rms < min(ENOUGH_FLOORS, tolerance)
-    taken = retuned if enough else search.run()
+    enough = min(ENOUGH_FLOORS, tolerance)
+    search = SubsetSelection(fitter, retuned, every, moving(results), say, enough)
+    taken = search.run()
     masked: Sequence[MaskedEffect] = ()
     if taken is retuned:
         search.say("looking for effects that re-tuned parameters mask")
@@ -202,6 +202,7 @@ class SubsetSelection:
     Attributes:
         fitter, retuned, every: see ``select_effects``.
         results: of screening every effect beside nominal parameters alone, best first.
+        enough: held-out error [noise floors] below which no effect joins a model.
         models: the best fitted model of each set of effects.
     """
 
@@ -212,15 +213,18 @@ class SubsetSelection:
         every: Sequence[Candidate],
         results: Sequence[Screened],
         tell: Tell,
+        enough: float = ENOUGH_FLOORS,
     ) -> None:
         self.fitter, self.retuned, self.every, self.tell = fitter, retuned, every, tell
-        self.results = list(results)
+        self.results, self.enough = list(results), enough
         self.screener = Screener(every, results)
         self.models: dict[frozenset[str], FittedModel] = {frozenset(): retuned}
         self.carried: dict[FittedModel, float] = {}
 
     def run(self) -> FittedModel:
         """Return the model whose effects earn their place."""
+        if self.suffices(0):
+            return self.retuned
         smooth = [one for one in self.every if not one.grid]
         self.grow(1, smooth)
         if self.retuned.settled:
@@ -253,6 +257,8 @@ class SubsetSelection:
 
     def grow(self, size: int, pool: Sequence[Candidate]) -> None:
         """Fit models by so many effects of a pool: forward, and then by swaps in the best one."""
+        if self.suffices(size - 1):
+            return
         if size == 1:
             self.grow_alone(pool)
         elif self.settled(size - 1):
@@ -405,6 +411,8 @@ class SubsetSelection:
 
     def belongs(self, model: FittedModel, fewer: FittedModel) -> bool:
         """Whether each effect of a model earns its place, also under conditions left out."""
+        if fewer.evidence.rms < self.enough:
+            return False
         share = ENTRY_SHARE if len(model.effects) < 3 else ENTRY_SHARE_OF_THIRD
         least = ENTRY_PART_OF_GAP * (self.retuned.evidence.rms - 1.0)
         if not fewer.effects and fewer.evidence.rms - model.evidence.rms < least:
@@ -439,6 +447,11 @@ class SubsetSelection:
     def gains(self, size: int) -> bool:
         """Whether so many effects leave less than fewer do."""
         return self.loss(size) < (1.0 - ENTRY_SHARE) * self.loss(size - 1)
+
+    def suffices(self, size: int) -> bool:
+        """Whether a model by so many effects leaves so little that none joins it."""
+        models = self.best(size) if size else [self.retuned]
+        return any(it.evidence.rms < self.enough for it in models)
 
     def settled(self, size: int) -> bool:
         """Whether a model by at most so many effects leaves noise only."""
