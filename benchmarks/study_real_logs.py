@@ -182,6 +182,8 @@ def section(case: Case, told: Told) -> list[str]:
         f"**Claimed** (`{found.verdict.kind}`, {told.seconds:.0f} s{asked}):"
         f" {summary.sentence(found)}",
         "",
+        f"**Before:** {case.before}.",
+        "",
         f"**Known:** {case.known}",
         "",
         f"**Wrong:** {'; '.join(wrong) if wrong else 'nothing'}.",
@@ -203,7 +205,8 @@ def main(chosen: Sequence[str]) -> None:
         "",
         "Made by `python benchmarks/study_real_logs.py`; the measured logs are not in this"
         " repository. Each diagnosis begins with a simple model. *Held out* are samples that no"
-        " fit has seen (noise floors and codes are taken from whole logs). *Wrong* compares the"
+        " fit has seen (noise floors and codes are taken from whole logs). *Before* is the"
+        " diagnosis of commit cae452d, in noise floors held out. *Wrong* compares the"
         " effects named, those in the set included, with those that were known; values are not"
         " compared. The table of effects has for each"
         " one its probability, and the error that is left with the best explanation that has it,"
