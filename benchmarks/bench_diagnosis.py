@@ -325,8 +325,10 @@ if __name__ == "__main__":
 # SG90, 60 s at 200 Hz             8.0 s   4.7 s  1.68
 # torque motor, 1 s at 10 kHz      1.9 s   1.4 s  1.37
 #
-# Against commit cae452d, processor seconds of one process, imports included, least of two in turn,
-# beside other work; "own step" is this code with the model's own internal step throughout.
+# Against commit cae452d, processor seconds of one process, imports included, least of three in turn,
+# beside other work; a C compiler is there.
 #
-# case                          before   own step      now   ratio          memory
-# SG90, 60 s, one effect        11.6 s     13.1 s    9.4 s    0.81      498 -> 499 MiB
+# case                          before       now   ratio         memory
+# withheld, easy                2.53 s    2.05 s    0.81     352 -> 245 MiB
+# withheld, hard                2.19 s    1.77 s    0.81     277 -> 181 MiB
+# withheld, poor                2.79 s    2.38 s    0.85     406 -> 301 MiB
