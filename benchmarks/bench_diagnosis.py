@@ -325,8 +325,8 @@ if __name__ == "__main__":
 # SG90, 60 s at 200 Hz             8.0 s   4.7 s  1.68
 # torque motor, 1 s at 10 kHz      1.9 s   1.4 s  1.37
 #
-# Against commit cae452d, processor seconds of one process, imports included, least of three in turn,
-# beside other work; a C compiler is there.
+# Against commit cae452d, processor seconds of one process, imports included, least of three in
+# turn, beside other work; a C compiler is there.
 #
 # case                          before       now   ratio         memory
 # withheld, easy                2.53 s    2.05 s    0.81     352 -> 245 MiB
