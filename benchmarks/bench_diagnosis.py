@@ -332,3 +332,5 @@ if __name__ == "__main__":
 # withheld, easy                2.53 s    2.05 s    0.81     352 -> 245 MiB
 # withheld, hard                2.19 s    1.77 s    0.81     277 -> 181 MiB
 # withheld, poor                2.79 s    2.38 s    0.85     406 -> 301 MiB
+# SG90, 60 s, one effect       11.28 s    6.69 s    0.59     498 -> 343 MiB
+# SG90, 60 s, unknown cause    27.76 s   25.78 s    0.93     699 -> 562 MiB
