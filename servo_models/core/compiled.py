@@ -3,7 +3,7 @@
 The C compiler of the machine takes half a second where numba takes 5 to 8, and a process that
 finds the library in the cache does not import numba either.  Numba compiles where there is no
 compiler for this platform, where it fails, and where a block has no form in C.  Both compute the
-same bits and let other threads run; C takes 5 to 22 % less time.
+same bits and let other threads run; C takes 5 to 22 % less time for the variants as they are.
 
 What was compiled is kept under a digest of the text and of what compiles it, in a folder of the
 cache whose files are compared with their digests before they are loaded (``files.cached``).  Set

@@ -237,12 +237,12 @@ class FittedModel:
     Attributes:
         effects: their names, none for nominal parameters alone.
         problem: with all free parameters.
-        view: errors and slopes at the fit.
+        linearised: errors and slopes at the fit.
         evidence: how it predicts.
         converged: whether the search met its tolerance.
         chance: logarithm of how many trials its effects are the best of, and of how strange
             their sizes and the nominal parameters are.
-        widths: over which slopes of it mean something, see ``slopes.steps``.
+        widths: over which slopes of it mean something, see ``optimise.steps``.
         searched: ``problem`` with the internal steps of the search, where it was told anew.
     """
 

@@ -105,7 +105,7 @@ class Linearisation:
 def linearised(
     problem: Problem, vector: Array, widths: Array | None = None, slopes: Array | None = None
 ) -> Linearisation:
-    """Return the view from a fit; unknown slopes are taken over ``widths`` [scales], shape (p,)."""
+    """Return a fit, linearised; unknown slopes are taken over ``widths`` [scales], shape (p,)."""
     errors = problem.latest(vector)
     if slopes is None:
         slopes = problem.jacobian(vector, widths)

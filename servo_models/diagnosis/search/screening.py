@@ -45,8 +45,8 @@ LARGEST_RIPPLE_SHARE = 10.0
 """The same of a ripple, which is tried at one amplitude."""
 LEAST_SHARE = 0.5
 """The same of a limit, at least: a small part of what a tight one does is what none does."""
-VALUES_IN_OTHER_VIEWS = 3
-"""Of an effect, screened from where the nominal model is."""
+VALUES_BESIDE_NOMINAL = 3
+"""Of an effect, screened beside the nominal parameters."""
 VALUES_BESIDE = 6
 """Trial values at which an effect is screened beside others."""
 VALUES_SIMULATED = 5
@@ -103,14 +103,14 @@ class Screened:
 
 
 def screen(
-    views: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
+    fits: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
 ) -> list[Screened]:
-    """Return each effect at each size from each view, best first, without those that do nothing.
+    """Return each effect at each size beside each fit, best first, without those that do nothing.
 
     Other parameters are ``corrected`` before a discontinuous effect is judged: a wrong value leaves
     as little while they are still where they made up for it.
     """
-    return moving(screening_results(views, every, corrected))
+    return moving(screening_results(fits, every, corrected))
 
 
 def moving(results: Iterable[Screened]) -> list[Screened]:
@@ -119,11 +119,11 @@ def moving(results: Iterable[Screened]) -> list[Screened]:
 
 
 def screening_results(
-    views: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
+    fits: Sequence[Linearisation], every: Sequence[Candidate], corrected: bool = True
 ) -> list[Screened]:
-    """Return each effect at each size from each view, whatever it does."""
+    """Return each effect at each size beside each fit, whatever it does."""
     results: list[Screened] = []
-    for linear in views:
+    for linear in fits:
         problem = linear.problem
         base = problem.values(linear.vector)
         tasks = [(one, sizes) for one in every for sizes in neighbours(one)]
@@ -137,13 +137,13 @@ def screening_results(
 def survey(
     retuned: Linearisation, others: Iterable[Linearisation], every: Sequence[Candidate]
 ) -> list[Screened]:
-    """Return each effect at each size from where nominal parameters alone go, and from other views
-    at the sizes that would leave least there if changes were the same."""
+    """Return each effect at each size beside re-tuned parameters, and beside others, such as the
+    nominal ones, at the sizes that would leave least there if changes were the same."""
     results = screening_results((retuned,), every)
     by_left = sorted(results, key=lambda it: it.left)
     known = [_at_best(one, by_left) for one in preselect(every, by_left)]
     for linear in others:
-        likely = [_at_likely_sizes(linear, it, VALUES_IN_OTHER_VIEWS) for it in known]
+        likely = [_at_likely_sizes(linear, it, VALUES_BESIDE_NOMINAL) for it in known]
         results += screening_results((linear,), likely)
     return results
 
@@ -154,7 +154,7 @@ def _at_best(one: Candidate, results: Iterable[Screened]) -> Candidate:
     if not one.discontinuous:
         return one
     own = [it.settings for it in results if it.candidate.name == one.name]
-    return replace(one, trial_values=tuple(own[:VALUES_IN_OTHER_VIEWS]))
+    return replace(one, trial_values=tuple(own[:VALUES_BESIDE_NOMINAL]))
 
 
 def _results(
@@ -424,7 +424,7 @@ def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> 
 
 
 def _pairs(results: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
-    """What pairs from one view would leave."""
+    """What pairs beside one fit would leave."""
     part = [results[k] for k in own]
     linear = part[0].linearised
     widths = np.array([it.columns.shape[1] for it in part])
