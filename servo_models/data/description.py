@@ -18,6 +18,7 @@ from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
 from servo_models.data.readers import Columns, read_columns
+from servo_models.data.runs import runs
 from servo_models.data.schema import (
     Quantity,
     Section,
@@ -270,7 +271,7 @@ def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tu
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read = functools.cache(read_columns)
     logs: list[Log] = []
-    for entry in entries:
+    for entry in (run for section in entries for run in runs(section, tables)):
         log = read_log(entry, chosen, read, tables)
         if log.name in (other.name for other in logs):
             entry.fail("name", f"a second log '{log.name}'; give each a name of its own")

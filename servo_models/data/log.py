@@ -120,10 +120,14 @@ def regular(times: Array) -> Array:
 
 
 def hashes(logs: Iterable[Log]) -> dict[str, str]:
-    """Return the SHA-256 of each log's file by name, with its folder where names repeat."""
+    """Return the SHA-256 of each log's file by name, with its folders where names repeat."""
     files = {log.path: log.sha256 for log in logs}
-    names = [path.name for path in files]
-    return {
-        path.name if names.count(path.name) == 1 else f"{path.parent.name}/{path.name}": digest
-        for path, digest in files.items()
-    }
+    return {_told_apart(path, files): digest for path, digest in files.items()}
+
+
+def _told_apart(path: Path, paths: Iterable[Path]) -> str:
+    """The last parts of a path, as many as no other of the paths ends in."""
+    for count in range(1, len(path.parts)):
+        if sum(other.parts[-count:] == path.parts[-count:] for other in paths) == 1:
+            return "/".join(path.parts[-count:])
+    return path.as_posix()

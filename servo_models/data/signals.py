@@ -110,7 +110,7 @@ class LogTable(Table):
 
     Written as::
 
-        file = "log.csv"
+        file = "log.csv"  # or "runs/*.csv"
         name = "steps"
         table = "joint_states"
         header = true
@@ -122,6 +122,7 @@ class LogTable(Table):
         held_out = { from = "12 s", to = "20 s" }
         judged = { input = "voltage", after_change = "0.8 s" }
         settle = "0.5 s"
+        repeat = [{ file = "a.csv" }, { file = "b.csv", held_out = true }]  # see ``runs``
     """
 
     file: str
@@ -136,6 +137,7 @@ class LogTable(Table):
     held_out: bool | HeldOut = False
     judged: Judged | None = None
     settle: Seconds | None = None
+    repeat: list[dict[str, Any]] = []
 
 
 # A log
