@@ -54,6 +54,7 @@ class Log:
         settle: time [s] for which the first row's inputs are held before the log begins, so
             that the simulation starts in equilibrium.
         begin: time [s] from the file's first row to the first sample here.
+        notes: what reading has changed of the file, one sentence each.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Log:
     settle: float = 0.0
     skipped: Mask | None = None
     begin: float = 0.0
+    notes: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -92,31 +94,6 @@ class Log:
 
     def _counted(self, mask: Mask) -> Mask:
         return mask if self.skipped is None else mask & ~self.skipped
-
-
-ROUNDING = 1e-3
-"""Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
-that ticks evenly."""
-
-
-def regular(times: Array) -> Array:
-    """Return times on the regular grid that they only miss by rounding; others as they are.
-
-    Time stamps of a few digits would shift samples against the clocks of a model, and a
-    digital loop that misses a tick now and then is another loop.  The step is the shortest
-    decimal number that fits.
-    """
-    n = len(times)
-    count = np.arange(n)
-    step = (times[-1] - times[0]) / (n - 1)
-    tolerance = ROUNDING * step
-    if np.abs(times - times[0] - step * count).max() > tolerance:
-        return times
-    for digits in range(2, 16):
-        short = float(f"{step:.{digits - 1}e}")
-        if np.abs(times - times[0] - short * count).max() <= tolerance:
-            return np.asarray(times[0] + short * count)
-    return times
 
 
 def hashes(logs: Iterable[Log]) -> dict[str, str]:

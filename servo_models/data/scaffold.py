@@ -19,6 +19,7 @@ from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.clock import dithered
 from servo_models.data.readers import Columns, read_columns
 from servo_models.data.sensor import difference_noise
 from servo_models.errors import UserError, printable
@@ -176,7 +177,9 @@ def _time_lines(made: Draft) -> Iterator[str]:
         yield '# time = { column = "...", unit = "s" }'
         return
     column, unit = made.time
-    repeats = ', repeats = "drop"' if (np.diff(column.values) == 0.0).any() else ""
+    again = bool((np.diff(column.values) == 0.0).any())
+    even = again and dithered(column.values, factor(unit, "s")) is not None
+    repeats = ', repeats = "drop"' if again and not even else ""
     doubt = f"  {CHECK}: the unit" if column.unit != unit else ""
     yield f"time = {{ column = {_quoted(column.key)}, unit = {_quoted(unit)}{repeats} }}{doubt}"
 

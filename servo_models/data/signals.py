@@ -16,7 +16,8 @@ from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Parameter, Wire, unknown
 from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
-from servo_models.data.log import Channel, Log, regular
+from servo_models.data.clock import dithered, regular
+from servo_models.data.log import Channel, Log
 from servo_models.data.readers import Columns
 from servo_models.data.schema import (
     Column,
@@ -174,9 +175,17 @@ def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, C
         return given or read(path, name, entry.header)
 
     columns = table(main)
-    apart = dict.fromkeys(mapped.table for mapped in inputs.values() if mapped.table != main)
-    others = {name: _read_clock(section, entry.time, table(name), held=True) for name in apart}
+    used: dict[str | None, list[str | int]] = {main: []}
+    for mapped in (inputs | outputs).values():
+        used.setdefault(mapped.table, []).append(mapped.column)
+    others = {
+        name: _with_values(_read_clock(section, entry.time, table(name)), used[name])[0]
+        for name in used
+        if name != main
+    }
     clock = _cut_window(section, entry.window, _read_clock(section, entry.time, columns))
+    clock, late = _with_values(clock, used[main])
+    clock, even = _ticked(clock, entry.time)
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
@@ -205,6 +214,7 @@ def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, C
         settle=_settle(section, entry.settle, chosen, fed, constants, float(times[-1])),
         skipped=_skipped(section, entry.judged, times, fed) if entry.judged else None,
         begin=float(clock.since[0]),
+        notes=(*late, *even),
     )
 
 
@@ -456,31 +466,61 @@ class _Clock:
         return found[self.rows - first]
 
 
-def _read_clock(
-    section: Section, given: str | int | Time, columns: Columns, held: bool = False
-) -> _Clock:
-    """The times of a table, from the column ``given`` in the description of a log.
-
-    Where the values of the table are ``held``, a time may repeat: the last row counts.
-    """
+def _read_clock(section: Section, given: str | int | Time, columns: Columns) -> _Clock:
+    """The times of a table, from the column ``given`` in the description of a log."""
     time = given if isinstance(given, Time) else Time(column=given)
     try:
         scale = factor(time.unit, "s")
     except UserError as error:
         section.fail("time.unit", error)
-    stamps = columns.numbers(time.column)
+    first = columns.begin(time.column)
+    stamps = columns.numbers(time.column, slice(first, None))
     if not len(stamps):
         raise UserError(f"{columns.where(time.column)} has no rows: name another column")
-    columns.check_order(time.column, scale * stamps)
-    again = np.diff(stamps, prepend=-np.inf) == 0.0
-    if again.any() and not (held or time.repeats):
+    columns.check_order(time.column, scale * stamps, first)
+    rows = np.arange(first, first + len(stamps))
+    return _Clock(columns, time.column, time.unit, stamps, rows, float(stamps[0]))
+
+
+def _with_values(clock: _Clock, columns: Iterable[str | int]) -> tuple[_Clock, list[str]]:
+    """The clock from where each of these columns of its table has a first value, and a note."""
+    table, first = clock.columns, int(clock.rows[0])
+    begins = {column: table.begin(column, first) for column in columns}
+    latest = max(begins, key=begins.__getitem__, default=clock.column)
+    begin = begins.get(latest, first)
+    if begin == first:
+        return clock, []
+    kept = clock.cut(int(np.searchsorted(clock.rows, begin)), len(clock.rows))
+    rows = f"rows {first + table.first_row} to {begin - 1 + table.first_row} are"
+    one = f"row {first + table.first_row} is"
+    return kept, [
+        f"{rows if begin > first + 1 else one} left out, since column"
+        f" '{table.names[table.index(latest)]}' has no value there yet"
+    ]
+
+
+def _ticked(clock: _Clock, given: str | int | Time) -> tuple[_Clock, list[str]]:
+    """The clock with a time for each row: on the grid that rounded stamps lie on, with a note.
+
+    Raises:
+        UserError: a time that repeats otherwise, unless the description says what to do.
+    """
+    again = np.diff(clock.stamps, prepend=-np.inf) == 0.0
+    if isinstance(given, Time) and given.repeats:
+        kept = ~again
+        clock = replace(clock, stamps=clock.stamps[kept], rows=clock.rows[kept])
+    grid = dithered(clock.stamps, clock.scale)
+    if grid is not None:
+        stamps = clock.stamps[0] + (grid.times - grid.times[0]) / clock.scale
+        return replace(clock, stamps=stamps), [grid.note]
+    if again.any() and len(again) == len(clock.stamps):
         row = int(np.argmax(again))
         raise UserError(
-            f"{columns.where(time.column, row)}: time {scale * stamps[row]:.9g} s repeats; remove"
-            ' the row or set time.repeats = "drop"'
+            f"{clock.columns.where(clock.column, int(clock.rows[row]))}: time"
+            f" {clock.scale * clock.stamps[row]:.9g} s repeats, and the stamps are no even clock,"
+            ' rounded; remove the row or set time.repeats = "drop"'
         )
-    rows = np.arange(len(stamps)) if held else np.flatnonzero(~again)
-    return _Clock(columns, time.column, time.unit, stamps[rows], rows, float(stamps[0]))
+    return clock, []
 
 
 def _cut_window(section: Section, window: tuple[float, float] | None, clock: _Clock) -> _Clock:

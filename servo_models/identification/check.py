@@ -84,6 +84,7 @@ class Check(Result):
             "actuator": told.actuator.name,
             "variant": told.variant,
             "warnings": list(self.warnings),
+            "notes": {log.name: list(log.notes) for log in told.logs if log.notes},
             "noise_floors": dict(self.floors),
             "parameters": {
                 reach.name: {

@@ -152,14 +152,34 @@ class Columns:
             )
         return values.to_numpy().astype(np.float64)
 
-    def check_order(self, column: str | int, times: Array) -> None:
-        """Raise UserError where ``times`` [s], the ones of that column, run backward."""
+    def begin(self, column: str | int, first: int = 0) -> int:
+        """Return the row, from ``first`` on, in which a column has its first value.
+
+        A cell without one is empty, or NaN.  It is ``first`` for a column that never has a value.
+
+        Raises:
+            UserError: no such column.
+        """
+        import polars as pl
+
+        cells = self.cells[self.index(column)][first:]
+        if cells.dtype == pl.String:
+            has_value = ~cells.str.strip_chars(' \t"').str.to_lowercase().is_in(["", "nan"])
+        elif cells.dtype.is_float():
+            has_value = cells.is_not_nan()
+        else:
+            has_value = cells.is_not_null()
+        return first + int(has_value.fill_null(value=False).arg_max() or 0)
+
+    def check_order(self, column: str | int, times: Array, first: int = 0) -> None:
+        """Raise UserError where ``times`` [s], the ones of that column from row ``first`` on, run
+        backward."""
         backward = np.flatnonzero(np.diff(times) < 0.0)
         if len(backward):
             row = int(backward[0]) + 1
             raise UserError(
-                f"{self.where(column, row)}: time runs backward from {times[row - 1]:.9g} s to"
-                f" {times[row]:.9g} s; sort the rows by time"
+                f"{self.where(column, first + row)}: time runs backward from"
+                f" {times[row - 1]:.9g} s to {times[row]:.9g} s; sort the rows by time"
             )
 
 
