@@ -574,11 +574,13 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     name = columns.names[place]
     key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
     try:
-        values = columns.numbers(key)
+        begin = columns.begin(key)
+        values = columns.numbers(key, slice(begin, None))
     except UserError as error:
         return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))
     if not len(values):
         return LeftOut(key, table, f"{columns.where(key)} has no rows: record it again", False)
+    values = np.concatenate([np.full(begin, values[0]), values])
     words, unit = heading(name)
     own = () if isinstance(key, int) and name.isdigit() else words
     return Column(key, table, own, unit, values)

@@ -214,14 +214,14 @@ def _unicode(text: str) -> str:
 
 
 def columns_of(source: Source, records: Iterable[Any]) -> list[pl.Series]:
-    """Return the columns of a list of records, such as JSON objects.
+    """Return the columns of a list of records, such as JSON objects; None is an empty one.
 
     Inner objects are named by dots and items of lists by their index from 0: ``pose.q[3]``.
 
     Raises:
         UserError: records have so many names that a table of all of them would be too large.
     """
-    rows = [dict(_leaves("", record)) for record in records]
+    rows = [{} if record is None else dict(_leaves("", record)) for record in records]
     names = dict.fromkeys(name for row in rows for name in row)
     check_size(source.path, float(len(rows)) * len(names) * NUMBER)
     return [column_of(name, [row.get(name) for row in rows]) for name in names]

@@ -54,4 +54,5 @@ def _lists(name: str, value: Any) -> Iterator[tuple[str, list[Any]]]:
 
 
 def _are_records(found: list[Any]) -> bool:
-    return bool(found) and all(isinstance(item, dict) for item in found)
+    kinds = {type(item) for item in found}
+    return dict in kinds and kinds <= {dict, type(None)}
