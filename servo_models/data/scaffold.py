@@ -555,15 +555,17 @@ def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
     """Tables of a file; where it has several, their columns are called ``table.column``."""
     every = read_columns(path)
     tables: dict[str, Columns] = {}
+    refused: set[str] = set()
     for name in every.names:
         if any(name.startswith(f"{table}.") for table in tables):
             continue
-        for dot in re.finditer(r"\.", name):
+        prefixes = (name[: dot.start()] for dot in re.finditer(r"\.", name))
+        for prefix in (prefix for prefix in prefixes if prefix not in refused):
             try:
-                tables[name[: dot.start()]] = read_columns(path, name[: dot.start()])
+                tables[prefix] = read_columns(path, prefix)
                 break
             except UserError:
-                continue
+                refused.add(prefix)
     if tables:
         yield from tables.items()
     else:

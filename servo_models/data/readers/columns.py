@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,6 +109,8 @@ class Columns:
                 )
             return column - 1
         found = [i for i, name in enumerate(self.names) if name == column]
+        if not found:  # items of lists are written with brackets or dots
+            found = [i for i, name in enumerate(self.names) if _dotted(name) == _dotted(column)]
         if not found:
             raise UserError(f"{place} has no column '{column}'; {did_you_mean(column, self.names)}")
         if len(found) > 1:
@@ -213,15 +216,16 @@ def _unicode(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def columns_of(source: Source, records: Iterable[Any]) -> list[pl.Series]:
+def columns_of(source: Source, records: Iterable[Any], name: str = "") -> list[pl.Series]:
     """Return the columns of a list of records, such as JSON objects; None is an empty one.
 
-    Inner objects are named by dots and items of lists by their index from 0: ``pose.q[3]``.
+    Inner objects are named by dots and items of lists by their index from 0, ``pose.q[3]``, behind
+    the ``name`` of all.
 
     Raises:
         UserError: records have so many names that a table of all of them would be too large.
     """
-    rows = [{} if record is None else dict(_leaves("", record)) for record in records]
+    rows = [{} if record is None else dict(_leaves(name, record)) for record in records]
     names = dict.fromkeys(name for row in rows for name in row)
     check_size(source.path, float(len(rows)) * len(names) * NUMBER)
     return [column_of(name, [row.get(name) for row in rows]) for name in names]
@@ -236,6 +240,10 @@ def _leaves(name: str, value: Any) -> Iterable[tuple[str, Any]]:
             yield from _leaves(f"{name}[{i}]", inner)
     else:
         yield name, value
+
+
+def _dotted(name: str) -> str:
+    return re.sub(r"\[(\d+)\]", r".\1", name)
 
 
 def array_column(name: str, values: NDArray[Any]) -> pl.Series:
