@@ -130,7 +130,7 @@ def _draft_on(
     time = _time_of(own)
     times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
     stamps = [found[0] for found in times if found]
-    rest = [c for c in columns if c.moves and c not in stamps]
+    rest = [c for c in columns if c.moves and not c.dates and c not in stamps]
     found = tuple(
         match
         for match in _matches(rest, actuator)
@@ -181,7 +181,8 @@ def _time_lines(made: Draft) -> Iterator[str]:
     even = again and dithered(column.values, factor(unit, "s")) is not None
     repeats = ', repeats = "drop"' if again and not even else ""
     doubt = f"  {CHECK}: the unit" if column.unit != unit else ""
-    yield f"time = {{ column = {_quoted(column.key)}, unit = {_quoted(unit)}{repeats} }}{doubt}"
+    written = "" if column.dates else f", unit = {_quoted(unit)}"
+    yield f"time = {{ column = {_quoted(column.key)}{written}{repeats} }}{doubt}"
 
 
 def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
@@ -495,6 +496,7 @@ class Column:
         words: of its name, in lower case, without the unit.
         unit: as the name tells it, None where it does not.
         values: shape (n,).
+        dates: they were dates and times, which are no signal.
     """
 
     key: str | int
@@ -502,6 +504,7 @@ class Column:
     words: tuple[str, ...]
     unit: str | None
     values: Array
+    dates: bool = False
 
     @cached_property
     def rising(self) -> bool:
@@ -577,15 +580,17 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
     try:
         begin = columns.begin(key)
-        values = columns.numbers(key, slice(begin, None))
+        dates = columns.dates(key, begin)
+        values = columns.numbers(key, slice(begin, None)) if dates is None else dates
     except UserError as error:
         return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))
     if not len(values):
         return LeftOut(key, table, f"{columns.where(key)} has no rows: record it again", False)
     values = np.concatenate([np.full(begin, values[0]), values])
     words, unit = heading(name)
+    unit = unit if dates is None else "s"
     own = () if isinstance(key, int) and name.isdigit() else words
-    return Column(key, table, own, unit, values)
+    return Column(key, table, own, unit, values, dates is not None)
 
 
 def _is_mostly_numbers(columns: Columns, place: int) -> bool:

@@ -474,7 +474,11 @@ def _read_clock(section: Section, given: str | int | Time, columns: Columns) -> 
     except UserError as error:
         section.fail("time.unit", error)
     first = columns.begin(time.column)
-    stamps = columns.numbers(time.column, slice(first, None))
+    stamps = columns.dates(time.column, first)
+    if stamps is not None and time.unit != "s":
+        section.fail("time.unit", "the column holds dates and times; leave out the unit")
+    if stamps is None:
+        stamps = columns.numbers(time.column, slice(first, None))
     if not len(stamps):
         raise UserError(f"{columns.where(time.column)} has no rows: name another column")
     columns.check_order(time.column, scale * stamps, first)
@@ -514,11 +518,12 @@ def _ticked(clock: _Clock, given: str | int | Time) -> tuple[_Clock, list[str]]:
         stamps = clock.stamps[0] + (grid.times - grid.times[0]) / clock.scale
         return replace(clock, stamps=stamps), [grid.note]
     if again.any() and len(again) == len(clock.stamps):
-        row = int(np.argmax(again))
+        at = int(np.argmax(again))
+        column, row = clock.column, int(clock.rows[at])
+        time = clock.columns.time_text(column, row, clock.scale * float(clock.stamps[at]))
         raise UserError(
-            f"{clock.columns.where(clock.column, int(clock.rows[row]))}: time"
-            f" {clock.scale * clock.stamps[row]:.9g} s repeats, and the stamps are no even clock,"
-            ' rounded; remove the row or set time.repeats = "drop"'
+            f"{clock.columns.where(column, row)}: time {time} repeats, and the stamps are no even"
+            ' clock, rounded; remove the row or set time.repeats = "drop"'
         )
     return clock, []
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
+from servo_models.data.readers.dates import seconds
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import check_size
 
@@ -155,6 +156,23 @@ class Columns:
             )
         return values.to_numpy().astype(np.float64)
 
+    def dates(self, column: str | int, first: int = 0) -> Array | None:
+        """Return dates and times of a column from row ``first`` on as seconds, shape (n,).
+
+        None for a column that holds none; see ``dates.seconds``.
+
+        Raises:
+            UserError: no such column; a cell that is empty, no time, or of another zone.
+        """
+        cells = self.cells[self.index(column)][first:]
+        return seconds(cells, lambda row: self.where(column, first + row))
+
+    def time_text(self, column: str | int, row: int, time: float) -> str:
+        """Return a time [s] of a row for people: as it stands there if it is no number."""
+        cell = self.cells[self.index(column)][row : row + 1]
+        numeric = seconds(cell, lambda _: self.where(column, row)) is None
+        return f"{time:.9g} s" if numeric else f"'{cell[0]}'"
+
     def begin(self, column: str | int, first: int = 0) -> int:
         """Return the row, from ``first`` on, in which a column has its first value.
 
@@ -180,9 +198,10 @@ class Columns:
         backward = np.flatnonzero(np.diff(times) < 0.0)
         if len(backward):
             row = int(backward[0]) + 1
+            before, after = (self.time_text(column, first + k, times[k]) for k in (row - 1, row))
             raise UserError(
-                f"{self.where(column, first + row)}: time runs backward from"
-                f" {times[row - 1]:.9g} s to {times[row]:.9g} s; sort the rows by time"
+                f"{self.where(column, first + row)}: time runs backward from {before} to {after};"
+                " sort the rows by time"
             )
 
 
