@@ -255,7 +255,16 @@ def test_the_command_tells_its_levels_reversals_clock_and_band() -> None:
 def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings() -> None:
     t, y = 0.01 * np.arange(500), smooth(500)
     assert said(audited(t, np.clip(20.0 * y, -10.0, 10.0), y), "actuator's limit")
-    assert said(audited(t, np.ones(500), y), "ever changes")
+    assert said(audited(t, np.zeros(500), y), "ever changes")
+
+
+def test_an_input_that_is_the_same_in_a_whole_run_is_no_fault_beside_other_runs() -> None:
+    t, y = 0.01 * np.arange(500), smooth(500)
+    still, moving, step = (log_of(t, u, y) for u in (0.0 * y, y, 0.0 * y + 2.0))
+    held = [replace(log, settle=1.0) for log in (still, step)]
+    for beside in ([still, moving], [still, step], held):
+        assert not any(said(found, "ever changes") for found in audits(beside, PLANT))
+    assert all(said(found, "ever changes") for found in audits([still, still], PLANT))
     assert said(audited(t, y, 0.5 * np.round(2.0 * y)), "only 4 reading steps")
 
 
