@@ -130,12 +130,13 @@ def _draft_on(
     time = _time_of(own)
     times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
     stamps = [found[0] for found in times if found]
-    rest = [c for c in columns if c.moves and not c.dates and c not in stamps]
+    numbers = [c for c in columns if not (c.dates or c.counts or c in stamps)]
     found = tuple(
         match
-        for match in _matches(rest, actuator)
+        for match in _matches([c for c in numbers if c.moves], actuator)
         if match.column.table == table or match.wire in actuator.plant.inputs
     )
+    found += tuple(_constant_inputs(numbers, actuator, [match.wire for match in found]))
     used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
     unused = tuple(column for column in columns if id(column) not in used)
     return Draft(path, actuator, given, time, found, unused)
@@ -263,8 +264,9 @@ def _quoted(value: str | int) -> str:
 
 TIME = {"t", "time", "times", "timestamp", "stamp", "zeit", "temps", "clock"}
 COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", "setpoint"}
-COMMAND |= {"desired", "sp", "demand", "soll", "u", "input"}
+COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
+MEASURED |= {"observation", "observed"}
 QUANTITIES = {
     "angle theta phi position pos horn tilt": "rad",
     "rate speed velocity vel omega gyro gyr": "rad/s",
@@ -276,6 +278,7 @@ QUANTITIES = {
     "position pos displacement stroke": "m",
 }
 """Words that tell a quantity, and its SI unit."""
+KNOWN = {word for text in QUANTITIES for word in text.split()}
 SIDE_SCORE = 4.0
 """Score from which a column is taken for another input than the command."""
 NEAR_REST = 1.2
@@ -339,16 +342,29 @@ def _matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     return _chosen(columns, actuator, command, blind=True)
 
 
+def _constant_inputs(
+    columns: Sequence[Column], actuator: Actuator, matched: Sequence[Wire]
+) -> Iterator[Match]:
+    """Inputs that are the same in the whole log, from columns that are called like them."""
+    for wire in actuator.plant.inputs:
+        same = [c for c in columns if not c.moves and "_".join(c.words) == wire.name]
+        match = _match(wire, same[0], False, False, command=False) if same else None
+        if match and match.converts and match.score and wire not in matched:
+            yield match
+
+
 def _why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
     """Say why a column is taken for no signal."""
     if not column.moves:
         return "constant"
+    if column.counts:
+        return "it counts the rows"
     if not _tells(column):
         return "the name does not tell what it is"
-    plant, main = actuator.plant, actuator.step[0]
+    plant, mains = actuator.plant, (actuator.step[0], actuator.plant.outputs[0])
     best = max(
         (
-            _match(plant.wire[name], column, name in plant.outputs, name == main, command=False)
+            _match(plant.wire[name], column, name in plant.outputs, name in mains, command=False)
             for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
         ),
         key=lambda match: match.score,
@@ -363,8 +379,9 @@ def _chosen(
     columns: Sequence[Column], actuator: Actuator, command: Column | None, blind: bool
 ) -> list[Match]:
     plant, main = actuator.plant, actuator.step[0]
+    mains = (main, plant.outputs[0])
     offered = [
-        _match(plant.wire[name], column, name in plant.outputs, name == main, column is command)
+        _match(plant.wire[name], column, name in plant.outputs, name in mains, column is command)
         for column in columns
         if blind or _tells(column)
         for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
@@ -380,7 +397,8 @@ def _chosen(
 
 
 def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) -> Match:
-    """How well a column fits a wire; ``command`` if its numbers are those of a command."""
+    """How well a column fits a wire, the ``main`` input or output or another; ``command`` if its
+    numbers are those of a command."""
     words, own = set(column.words), set(wire.name.split("_"))
     told = column.unit is not None and _dimension(column.unit) == _dimension(wire.unit)
     unit = column.unit or _likely_unit(wire, column)
@@ -390,18 +408,18 @@ def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) 
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
     if output:
         score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column))
+        score += LEAST_SCORE * (main and is_measured and not words & KNOWN)
     else:
         score += 3.0 * (main and is_command) - 1.5 * is_measured
     if not converts:
-        score = LEAST_SCORE if main and is_command else 0.0
+        score = LEAST_SCORE if main and is_command and not output else 0.0
         unit = column.unit or "deg"
     return Match(wire, column, unit, told, converts, 0.0 if wire.flag else score)
 
 
 def _tells(column: Column) -> bool:
     """Return whether the name of a column says anything about what is in it."""
-    known = {word for text in QUANTITIES for word in text.split()} | COMMAND | MEASURED
-    return column.unit is not None or bool(known & set(column.words))
+    return column.unit is not None or bool((KNOWN | COMMAND | MEASURED) & set(column.words))
 
 
 def _dimension(unit: str) -> dict[str, int]:
@@ -515,6 +533,11 @@ class Column:
     @property
     def moves(self) -> bool:
         return bool(np.ptp(self.values))
+
+    @cached_property
+    def counts(self) -> bool:
+        """Whether it is one more in each row."""
+        return len(self.values) > 1 and bool(np.all(np.diff(self.values) == 1.0))
 
 
 @dataclass(frozen=True)
