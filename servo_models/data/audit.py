@@ -78,11 +78,14 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
 
 
 def commands_vary(logs: Sequence[Log], plant: Plant) -> bool:
-    """Return whether an input changes, in a log or from one to another; a step in the first row of
-    a log that begins at rest is a change."""
+    """Return whether an input changes, in a log or from one to another, or a log begins in motion.
+
+    A step in the first row of a log that begins at rest is a change.
+    """
     rest = {wire.name: wire.rest for wire in plant.inputs}
     begins = [_level(log, rest) for log in logs]
     moving = any(np.ptp(values) > 0.0 for log in logs for values in log.inputs.values())
+    moving |= any(log.start is not None for log in logs)
     steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(logs, begins))
     return moving or steps or any(begin != begins[0] for begin in begins)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from servo_models.identification.identifiability import (
 )
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
+from servo_models.identification.starts import with_starts
 from servo_models.identification.uncertainty import together
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
@@ -133,11 +134,14 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     if not description.logs:
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
+    clocks = implausible_clocks(description)
+    if not clocks:
+        logs = with_starts(description.model, description.logs)
+        description = replace(description, logs=logs)
     audited = audits(description.logs, plant)
     floors = noise_floors(audited)
     free = free_names(plant, description.free)
     asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
-    clocks = implausible_clocks(description)
     if clocks:  # a simulation would be as long as the times are wrong
         return Check(
             description, audited, floors, Identifiability((), (), (), (), ()), asked, clocks

@@ -26,6 +26,7 @@ from servo_models.identification.preconditions import check_logs
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
+from servo_models.identification.starts import with_starts
 from servo_models.identification.uncertainty import is_believable, spread, warnings
 
 METHODS = {
@@ -67,6 +68,7 @@ def fit(
             ``preconditions.check_logs``.
     """
     names = free_names(model.plant, free)
+    logs = with_starts(model, logs)
     _check(logs, names, kind)
     check_logs(model, logs, len(names), where)
     parameters = model.plant.parameters
