@@ -22,11 +22,10 @@ from servo_models.identification.optimise import (
     polished,
     search,
 )
-from servo_models.identification.preconditions import check_logs
+from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
-from servo_models.identification.starts import with_starts
 from servo_models.identification.uncertainty import is_believable, spread, warnings
 
 METHODS = {
@@ -65,12 +64,11 @@ def fit(
 
     Raises:
         UserError: no free parameter, an unknown one, one that every log states as a constant; see
-            ``preconditions.check_logs``.
+            ``preconditions.checked_logs``.
     """
     names = free_names(model.plant, free)
-    logs = with_starts(model, logs)
     _check(logs, names, kind)
-    check_logs(model, logs, len(names), where)
+    logs = checked_logs(model, logs, len(names), where)
     parameters = model.plant.parameters
     given, limits = priors or {}, bounds or {}
     chosen = [

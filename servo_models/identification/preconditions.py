@@ -15,10 +15,13 @@ from servo_models.data.audit import commands_vary
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
+from servo_models.identification.starts import with_starts
 
 
-def check_logs(model: Model, logs: Sequence[Log], free: int = 0, where: object = None) -> None:
-    """Refuse what nothing could be said of, before the work.
+def checked_logs(
+    model: Model, logs: Sequence[Log], free: int = 0, where: object = None
+) -> tuple[Log, ...]:
+    """Return logs with how they begin; refuse what nothing could be said of, before the work.
 
     Args:
         model: nominal.
@@ -27,9 +30,10 @@ def check_logs(model: Model, logs: Sequence[Log], free: int = 0, where: object =
         where: the description, for the message.
 
     Raises:
-        UserError: no logs; every sample held out; an output that the model has not; inputs that
-            never change, neither in a log nor from one to another; no more samples than free
-            parameters; a log on which the nominal model cannot be simulated.
+        UserError: no logs; every sample held out; an output that the model has not; no more
+            samples than free parameters; a log on which the nominal model cannot be simulated;
+            inputs that never change, neither in a log nor from one to another, where nothing
+            moves as a log begins.
     """
     told = "the description" if where is None else f"'{where}'"
     if not logs:
@@ -41,11 +45,6 @@ def check_logs(model: Model, logs: Sequence[Log], free: int = 0, where: object =
         for name in log.outputs:
             if name not in model.plant.outputs:
                 raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
-    if not commands_vary(fitted, model.plant):
-        raise UserError(
-            "no input ever changes, neither in a log nor from one to another: a single standstill"
-            " tells nothing of a motion; record a command that moves"
-        )
     samples = sum(int(log.fitted.sum()) for log in fitted)
     if samples <= free:
         raise UserError(
@@ -54,6 +53,13 @@ def check_logs(model: Model, logs: Sequence[Log], free: int = 0, where: object =
         )
     for log in logs:
         _check_simulated(model, log, told)
+    begun = with_starts(model, logs)
+    if not commands_vary([log for log in begun if log.fitted.any()], model.plant):
+        raise UserError(
+            "no input ever changes, neither in a log nor from one to another: a single standstill"
+            " tells nothing of a motion; record a command that moves"
+        )
+    return begun
 
 
 def _check_simulated(model: Model, log: Log, told: str) -> None:
