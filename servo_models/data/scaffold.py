@@ -603,7 +603,7 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
     try:
         begin = columns.begin(key)
-        dates = columns.dates(key, begin)
+        dates = columns.dates(key, slice(begin, None))
         values = columns.numbers(key, slice(begin, None)) if dates is None else dates
     except UserError as error:
         return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))

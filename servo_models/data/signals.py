@@ -16,7 +16,7 @@ from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Parameter, Wire, unknown
 from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
-from servo_models.data.clock import dithered, regular
+from servo_models.data.clock import Grid, dithered, regular
 from servo_models.data.log import Channel, Log, Start
 from servo_models.data.readers import Columns
 from servo_models.data.schema import (
@@ -34,6 +34,7 @@ from servo_models.errors import UserError
 from servo_models.units import factor, other_units
 
 Read = Callable[[Path, str | None, bool | None], Columns]
+Clocks = Callable[[Columns, str | int, str, bool], "Clock"]
 
 LEAST_SAMPLES = 16
 LARGEST, LEAST = 1e100, 1e-100
@@ -146,13 +147,16 @@ class LogTable(Table):
 # A log
 
 
-def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, Columns]) -> Log:
+def read_log(
+    section: Section, chosen: Model, read: Read, clocks: Clocks, tables: Mapping[str, Columns]
+) -> Log:
     """Read a log as a description's ``[[logs]]`` says.
 
     Args:
         section: the description of the log.
         chosen: the model of the actuator that made it.
         read: ``readers.read_columns``, which may remember what it has read.
+        clocks: ``read_clock``, which may as well.
         tables: in memory, by the name that stands as their file.
 
     Raises:
@@ -181,13 +185,13 @@ def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, C
     for mapped in (inputs | outputs).values():
         used.setdefault(mapped.table, []).append(mapped.column)
     others = {
-        name: _with_values(_read_clock(section, entry.time, table(name)), used[name])[0]
+        name: _with_values(_clock_of(section, entry.time, table(name), clocks), used[name])[0]
         for name in used
         if name != main
     }
-    clock = _cut_window(section, entry.window, _read_clock(section, entry.time, columns))
-    clock, late = _with_values(clock, used[main])
-    clock, even = _ticked(clock, entry.time)
+    clock = _clock_of(section, entry.time, columns, clocks)
+    clock, late = _with_values(_cut_window(section, entry.window, clock), used[main])
+    clock, even = _ticked(clock)
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
@@ -228,7 +232,7 @@ def _time_table(entry: LogTable) -> str | None:
     return own or entry.table or None
 
 
-def _begun(clock: _Clock, others: Iterable[_Clock], path: Path) -> _Clock:
+def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
     """The clock of a log from where every other table has begun."""
     firsts = (int(np.searchsorted(clock.stamps, other.stamps[0])) for other in others)
     clock = clock.cut(max(firsts, default=0), len(clock.stamps))
@@ -394,7 +398,7 @@ def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -
     return outputs
 
 
-def _input(mapped: Mapped, clock: _Clock, other: _Clock | None, wire: Wire) -> Array:
+def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Array:
     """An input in SI at the times of the log; from another table each value is held."""
     if other is None:
         own, held = clock, np.arange(len(clock.rows))
@@ -424,7 +428,7 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     return f": in {units[0]} it would fit" if units else ""
 
 
-def _output(mapped: Mapped, clock: _Clock, wire: Wire) -> Array:
+def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
     values = in_si(mapped, clock.numbers(mapped.column))
     check_size(mapped, clock.columns, clock.rows, values, wire)
     if not wire.flag and np.ptp(values) < LEAST:
@@ -453,7 +457,7 @@ def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Clock:
+class Clock:
     """The rows kept of a table, with their times.
 
     Attributes:
@@ -461,6 +465,8 @@ class _Clock:
         stamps: times of the rows kept as they stand in the file, shape (n,).
         rows: their places in the table, counted from 0, shape (n,).
         begin: time in the file's first row, in ``unit``.
+        grid: the even grid of all rows of the table, None where they are on none.
+        ticks: times of the rows kept on that grid, as ``stamps``.
     """
 
     columns: Columns
@@ -469,6 +475,8 @@ class _Clock:
     stamps: Array
     rows: NDArray[np.int64]
     begin: float
+    grid: Grid | None = None
+    ticks: Array | None = None
 
     @property
     def scale(self) -> float:
@@ -479,9 +487,12 @@ class _Clock:
         """Times since the file's first row [s], shape (n,)."""
         return (self.stamps - self.begin) * self.scale
 
-    def cut(self, first: int, last: int) -> _Clock:
+    def cut(self, first: int, last: int) -> Clock:
         """Keep rows ``first`` to ``last`` - 1 of the ones kept."""
-        return replace(self, stamps=self.stamps[first:last], rows=self.rows[first:last])
+        ticks = None if self.ticks is None else self.ticks[first:last]
+        return replace(
+            self, stamps=self.stamps[first:last], rows=self.rows[first:last], ticks=ticks
+        )
 
     def numbers(self, column: str | int) -> Array:
         """Return a column of the table in the rows kept, shape (n,).
@@ -500,27 +511,50 @@ class _Clock:
         return found[self.rows - first]
 
 
-def _read_clock(section: Section, given: str | int | Time, columns: Columns) -> _Clock:
-    """The times of a table, from the column ``given`` in the description of a log."""
+def read_clock(columns: Columns, column: str | int, unit: str, drop: bool) -> Clock:
+    """Read the times of all rows of a table, from its column ``column`` in ``unit``.
+
+    Args:
+        drop: leave out rows with the time of the row before.
+
+    Raises:
+        UserError: a cell that is empty or no time, or times that run backward.
+    """
+    first, scale = columns.begin(column), factor(unit, "s")
+    stamps = columns.dates(column, slice(first, None))
+    if stamps is None:
+        stamps = columns.numbers(column, slice(first, None))
+    if not len(stamps):
+        raise UserError(f"{columns.where(column)} has no rows: name another column")
+    columns.check_order(column, scale * stamps, first)
+    kept = np.flatnonzero(np.diff(stamps, prepend=-np.inf)) if drop else np.arange(len(stamps))
+    clock = Clock(columns, column, unit, stamps[kept], first + kept, float(stamps[0]))
+    return _on_grid(clock)
+
+
+def _on_grid(clock: Clock) -> Clock:
+    """The clock with the even grid that its stamps lie on, if they do; it begins as they do."""
+    grid = dithered(clock.stamps, clock.scale)
+    if grid is None:
+        return clock
+    ticks = clock.stamps[0] + (grid.times - grid.times[0]) / clock.scale
+    return replace(clock, grid=grid, ticks=ticks)
+
+
+def _clock_of(section: Section, given: str | int | Time, columns: Columns, read: Clocks) -> Clock:
+    """The times of a table as the description of a log says."""
     time = given if isinstance(given, Time) else Time(column=given)
     try:
-        scale = factor(time.unit, "s")
+        factor(time.unit, "s")
     except UserError as error:
         section.fail("time.unit", error)
     first = columns.begin(time.column)
-    stamps = columns.dates(time.column, first)
-    if stamps is not None and time.unit != "s":
+    if time.unit != "s" and columns.dates(time.column, slice(first, first + 1)) is not None:
         section.fail("time.unit", "the column holds dates and times; leave out the unit")
-    if stamps is None:
-        stamps = columns.numbers(time.column, slice(first, None))
-    if not len(stamps):
-        raise UserError(f"{columns.where(time.column)} has no rows: name another column")
-    columns.check_order(time.column, scale * stamps, first)
-    rows = np.arange(first, first + len(stamps))
-    return _Clock(columns, time.column, time.unit, stamps, rows, float(stamps[0]))
+    return read(columns, time.column, time.unit, bool(time.repeats))
 
 
-def _with_values(clock: _Clock, columns: Iterable[str | int]) -> tuple[_Clock, list[str]]:
+def _with_values(clock: Clock, columns: Iterable[str | int]) -> tuple[Clock, list[str]]:
     """The clock from where each of these columns of its table has a first value, and a note."""
     table, first = clock.columns, int(clock.rows[0])
     begins = {column: table.begin(column, first) for column in columns}
@@ -537,21 +571,18 @@ def _with_values(clock: _Clock, columns: Iterable[str | int]) -> tuple[_Clock, l
     ]
 
 
-def _ticked(clock: _Clock, given: str | int | Time) -> tuple[_Clock, list[str]]:
-    """The clock with a time for each row: on the grid that rounded stamps lie on, with a note.
+def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
+    """The clock with a time for each row, on the grid that rounded stamps lie on, and a note.
 
     Raises:
-        UserError: a time that repeats otherwise, unless the description says what to do.
+        UserError: a time that repeats otherwise.
     """
     again = np.diff(clock.stamps, prepend=-np.inf) == 0.0
-    if isinstance(given, Time) and given.repeats:
-        kept = ~again
-        clock = replace(clock, stamps=clock.stamps[kept], rows=clock.rows[kept])
-    grid = dithered(clock.stamps, clock.scale)
-    if grid is not None:
-        stamps = clock.stamps[0] + (grid.times - grid.times[0]) / clock.scale
-        return replace(clock, stamps=stamps), [grid.note]
-    if again.any() and len(again) == len(clock.stamps):
+    if clock.grid is None and again.any():
+        clock = _on_grid(clock)  # its rows may lie on one, and not those outside of the window
+    if clock.grid is not None and clock.ticks is not None:
+        return replace(clock, stamps=clock.ticks), [clock.grid.note]
+    if again.any():
         at = int(np.argmax(again))
         column, row = clock.column, int(clock.rows[at])
         time = clock.columns.time_text(column, row, clock.scale * float(clock.stamps[at]))
@@ -562,7 +593,7 @@ def _ticked(clock: _Clock, given: str | int | Time) -> tuple[_Clock, list[str]]:
     return clock, []
 
 
-def _cut_window(section: Section, window: tuple[float, float] | None, clock: _Clock) -> _Clock:
+def _cut_window(section: Section, window: tuple[float, float] | None, clock: Clock) -> Clock:
     """The rows inside the log's window [s], ends included; all where it has none."""
     if window is None:
         return clock
@@ -584,7 +615,7 @@ def _between(
     return marked
 
 
-def _check_duration(clock: _Clock, internal_step: float) -> None:
+def _check_duration(clock: Clock, internal_step: float) -> None:
     """Refuse times that no run of the actuator has, before anything is simulated.
 
     The steps of the times are shorter than those of any clock; one is longer than a thousand

@@ -192,3 +192,25 @@ def test_a_row_that_stands_twice_is_still_refused(tmp_path: Path) -> None:
     dropped = LOG.replace('unit = "ms"', 'unit = "ms", repeats = "drop"')
     log = describe(tmp_path, dropped, data=text_of([*rows[:20], rows[19], *rows[21:]])).logs[0]
     assert len(log.times) == 39
+
+
+def test_windows_of_a_file_have_its_clock(tmp_path: Path) -> None:
+    """A short window alone may lie on many grids: the whole file knows its own."""
+    data, times = record()
+    windows = ", ".join(f'{{ window = ["{k} ms", "{k + 60} ms"] }}' for k in (0, 500, 1500))
+    described = describe(tmp_path, f"{LOG}repeat = [{windows}]", data=data)
+    for log in described.logs:
+        own = times[log.rows[0] - 2 : log.rows[-1] - 1]
+        assert spread(log.times, own) <= 1e-6
+        assert "every 1.3 ms" in log.notes[0]
+
+
+def test_a_window_may_lie_on_a_grid_where_the_file_does_not(tmp_path: Path) -> None:
+    head, *rows = record()[0].splitlines()
+    cells = [row.partition(",")[2] for row in rows]
+    times = [int(0.7 * k) for k in range(800)]
+    times += [times[-1] + 977 * k for k in range(1, 40)]
+    data = "\n".join([head, *(f"{time},{cell}" for time, cell in zip(times, cells))])
+    log = describe(tmp_path, LOG + 'window = ["0 s", "559 ms"]\n', data=data).logs[0]
+    assert log.times == pytest.approx(0.7e-3 * np.arange(800), abs=1e-3)
+    assert "every 0.7 ms" in log.notes[0]

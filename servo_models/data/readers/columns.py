@@ -156,22 +156,23 @@ class Columns:
             )
         return values.to_numpy().astype(np.float64)
 
-    def dates(self, column: str | int, first: int = 0) -> Array | None:
-        """Return dates and times of a column from row ``first`` on as seconds, shape (n,).
+    def dates(self, column: str | int, keep: slice = slice(None)) -> Array | None:
+        """Return dates and times of a column in the rows ``keep`` as seconds, shape (n,).
 
         None for a column that holds none; see ``dates.seconds``.
 
         Raises:
             UserError: no such column; a cell that is empty, no time, or of another zone.
         """
-        cells = self.cells[self.index(column)][first:]
-        return seconds(cells, lambda row: self.where(column, first + row))
+        cells = self.cells[self.index(column)]
+        first = keep.indices(len(cells))[0]
+        return seconds(cells[keep], lambda row: self.where(column, first + row))
 
     def time_text(self, column: str | int, row: int, time: float) -> str:
         """Return a time [s] of a row for people: as it stands there if it is no number."""
-        cell = self.cells[self.index(column)][row : row + 1]
-        numeric = seconds(cell, lambda _: self.where(column, row)) is None
-        return f"{time:.9g} s" if numeric else f"'{cell[0]}'"
+        if self.dates(column, slice(row, row + 1)) is None:
+            return f"{time:.9g} s"
+        return f"'{self.cells[self.index(column)][row]}'"
 
     def begin(self, column: str | int, first: int = 0) -> int:
         """Return the row, from ``first`` on, in which a column has its first value.

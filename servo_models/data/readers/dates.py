@@ -51,10 +51,14 @@ def seconds(cells: pl.Series, where: Callable[[int], str]) -> Array | None:
         return _exact(cells.dt.timestamp("ns").to_numpy())
     if cells.dtype != pl.String or not len(cells):
         return None
-    texts = [(text or "").strip(' \t"') for text in cells.to_list()]
-    if _parts(texts[0]) is None:
+    if _parts(_bare(cells[0])) is None:
         return None
+    texts = [_bare(text) for text in cells.to_list()]
     return _exact(np.array(_nanoseconds(texts, where), dtype=np.int64))
+
+
+def _bare(text: str | None) -> str:
+    return (text or "").strip(' \t"')
 
 
 def _exact(nanoseconds: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Array:
