@@ -180,18 +180,8 @@ def read_log(
     def table(name: str | None) -> Columns:
         return given or read(path, name, entry.header)
 
-    columns = table(main)
-    used: dict[str | None, list[str | int]] = {main: []}
-    for mapped in (inputs | outputs).values():
-        used.setdefault(mapped.table, []).append(mapped.column)
-    others = {
-        name: _with_values(_clock_of(section, entry.time, table(name), clocks), used[name])[0]
-        for name in used
-        if name != main
-    }
-    clock = _clock_of(section, entry.time, columns, clocks)
-    clock, late = _with_values(_cut_window(section, entry.window, clock), used[main])
-    clock, even = _ticked(clock)
+    mapped = [*inputs.values(), *outputs.values()]
+    clock, others, notes = _clocks(section, entry, mapped, table, clocks)
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
@@ -209,21 +199,40 @@ def read_log(
     return Log(
         name=entry.name or path.stem,
         path=path,
-        sha256=columns.sha256,
+        sha256=clock.columns.sha256,
         times=times,
         inputs=fed,
         outputs=measured,
         channels={"time": time} | {n: m.channel for n, m in (inputs | outputs).items()},
-        rows=clock.rows + columns.first_row,
+        rows=clock.rows + clock.columns.first_row,
         held_out=_held_out(section, entry.held_out, clock.since, fed),
         constants=constants,
         settle=_settle(section, entry, chosen, fed, constants, float(times[-1])),
         skipped=_skipped(section, entry.judged, times, fed) if entry.judged else None,
         begin=float(clock.since[0]),
-        notes=(*late, *even),
+        notes=tuple(notes),
         start=_start(section, entry.start, chosen),
         assumed=entry.start is None and entry.settle is None,
     )
+
+
+def _clocks(
+    section: Section,
+    entry: LogTable,
+    mapped: Iterable[Mapped],
+    table: Callable[[str | None], Columns],
+    clocks: Clocks,
+) -> tuple[Clock, dict[str | None, Clock], list[str]]:
+    """The rows of a log, those of other tables that it has signals from, and notes on the log's."""
+    main = _time_table(entry)
+    used: dict[str | None, list[str | int]] = {main: []}
+    for one in mapped:
+        used.setdefault(one.table, []).append(one.column)
+    whole = {name: _clock_of(section, entry.time, table(name), clocks) for name in used}
+    clock, late = _with_values(_cut_window(section, entry.window, whole.pop(main)), used[main])
+    others = {name: _with_values(other, used[name])[0] for name, other in whole.items()}
+    clock, even = _ticked(clock)
+    return clock, others, [*late, *even]
 
 
 def _time_table(entry: LogTable) -> str | None:
