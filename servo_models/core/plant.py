@@ -427,12 +427,7 @@ class Actuator:
     file: Path | None = None
 
     def __post_init__(self) -> None:
-        check_name(self.name, f"actuator '{self.name}'")
-        if _DEVICE.fullmatch(self.name.lower()):
-            raise ValueError(
-                f"actuator '{self.name}' has the name of a device, by which Windows lets no file be"
-                " called, so no FMU either: give it another one"
-            )
+        check_actuator_name(self.name)
         if not self.variants:
             raise ValueError(f"actuator '{self.name}' has no variant: give it one")
         known_to_box = self.grey_box.known if self.grey_box else ()
@@ -487,6 +482,16 @@ class Actuator:
         for name, value in chosen.items():
             check_bounds(parameters[name], value)
         return chosen
+
+
+def check_actuator_name(name: str) -> None:
+    """Raise ValueError unless an actuator, its FMU and its file can have this name."""
+    check_name(name, f"actuator '{name}'")
+    if _DEVICE.fullmatch(name.lower()):
+        raise ValueError(
+            f"actuator '{name}' has the name of a device, by which Windows lets no file be"
+            " called, so no FMU either: give it another one"
+        )
 
 
 def check_bounds(parameter: Parameter, value: float) -> None:

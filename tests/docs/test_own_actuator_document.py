@@ -17,6 +17,7 @@ from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
 
 PAGE = (ROOT / "docs" / "own_actuator.md").read_text(encoding="utf-8")
+BEGUN, COMMANDS = PAGE.split("## The listing")
 LISTING, LOG = (text for text in code_blocks(PAGE, "python") if text.startswith('"""'))
 (DESCRIPTION,) = code_blocks(PAGE, "toml")
 FILES = {"gimbal.py": LISTING, "make_log.py": LOG, "gimbal.toml": DESCRIPTION}
@@ -65,10 +66,28 @@ def test_the_script_makes_the_log_of_the_example(folder: Path) -> None:
 @pytest.mark.thorough
 def test_commands_print_what_the_page_shows(folder: Path, run: Run) -> None:
     runpy.run_path("make_log.py")
-    commands = follow(PAGE, run, doubted="diagnose")  # which finds a gap
+    commands = follow(COMMANDS, run, doubted="diagnose")  # which finds a gap
     assert {command.split()[0] for command in commands} == {
         *("explain", "simulate", "build", "validate", "figures", "check", "identify", "diagnose")
     }
+
+
+def test_the_page_begins_with_the_template(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert follow(BEGUN, run) == ["new actuator mine.py"]
+    (count,) = re.findall(r"with (\d+) effects", BEGUN)
+    assert len(actuator("mine.py").plant.placements) == int(count)
+
+
+def table(first: str, last: str) -> dict[tuple[str, ...], tuple[str, ...]]:
+    """The names in the last column of a table of the page, by those in the first one."""
+    (rows,) = re.findall(rf"^\| {first} \|.*\| {last} \|\n\|[-|]*\|\n((?:\|.*\n)*)", PAGE, re.M)
+    cells = [line.strip("| ").split(" |") for line in rows.splitlines()]
+    names = [[tuple(re.findall(r"`(\w+)`", cell)) for cell in (row[0], row[-1])] for row in cells]
+    assert len({key for key, _ in names}) == len(names) or first == "acts on"
+    return {(*key, *value) if first == "acts on" else key: value for key, value in names}
 
 
 @pytest.mark.parametrize(("written", "instead", "message"), REFUSED)
