@@ -15,6 +15,7 @@ from servo_models.core.plant import Variant
 STALL_TORQUE = 0.18  # N m, 1.8 kg cm, of a 9 g servo on pulses
 BUS_STALL_TORQUE = 1.8  # N m
 ACCELERATION = 300.0  # rad/s2: 9 rad/s in 30 ms
+BUS_ACCELERATION = 200.0  # rad/s2: 6 rad/s in 30 ms
 FRAME = 0.02  # s
 
 UNKNOWN = {
@@ -49,8 +50,8 @@ VARIANTS = (
             "natural_frequency": 30.0,
             "damping_ratio": 0.8,
             "speed_limit": math.radians(60.0) / 0.18,
-            "acceleration_limit": ACCELERATION,
-            "inertia": BUS_STALL_TORQUE / ACCELERATION,
+            "acceleration_limit": BUS_ACCELERATION,
+            "inertia": BUS_STALL_TORQUE / BUS_ACCELERATION,
             "transport_delay.time": 0.005,
         },
         "data sheets of bus servos: 60 degrees in 0.1 to 0.3 s, 18 kg cm; angles are given in"
