@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from servo_models import describe, diagnose
 from servo_models.core.catalogue import actuator
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
@@ -133,3 +134,42 @@ def test_every_parameter_of_it_is_uncertain_limits_included(variant: str) -> Non
     known = found.variant(variant).uncertainty
     assert set(known) == (own | {"transport_delay.time"}) - {other}
     assert min(known.values()) > 0.0
+
+
+def log_of_another_servo(friction: float) -> dict[str, Array]:
+    """Steps and a sweep, read to 0.05 deg, of a servo 6 to 40 % off the nominal one.
+
+    The log comes from ``solve_ivp``; friction is Coulomb's [N m].
+    """
+    random = np.random.default_rng(3)
+    times = 5e-3 * np.arange(1200)
+    steps = 1e-4 * np.repeat(random.integers(-5, 6, 12), 100)
+    since = np.clip(times - 3.0, 0.0, None)
+    sweep = 2.5e-4 * np.sin(np.pi * since * (1.0 + 0.3 * since))
+    pulse = 1.5e-3 + np.where(times < 0.5, 0.0, np.where(times < 3.0, steps, sweep))
+    servo = Servo(95.0, 24.0, 0.9, 14.0, 6e-4, fastest=400.0, hardest=15e3, friction=friction)
+    rest = np.zeros(len(times))
+    inputs = {"pulse_width": pulse, "goal": rest, "load_torque": rest}
+    angle = Limited(servo)(times, inputs)["angle"] / DEGREE
+    return {"t": times, "pulse": pulse, "deg": angle + 0.05 * random.standard_normal(len(times))}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("friction", "effects"), [(0.0, ()), (0.012, ("coulomb_friction",))])
+def test_a_servo_of_which_nothing_is_known_is_diagnosed(
+    friction: float, effects: tuple[str, ...]
+) -> None:
+    """From the first guess alone: parameters where they suffice, and friction where there is some.
+
+    A log without a known load tells friction over inertia only.
+    """
+    log = log_of_another_servo(friction)
+    columns = {"time": "t", "pulse_width": "pulse", "angle": ("deg", "deg")}
+    result = diagnose(describe("second_order_servo", {"log": log}, columns))
+    assert result.selection.taken.effects == effects
+    found = result.fitted.values
+    assert found["speed_limit"] == pytest.approx(400.0 * DEGREE, rel=0.02)
+    assert found["transport_delay.time"] == pytest.approx(0.014, rel=0.05)
+    if effects:
+        slowing = found["coulomb_friction.level"] / found["inertia"]
+        assert slowing == pytest.approx(friction / 6e-4, rel=0.05)
