@@ -9,6 +9,7 @@ current does.  Load torque and load inertia act on the shaft, against ``inertia`
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from servo_models.core.block import Param, block
@@ -38,7 +39,14 @@ def command_decoder(
     goal: float,
     pulse_gain: Annotated[
         float,
-        Param("rad/s", "angle per pulse width", low=-1e4, high=1e4, display="deg/ms"),
+        Param(
+            "rad/s",
+            "angle per pulse width",
+            default=math.radians(90.0) / 1e-3,
+            low=-1e4,
+            high=1e4,
+            display="deg/ms",
+        ),
     ],
     gain: Annotated[float, Param("1", "angle per goal", default=1.0, low=-10.0, high=10.0)],
 ) -> float:

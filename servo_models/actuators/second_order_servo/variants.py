@@ -31,7 +31,6 @@ VARIANTS = (
         "pulse",
         "any hobby servo on pulses of 50 Hz: a first guess, to be identified",
         {
-            "pulse_gain": math.radians(90.0) / 1e-3,
             "natural_frequency": 30.0,
             "damping_ratio": 0.8,
             "speed_limit": math.radians(60.0) / 0.12,
