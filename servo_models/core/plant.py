@@ -439,6 +439,8 @@ class Actuator:
         step: name of the main input, its value [SI] in the standard step, to which it goes from
             its ``rest``.
         grey_box: how its constants follow from a transfer function, where somebody solved that.
+        general: it stands for a kind of actuator, not for one that is made: ``check --init``
+            proposes it only where no other fits.
         file: that defines it, None for one of the catalogue.
 
     Raises:
@@ -458,6 +460,7 @@ class Actuator:
     step: tuple[str, float]
     picture: str = ""
     grey_box: GreyBox | None = None
+    general: bool = False
     file: Path | None = None
 
     def __post_init__(self) -> None:

@@ -96,20 +96,30 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
 
     Args:
         path: the file, of any format that can be read.
-        actuator: name of what made it; None chooses the one that the columns fit best.
+        actuator: name of what made it; None chooses the one that the columns fit best, a general
+            one only where they fit no other.
 
     Raises:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
             columns that fit several equally well.
     """
     columns, left_out = _columns_of(path)
-    asked = [find_actuator(actuator)] if actuator else list(actuators().values())
-    drafts = [_draft(path, columns, candidate, bool(actuator)) for candidate in asked]
+    if actuator:
+        drafts = [_draft(path, columns, find_actuator(actuator), given=True)]
+    else:
+        drafts = _rivals(path, columns)
     best = max(drafts, key=_score)
     if [_score(made) for made in drafts].count(_score(best)) > 1:
-        names = ", ".join(candidate.name for candidate in asked)
+        names = ", ".join(actuators())
         raise UserError(f"'{path}' does not tell what made it: give --actuator, one of {names}")
     return replace(best, left_out=tuple(left_out))
+
+
+def _rivals(path: Path, columns: Sequence[Column]) -> list[Draft]:
+    """The drafts of all actuators that are not general; of the general ones if none fits."""
+    every = [_draft(path, columns, found, given=False) for found in actuators().values()]
+    specific = [made for made in every if not made.actuator.general]
+    return specific if any(map(_score, specific)) else every
 
 
 def _score(made: Draft) -> float:
@@ -154,9 +164,14 @@ def write_draft(made: Draft, path: Path) -> None:
 
 
 def _lines(made: Draft, folder: Path) -> Iterator[str]:
-    others = ", ".join(name for name in actuators() if name != made.actuator.name)
+    others = sorted(actuators().values(), key=lambda other: (other.general, other.name))
+    named = ", ".join(
+        f"{other.name} (general)" if other.general else other.name
+        for other in others
+        if other.name != made.actuator.name
+    )
     yield "# First description of a log. Lines marked 'guessed' are to be checked."
-    doubt = "" if made.given else f"  {CHECK}; there are also {others}"
+    doubt = "" if made.given else f"  {CHECK}; there are also {named}"
     yield f"actuator = {_quoted(key_from(made.actuator, folder))}{doubt}"
     yield f"# variant = {_quoted(made.actuator.default_variant)}  # others: servo-models list"
     yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'

@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
+from servo_models.data import scaffold
 from servo_models.data.description import read_description
 from servo_models.data.scaffold import draft, heading
 from tests.conftest import Run
@@ -208,6 +209,44 @@ def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> 
         assert (code, err) == (0, "")
         (log,) = read_description(path).logs
         assert signals <= {*log.inputs, *log.outputs}
+
+
+@pytest.mark.parametrize(
+    ("columns", "name"),
+    [
+        (("time_ms", "pulse_width_us", "angle_deg"), "sg90"),
+        (("time_ms", "pulse_us", "position_deg"), "sg90"),
+        (("time_s", "goal_rad", "angle_rad"), "smart_servo"),
+        (("time_s", "voltage_V", "angle_deg"), "torque_motor"),
+    ],
+)
+def test_a_general_actuator_stays_behind_those_that_are_made(
+    run: Run, tmp_path: Path, columns: tuple[str, ...], name: str
+) -> None:
+    """Pulses and goals fit ``second_order_servo`` as well: nobody is asked, and it is named."""
+    times = np.arange(0.0, 400.0)
+    swing = np.sin(0.05 * times)
+    command = 1500.0 + 300.0 * swing if columns[1].endswith("us") else swing
+    path = tmp_path / "log.csv"
+    pl.DataFrame(dict(zip(columns, (times, command, 0.7 * swing)))).write_csv(path)
+    assert run("check", path, "--init")[0] in (0, 1)
+    text = path.with_suffix(".toml").read_text()
+    assert f'actuator = "{name}"' in text
+    assert "second_order_servo (general)" in text
+    if name in ("sg90", "smart_servo"):
+        assert draft(path, "second_order_servo").matches
+
+
+def test_a_general_actuator_is_proposed_where_no_other_fits(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    pl.DataFrame(
+        {"time_s": TIMES, "goal_rad": np.sin(TIMES), "angle_rad": np.cos(TIMES)}
+    ).write_csv(path)
+    every = {k: v for k, v in actuators().items() if k in ("linear_drive", "second_order_servo")}
+    monkeypatch.setattr(scaffold, "actuators", lambda: every)
+    assert draft(path).actuator.name == "second_order_servo"
 
 
 @pytest.mark.parametrize("actuator_name", list(actuators()))
