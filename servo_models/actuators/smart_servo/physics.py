@@ -70,8 +70,8 @@ def position_loop(
 
     The I term sums the error at each tick, the D term is its difference to the tick before; without
     these gains there is no tick.  The e-manual has an anti-windup gain and gives neither its value
-    nor its place: here the sum waits while the duty is at its limit and the error drives it on
-    (Astrom, Hagglund, Advanced PID Control, 2006, sec. 3.5, conditional integration).
+    nor its place: here the sum takes the duty to its limit and waits there while the error drives
+    it on (Astrom, Hagglund, Advanced PID Control, 2006, sec. 3.5, conditional integration).
     """
     wanted = gain * loop_factor * error
     if integral_gain > 0.0 or derivative_gain > 0.0:
@@ -83,7 +83,13 @@ def position_loop(
             asked = wanted + summed + derivative_gain * slope
             if enabled < 0.5:
                 integral = 0.0
-            elif not (asked * error > 0.0 and abs(asked) > duty_limit):
+            elif error > 0.0 and asked > duty_limit:
+                room = summed + duty_limit - asked
+                integral = room if room > integral else integral
+            elif error < 0.0 and asked < -duty_limit:
+                room = summed - duty_limit - asked
+                integral = room if room < integral else integral
+            else:
                 integral = summed
         wanted = wanted + integral + derivative_gain * slope
     else:
