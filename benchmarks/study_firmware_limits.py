@@ -12,7 +12,7 @@ which no step reaches.  *both*: a trapezoid.  *none*: no limit.
 A case is *named* where the effect is in the selection, *alone* where nothing else is; the value
 found stands beside the true one.  Of an acceleration it is velocity over acceleration time.
 
-Run: ``python benchmarks/study_firmware_limits.py [--seeds 2] [--limit current ...]``.
+Run: ``python benchmarks/study_firmware_limits.py [--seeds 2] [--seed 0] [--limit current ...]``.
 """
 
 from __future__ import annotations
@@ -137,12 +137,13 @@ def told(case: Case) -> tuple[bool, bool, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0, help="the first one")
     parser.add_argument("--limit", nargs="*", default=list(LIMITS), choices=list(LIMITS))
     options = parser.parse_args()
     for limit in options.limit:
         cases = [
             Case(limit, variant, size, seed)
-            for seed in range(options.seeds)
+            for seed in range(options.seed, options.seed + options.seeds)
             for variant in VARIANTS
             for size in (SIZES if LIMITS[limit] else SIZES[:1])
         ]
