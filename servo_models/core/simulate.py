@@ -44,9 +44,10 @@ FAR = 100.0
 NUMBERS = "biufO"
 """Kinds of arrays that are taken as numbers: bool, whole, float, and objects that float() takes."""
 SECONDS = "give seconds, shape (n,)"
-ANGLES, SPEEDS = ("shaft_angle", "load_angle"), ("shaft_speed", "load_speed")
-"""States of the motion of a shaft and of what turns with it, as ``actuators/shaft.py`` and
-``effects/gear_compliance.py`` name them."""
+ANGLES = ("shaft_angle", "load_angle", "coasting_angle")
+SPEEDS = ("shaft_speed", "load_speed", "coasting_speed")
+"""States of the motion of a shaft and of what turns with it, as ``actuators/shaft.py`` and the
+effects ``gear_compliance`` and ``coasting_backlash`` name them."""
 
 
 @dataclass(frozen=True)
