@@ -321,5 +321,16 @@ class Sampled(SmallSignals):
 
 
 def plant_clocks(model: Model) -> list[str]:
-    """Return the names, in the text, of the clocks of the plant itself, not of effects."""
-    return [name for name, owner in model.flat.clocks if not owner]
+    """Return the names, in the text, of the clocks that tick in the plant itself, not in effects.
+
+    One that nothing needs, as that of a controller without I and D gains, is due at no time.
+    """
+    flat, values = model.flat, list(model.values.values())
+    own = {name for name, owner in flat.clocks if not owner}
+    if not own:
+        return []
+    start, step = plain_make(step_text(flat, neutral_effects(flat, values)))(values)
+    state = start()
+    step(state, [float(wire.rest) for wire in model.plant.inputs], 0.0, 0.0)
+    entries = enumerate((name for name, _ in flat.memory), len(flat.states))
+    return [name for i, name in entries if name in own and math.isfinite(state[i])]

@@ -9,6 +9,7 @@ Friction, which no data sheet gives, decides how such a servo moves; identify it
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from servo_models.actuators.shaft import (
     external_load,
@@ -31,10 +32,13 @@ from servo_models.effects.coasting_backlash import (
     inertia_before_play,
 )
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
+from servo_models.effects.saturation import saturation
 
 COUNT = 2.0 * math.pi / 4096.0
 XL330_VOLTS = 5.0  # recommended by its data sheet; stall torque and speed are given there
 STS3215_VOLTS = 7.4  # of the version whose stall torque and speed are used
+CURRENT_LIMIT = replace(saturation.params["limit"], typical=0.3, high=10.0)
+"""Of full scale: below the stall current, or it never acts."""
 
 INPUTS = (
     Wire("goal", "rad", "goal angle", low=-50.0, high=50.0, display="deg"),
@@ -74,7 +78,7 @@ GOAL: tuple[Block | Placement, ...] = (
     place("coasting_backlash", contact_step, "internal_step"),
     place("gear_compliance", resonance_step, "internal_step"),
     *effects_on("travel", "end_stops", half_range={"typical": 0.05}),
-    *effects_on("goal", "transport_delay", "rate_limit"),
+    *effects_on("goal", "transport_delay", "motion_profile"),
 )
 LOOP: tuple[Block | Placement, ...] = (
     servo.arm_motion,
@@ -97,6 +101,7 @@ LOOP: tuple[Block | Placement, ...] = (
     servo.comparator,
     *effects_on("error", "error_dead_zone", half_width={"typical": 0.01}),
     servo.position_loop,
+    *effects_on("duty", "drive_saturation", limit={"high": 1.0}),
     *effects_on("duty", "sample_hold"),
     servo.supply_load,
     *effects_on(
@@ -107,6 +112,7 @@ LOOP: tuple[Block | Placement, ...] = (
         "motor_voltage", "direction_asymmetry", "drive_dead_zone", "drive_lag", "thermal_drift"
     ),
     servo.winding,
+    place("current_limit", saturation, "current", params={"limit": CURRENT_LIMIT}),
 )
 TORQUES: tuple[Block | Placement, ...] = (
     external_load,

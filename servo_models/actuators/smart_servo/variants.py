@@ -1,4 +1,24 @@
-"""Variants of the smart servo: motors and firmware from their data sheets."""
+"""Variants of the smart servo: motors and firmware from their data sheets.
+
+Limits and further gains are off: set those that yours has.  Registers of a Dynamixel X (ROBOTIS
+e-manual, Protocol 2.0) in our units:
+
+=========================  ====================================================================
+duty_limit                 PWM Limit / 885
+derivative_gain            Position D Gain / 16 counts a tick, so x COUNTS x tick / 885
+integral_gain              Position I Gain / 65536 a count and tick, so x COUNTS / (tick x 885)
+current_limit.limit        Current Limit, 1 mA in an XL330, in current-based position mode
+motion_profile.velocity    Profile Velocity x 0.229 rev/min
+acceleration_time          64 ms x Profile Velocity / Profile Acceleration, of 214.577 rev/min2
+=========================  ====================================================================
+
+COUNTS are 4096 / (2 pi) a radian.  The tick is not documented, and the P term is half of what the
+e-manual has (Duclusaud et al.), so the gains are as uncertain as ``loop_factor``.  A Feetech STS
+has a profile in counts a second and 100 counts/s2 and a torque limit in 0.1 % of the duty; the
+units of its gains are not documented.  An X series smooths the corners of its profile by a jerk
+that is not documented, hence the uncertainty of the acceleration time; that of a limit of the
+current is the tolerance of its measurement, which no data sheet has.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +49,10 @@ UNCERTAIN = {
     "torque_constant": 0.3,
     "resistance": 0.4,
     "loop_factor": 0.2,
+    "integral_gain": 0.2,
+    "derivative_gain": 0.2,
+    "current_limit.limit": 0.1,
+    "motion_profile.acceleration_time": 0.1,
 }
 
 VARIANTS = (
