@@ -132,9 +132,9 @@ SPEED_PLANT = _plant(
     SPEED_COMMAND,
     (Wire("current_command", "A", "current that the speed loop asks for", AMPERES),),
     (
-        *effects_on("speed_command", "rate_limit", "command_offset"),
+        *effects_on("speed_command", "transport_delay", "command_offset", "rate_limit"),
         motor.speed_loop,
-        *effects_on("current_command", "transport_delay", "sample_hold", "drive_dead_zone"),
+        *effects_on("current_command", "sample_hold", "drive_dead_zone"),
         motor.current_loop,
     ),
     State(Wire("integral", "A", "integral part of the speed loop", AMPERES), "integral_rate"),

@@ -77,10 +77,11 @@ ODRIVE = {
     "torque_constant": 0.03,
     "viscous_coefficient": 1e-4,
     "speed_gain": 5e-4 * COUNTS_PER_TURN / (2.0 * math.pi),
-    "integral_time": 0.5,
+    "integral_time": 0.05,
     "current_limit": 10.0,
 }
-"""Gain 5e-4 A/(count/s) and 1e-3 A/(count/s)/s, so T_i = 0.5 s: the defaults of its firmware."""
+"""Gain 5e-4 A/(count/s) and position gain 20 /s, the defaults of its firmware.  A position loop on
+the integral of the commanded speed is an integral part with T_i = 1 / 20 s."""
 
 SPEED_VARIANTS = (
     Variant(

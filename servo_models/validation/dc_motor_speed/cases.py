@@ -9,7 +9,7 @@ from servo_models.validation.cases import EVENTS, Case, grid, schedule
 from servo_models.validation.dc_motor.cases import DIRECT, GEARED
 from servo_models.validation.dc_motor.reference import InSpeedLoop, Motor
 
-ODRIVE = InSpeedLoop(Motor(30.0, 2500.0, 0.1), 5e-4 * 8192.0 / math.tau, 0.5, 10.0)
+ODRIVE = InSpeedLoop(Motor(30.0, 2500.0, 0.1), 5e-4 * 8192.0 / math.tau, 0.05, 10.0)
 
 
 def cases() -> list[Case]:
