@@ -9,7 +9,7 @@ What counts as right, decided before anything was diagnosed:
 wrong              any of these sets of effects names it
 =================  ==========================================================================
 delay              transport_delay
-play               backlash
+play               backlash; coasting_backlash
 gravity            gravity_load
 viscous            viscous_friction
 inertia            load_inertia; or none, by the verdict ``parameters``
@@ -44,7 +44,7 @@ ENGINES = ("two_mass", "mujoco")
 FRICTIONS = [["coulomb_friction"], ["stribeck_friction"], ["coulomb_friction", "stribeck_friction"]]
 NAMES: dict[str, list[list[str]]] = {
     "delay": [["transport_delay"]],
-    "play": [["backlash"]],
+    "play": [["backlash"], ["coasting_backlash"]],
     "gravity": [["gravity_load"]],
     "viscous": [["viscous_friction"]],
     "inertia": [["load_inertia"], []],
@@ -256,7 +256,19 @@ def _delay(rig: Rig, _: Motor, given: Mapping[str, float], rng: np.random.Genera
 
 def _play(rig: Rig, _: Motor, given: Mapping[str, float], rng: np.random.Generator) -> Rig:
     play = given.get("play", math.radians(float(rng.uniform(0.4, 1.2))))
-    return _with(rig, {"backlash.half_width": 0.5 * play}, play=play)
+    near = {
+        "backlash.half_width": 0.5 * play,
+        "coasting_backlash.half_width": 0.5 * play,
+        "coasting_backlash.share": rig.drive.output_inertia / rig.true["inertia"],
+        "coasting_backlash.friction_share": _share(rig.drive),
+    }
+    return _with(rig, near, play=play)
+
+
+def _share(drive: Drive) -> float:
+    """Part of the dry friction that acts at the output."""
+    whole = drive.motor_friction + drive.output_friction
+    return drive.output_friction / whole if whole else 0.0
 
 
 def _gravity(rig: Rig, motor: Motor, _: Mapping[str, float], rng: np.random.Generator) -> Rig:

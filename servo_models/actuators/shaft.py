@@ -103,6 +103,12 @@ def no_second_mass() -> tuple[float, float]:
     return 0.0, 0.0
 
 
+@block("play_twist", "play_slip", "coasting_rate", "coasting_torque", "coasting_acceleration")
+def no_play() -> tuple[float, float, float, float, float]:
+    """Nothing coasts behind a play, unless an effect says so."""
+    return 0.0, 0.0, 0.0, 0.0, 0.0
+
+
 @block("load")
 def external_load(load_torque: float) -> float:
     """Load torque [N m] against positive motion."""

@@ -44,6 +44,10 @@ FAR = 100.0
 NUMBERS = "biufO"
 """Kinds of arrays that are taken as numbers: bool, whole, float, and objects that float() takes."""
 SECONDS = "give seconds, shape (n,)"
+ANGLES = ("shaft_angle", "load_angle", "coasting_angle")
+SPEEDS = ("shaft_speed", "load_speed", "coasting_speed")
+"""States of the motion of a shaft and of what turns with it, as ``actuators/shaft.py`` and the
+effects ``gear_compliance`` and ``coasting_backlash`` name them."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,30 @@ def _compiled(plant: Plant, name: str) -> Callable[..., Any]:
 @functools.lru_cache(maxsize=PLANTS)
 def _starter(plant: Plant, name: str) -> Callable[..., Any]:
     return plain_make(start_text(flat_of(plant, name)))
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """Where the motion of a plant's shaft stands.
+
+    Attributes:
+        angle, rate: names of these outputs; a linear drive has a position and a speed.
+        angles, speeds: their places in the state vector, and those of a second mass behind it.
+        rate_over_speed: rate of the output [SI] over the speed that is the state.
+    """
+
+    angle: str
+    rate: str
+    angles: tuple[int, ...]
+    speeds: tuple[int, ...]
+    rate_over_speed: float
+
+    def place(self, state: Array, motion: Mapping[str, float]) -> None:
+        """Put the shaft of a state to an angle and a rate [SI], by the names of the outputs."""
+        if self.angle in motion:
+            state[list(self.angles)] = motion[self.angle]
+        if self.rate in motion:
+            state[list(self.speeds)] = motion[self.rate] / self.rate_over_speed
 
 
 @dataclass(frozen=True, repr=False)
@@ -140,9 +168,10 @@ class Model:
 
     def start(self) -> Array:
         """State at rest, shape (flat.size,)."""
-        return self._at_rest(self.vector)
+        return self.at_rest(self.vector)
 
-    def _at_rest(self, vector: Array) -> Array:
+    def at_rest(self, vector: Array) -> Array:
+        """State at rest with a parameter vector [SI], shape (flat.size,)."""
         begin = _starter(self.plant, self.actuator.name)(vector.tolist())
         state = np.zeros(self.flat.size)
         state[: len(begin)] = begin
@@ -161,7 +190,7 @@ class Model:
         x = self.start() if state is None else state
         begin = x.copy()
         try:
-            return self._ran(self.vector, x, times, inputs)
+            return self.ran(self.vector, x, times, inputs)
         except UserError as error:
             raise UserError(f"{error}{self._responsible(begin, times, inputs)}") from None
 
@@ -170,9 +199,34 @@ class Model:
 
         Hundreds of simulations share an experiment, which has to have passed ``check_grid``.
         """
-        return self._ran(vector, self._at_rest(vector), times, inputs)
+        return self.ran(vector, self.at_rest(vector), times, inputs)
 
-    def _ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
+    @cached_property
+    def shaft(self) -> Shaft | None:
+        """Where a run may put the shaft; None for a plant without the states of ``shaft.py``."""
+        states = {state.name: place for place, state in enumerate(self.plant.states)}
+        ends = [it for it in self.plant.terminals.get("shaft", ()) if it in self.plant.outputs]
+        if len(ends) != 2 or ANGLES[0] not in states or SPEEDS[0] not in states:
+            return None
+        angles, speeds = (
+            tuple(states[name] for name in names if name in states) for names in (ANGLES, SPEEDS)
+        )
+        ratio = self._rate_at(speeds[0], 1.0, ends[1]) - self._rate_at(speeds[0], 0.0, ends[1])
+        return Shaft(ends[0], ends[1], angles, speeds, ratio)
+
+    def _rate_at(self, place: int, speed: float, output: str) -> float:
+        """An output [SI] at a speed of the shaft, with every effect off."""
+        off = {switch for names in self.flat.switches.values() for switch in names}
+        plain = [0.0 if name in off else v for name, v in zip(self.flat.params, self.vector)]
+        vector = np.array(plain)
+        state = self.at_rest(vector)
+        state[place] = speed
+        rest = np.array([[float(wire.rest) for wire in self.plant.inputs]])
+        row = self.ran(vector, state, np.zeros(1), rest)[0]
+        return float(row[self.plant.outputs.index(output)])
+
+    def ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
+        """Return ``run`` with another parameter vector [SI]; ``state`` is advanced in place."""
         out = np.empty((len(times), len(self.plant.outputs)))
         run = _compiled(self.plant, self.actuator.name)
         given = (np.ascontiguousarray(it, dtype=float) for it in (vector, times, inputs))
@@ -190,7 +244,7 @@ class Model:
         for name in changed if len(changed) <= MOST_TRIED else ():
             vector = np.array(list({**self.values, name: own[name]}.values()))
             with contextlib.suppress(UserError):
-                self._ran(vector, begin.copy(), times, inputs)
+                self.ran(vector, begin.copy(), times, inputs)
                 unit = self.plant.parameters[name].param.unit
                 instead = f"{own[name]:g} {unit}".removesuffix(" 1")
                 blamed.append(f"with '{name}' = {instead} instead of {self.values[name]:g} it runs")

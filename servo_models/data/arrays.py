@@ -43,8 +43,8 @@ def describe(
             a header with its unit; or a mapping with the keys of a signal in a TOML file, such
             as ``{"column": "u", "unit": "V", "sign": -1}``.
         each: further keys of single logs, by the log's name, as ``[[logs]]`` has them:
-            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``; not what its columns
-            are.
+            ``held_out``, ``constants``, ``window``, ``judged``, ``settle``, ``start``; not what its
+            columns are.
         uncertainty: standard deviations by parameter, a share ``"10 %"`` or a size.
         bounds: least and largest value by parameter.
         free: parameters or effects that ``identify`` estimates.

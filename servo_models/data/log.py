@@ -35,6 +35,22 @@ class Channel:
     offset: float = 0.0
 
 
+@dataclass(frozen=True)
+class Start:
+    """How a run begins that begins neither at rest nor settled at its first row.
+
+    Attributes:
+        shaft: angle and rate [SI] of the shaft as the log begins, by the names of these outputs;
+            empty where the shaft is where the inputs have brought it.
+        before: inputs [SI] that were held before the log begins, in place of its first row.
+        fitted: what these name is estimated in every simulation, from there; else it is known.
+    """
+
+    shaft: Mapping[str, float] = field(default_factory=dict)
+    before: Mapping[str, float] = field(default_factory=dict)
+    fitted: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Log:
     """One recorded run.
@@ -54,6 +70,9 @@ class Log:
         settle: time [s] for which the first row's inputs are held before the log begins, so
             that the simulation starts in equilibrium.
         begin: time [s] from the file's first row to the first sample here.
+        notes: what reading has changed of the file, one sentence each.
+        start: how the run begins; None for at rest, or settled where there is a ``settle`` time.
+        assumed: nobody said how it begins, so that it may be found from its first samples.
     """
 
     name: str
@@ -69,6 +88,9 @@ class Log:
     settle: float = 0.0
     skipped: Mask | None = None
     begin: float = 0.0
+    notes: tuple[str, ...] = ()
+    start: Start | None = None
+    assumed: bool = False
 
     @property
     def duration(self) -> float:

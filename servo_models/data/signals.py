@@ -16,7 +16,7 @@ from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Parameter, Wire, unknown
 from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
-from servo_models.data.log import Channel, Log, regular
+from servo_models.data.log import Channel, Log, Start, regular
 from servo_models.data.readers import Columns
 from servo_models.data.schema import (
     Column,
@@ -122,6 +122,7 @@ class LogTable(Table):
         held_out = { from = "12 s", to = "20 s" }
         judged = { input = "voltage", after_change = "0.8 s" }
         settle = "0.5 s"
+        start = "rest"  # "settled", "fit", or { angle = "3 deg", rate = "10 deg/s" }
     """
 
     file: str
@@ -136,6 +137,7 @@ class LogTable(Table):
     held_out: bool | HeldOut = False
     judged: Judged | None = None
     settle: Seconds | None = None
+    start: Literal["rest", "settled", "fit"] | dict[str, Any] | None = None
 
 
 # A log
@@ -200,9 +202,11 @@ def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, C
         rows=clock.rows + columns.first_row,
         held_out=_held_out(section, entry.held_out, clock.since, fed),
         constants=constants,
-        settle=_settle(section, entry.settle, chosen, fed, constants, float(times[-1])),
+        settle=_settle(section, entry, chosen, fed, constants, float(times[-1])),
         skipped=_skipped(section, entry.judged, times, fed) if entry.judged else None,
         begin=float(clock.since[0]),
+        start=_start(section, entry.start, chosen),
+        assumed=entry.start is None and entry.settle is None,
     )
 
 
@@ -236,7 +240,7 @@ def _constants(given: Section, chosen: Model, inputs: Mapping[str, Mapped]) -> d
 
 def _settle(
     section: Section,
-    given: float | None,
+    entry: LogTable,
     chosen: Model,
     inputs: Mapping[str, Array],
     constants: Mapping[str, float],
@@ -246,6 +250,13 @@ def _settle(
 
     It is then no longer than the log, so that it at most doubles the cost of a run.
     """
+    given = entry.settle
+    if entry.start == "rest":
+        if given:
+            section.fail("settle", "held before a log that begins at rest; drop one of the two")
+        return 0.0
+    if entry.start == "settled" and given == 0.0:
+        section.fail("settle", "0 s, in which nothing settles; drop it, or start")
     if given is not None:
         if given < 0.0:
             section.fail("settle", "below 0; give a time to hold the first row for")
@@ -254,12 +265,35 @@ def _settle(
                 "settle", f"{given:g} s is too long to simulate; give what it needs to rest"
             )
         return float(given)
+    if entry.start is not None:
+        return min(chosen.stop_time, duration)
     first = {name: values[0] for name, values in inputs.items()}
     for wire in chosen.plant.inputs:
         value = first.get(wire.name, constants.get(wire.name, wire.rest))
         if abs(float(value) - float(wire.rest)) > AT_REST * wire.scale:
             return min(chosen.stop_time, duration)
     return 0.0
+
+
+def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Model) -> Start | None:
+    """How a log begins, beyond rest and a settled first row."""
+    if given in (None, "rest", "settled"):
+        return None
+    shaft = chosen.shaft
+    if shaft is None:
+        section.fail(
+            "start",
+            f"actuator '{chosen.actuator.name}' has no shaft that can be put to a motion: a plant"
+            " has one with the states of actuators/shaft.py and a terminal 'shaft'; give 'settle'",
+        )
+    if isinstance(given, str):
+        return Start(fitted=True)
+    wires = {name: chosen.plant.wire[name] for name in (shaft.angle, shaft.rate)}
+    place = named(section.section("start"), "motion", wires)
+    if not given:
+        section.fail("start", f"empty; write for example {{ {shaft.angle} = 0, {shaft.rate} = 0 }}")
+    at_rest = dict.fromkeys(wires, 0.0)
+    return Start({**at_rest, **{name: setting(place, name, wires[name]) for name in place}})
 
 
 # Columns that become signals

@@ -28,14 +28,23 @@ class Confirmation:
             nominal model in this process, ``after`` the FMU.
         difference: largest one between FMU and simulation over full scale [1]; 0 is equal
             to the last bit.
+        moving: logs that begin in motion, to which a host cannot put an FMU: their rows are those
+            of the simulation.
     """
 
     rows: tuple[Accuracy, ...]
     difference: float
+    moving: tuple[str, ...] = ()
 
     @property
     def doubt(self) -> str:
         """What is amiss with the FMU, "" for nothing."""
+        if self.difference <= LIMIT and self.moving:
+            names = ", ".join(f"'{name}'" for name in self.moving)
+            return (
+                f"begins at rest, and no host can put it to the motion in which {names} begin:"
+                " their figures are those of the simulation"
+            )
         if self.difference <= LIMIT:
             return ""
         return (
@@ -55,18 +64,21 @@ def confirm(found: Diagnosis) -> Confirmation:
         UserError: an FMU that stops where the simulation goes on.
     """
     taken, nominal = found.selection.taken, found.selection.retuned.problem
-    responses, off = [], 0.0
+    responses, off, moving = [], 0.0, []
     with scratch() as folder:
         path = build(found.fitted, folder / "diagnosed.fmu")
         with closing(Subject(path, found.model.actuator, OWN)) as fmu:
             for run in taken.problem.runs:
                 out = run.outputs_or_nan(taken.values)
-                if np.isfinite(out).all():
+                inputs = run.replayed(taken.values)
+                if inputs is None:
+                    moving.append(run.log.name)
+                elif np.isfinite(out).all():
                     expected = out
                     chosen = replace(run.model, values=run.with_constants(taken.values))
-                    whole = fmu.run(chosen, run.times, run.inputs)
+                    whole = fmu.run(chosen, run.times, inputs)
                     out = whole[-len(run.log.times) :, run.columns]
                     off = max(off, difference(expected, out))
                 responses.append(dict(zip(run.log.outputs, np.ascontiguousarray(out.T))))
     rows = accuracy(found.logs, nominal.responses(nominal.nominal), responses)
-    return Confirmation(tuple(rows), off)
+    return Confirmation(tuple(rows), off, tuple(moving))

@@ -545,6 +545,8 @@ class Stage:
             skipped=None,
             begin=0.0,
             settle=0.0 if rests else max(first.settle, self.problem.model.stop_time),
+            start=None,
+            notes=(),
         )
 
 

@@ -22,6 +22,7 @@ from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effe
 from servo_models.diagnosis.verdict import decide
 from servo_models.errors import UserError
 from servo_models.identification.internal_step import InternalSteps
+from servo_models.identification.starts import with_starts
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -68,6 +69,7 @@ def diagnose(
     if not 0.0 <= tolerance < math.inf:
         raise UserError(f"tolerance {tolerance}: give a number of noise floors, 0 or more")
     logs, flags = without_flags(told.logs, told.model.plant)
+    logs = with_starts(told.model, logs)
     told = replace(told, logs=logs)
     check_logs(told.path, told.model, told.logs)
     with Workers(jobs) as workers:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from servo_models.identification.identifiability import (
 )
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
+from servo_models.identification.starts import with_starts
 from servo_models.identification.uncertainty import together
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
@@ -142,6 +143,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
             description, audited, floors, Identifiability((), (), (), (), ()), asked, clocks
         )
     odd = implausible(description)
+    description = replace(description, logs=with_starts(description.model, description.logs))
     try:
         found = identifiability(
             description.model, description.logs, floors, free, description.uncertainty, jobs

@@ -26,6 +26,7 @@ from servo_models.identification.optimise import (
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
+from servo_models.identification.starts import with_starts
 from servo_models.identification.uncertainty import is_believable, spread, warnings
 
 METHODS = {
@@ -65,6 +66,7 @@ def fit(
             inputs that never change, or logs with fewer samples than free parameters.
     """
     names = free_names(model.plant, free)
+    logs = with_starts(model, logs)
     _check(model, logs, names, kind)
     parameters = model.plant.parameters
     given, limits = priors or {}, bounds or {}
@@ -146,6 +148,7 @@ def _check_inputs(model: Model, logs: Sequence[Log]) -> None:
     rest = {wire.name: wire.rest for wire in model.plant.inputs}
     begins = [_level(log, rest) for log in fitted]
     moving = any(np.ptp(values) > 0.0 for log in fitted for values in log.inputs.values())
+    moving |= any(log.start is not None for log in fitted)
     steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(fitted, begins))
     if fitted and not (moving or steps or any(begin != begins[0] for begin in begins)):
         raise UserError(

@@ -13,9 +13,10 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
+from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid
 from servo_models.core.types import Array
-from servo_models.data.log import Log
+from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
 FIRST_SAMPLES = 3
@@ -24,6 +25,16 @@ OFF_AT_FIRST = 0.02  # of the range of an output
 """Error at the beginning from which a log may have begun in another state."""
 OFF_LATER = 5.0  # times the error of the second half
 """Error at the beginning from which it surely has."""
+MAYBE_AT_FIRST, MAYBE_LATER = 0.01, 2.0
+"""The same two, from which it is asked how else the log may begin."""
+START_STEPS = 6
+"""Gauss-Newton steps of the fit of a start."""
+START_PARTS = (1.0, 0.25, 0.05)
+"""Of such a step, the largest that leaves less is taken."""
+START_DIFFERENCE = 1e-4
+"""Step of its difference quotients, in full scales."""
+START_PRIOR = 1e-3
+"""Weight of a full scale beside an error of the whole range of an output."""
 STEP = "internal_step"
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
@@ -75,13 +86,17 @@ class Run:
 
         What the log states as a constant stays, see ``with_constants``.
         """
+        return _simulated(self, self._vector(values))[-len(self.log.times) :]
+
+    def _vector(self, values: Mapping[str, float]) -> Array:
+        """The parameter vector [SI] of a simulation with these values."""
         vector, stated = self._base.copy(), self.log.constants
         if self.steps and STEP not in stated:
             vector[self._places[STEP]] = self._step(self.steps, tuple(values))
         for name, value in values.items():
             if name not in stated:
                 vector[self._places[name]] = value
-        return _simulated(self, vector)[-len(self.log.times) :]
+        return vector
 
     def _step(self, steps: Steps, names: tuple[str, ...]) -> float:
         """The internal step while these parameters change."""
@@ -103,6 +118,25 @@ class Run:
     def measured(self) -> Array:
         """Measured outputs [SI] at samples that a fit sees, shape (outputs of the log, n)."""
         return np.array([values[self._rows] for values in self.log.outputs.values()])
+
+    @cached_property
+    def beginning(self) -> Beginning | None:
+        """How the run begins where neither rest nor its first row says so."""
+        start = self.log.start
+        return Beginning(self, start) if start and (start.fitted or start.shaft) else None
+
+    def replayed(self, values: Mapping[str, float]) -> Array | None:
+        """Inputs with which a host gets the same run; None where the shaft is put to a motion,
+        which no host can ask for."""
+        if not self.beginning:
+            return self.inputs
+        if self.beginning.start.shaft:
+            return None
+        found = self.beginning.values(self._vector(values))
+        again = self.inputs.copy()
+        for column, wire in enumerate(self.model.plant.inputs):
+            again[0, column] = found.get(wire.name, again[0, column])
+        return again
 
     @cached_property
     def _base(self) -> Array:
@@ -131,7 +165,11 @@ class Run:
 )
 def _simulated(run: Run, vector: Array) -> Array:
     """All outputs with a parameter vector [SI], to be read only: others will be given the same."""
-    found = run.model.from_rest(vector, run.times, run.inputs)
+    found = (
+        run.beginning.simulate(vector)
+        if run.beginning
+        else run.model.from_rest(vector, run.times, run.inputs)
+    )
     found.flags.writeable = False
     return found
 
@@ -155,11 +193,93 @@ def prepared(model: Model, log: Log, steps: Steps | None = None) -> Run:
     times = log.times
     if log.settle > 0.0:
         times = np.concatenate([[0.0], times + log.settle])
-        matrix = np.vstack([matrix[:1], matrix])
+        matrix = np.vstack([_held_before(log, plant, matrix[0]), matrix])
     chosen = replace(model, values={**model.values, **parameters})
     check_grid(times, matrix, plant.inputs, chosen.values[STEP])
     columns = tuple(plant.outputs.index(name) for name in log.outputs)
     return Run(log, chosen, times, np.ascontiguousarray(matrix), columns, steps)
+
+
+def _held_before(log: Log, plant: Plant, first: Array) -> Array:
+    """The inputs that were held before a log begins: its first row, where nothing else is known."""
+    before = log.start.before if log.start else {}
+    return np.array([before.get(it.name, now) for it, now in zip(plant.inputs, first)])
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A run whose shaft is put where a log begins, or whose start is fitted in every simulation.
+
+    A fit is a few Gauss-Newton steps on the first part of the log, from the start that the log has,
+    beside which a weak prior keeps what the log does not tell.  As the parameters of a model move,
+    the start follows them, so that no search has to know of it.
+    Source: Golub, Pereyra, SIAM J. Numerical Analysis 10 (1973) 413 (variable projection).
+    """
+
+    run: Run
+    start: Start
+
+    def simulate(self, vector: Array) -> Array:
+        """All outputs with a parameter vector [SI], shape (n, outputs)."""
+        return self._outputs(vector, self.values(vector), len(self.run.log.times))
+
+    def values(self, vector: Array) -> dict[str, float]:
+        """What the start names [SI], fitted if it is to be."""
+        begin = {**self.start.shaft, **self.start.before}
+        if not self.start.fitted:
+            return begin
+        x = first = np.array(list(begin.values()))
+        errors = self._errors(vector, x, first)
+        for _ in range(START_STEPS):
+            slopes = [
+                (self._errors(vector, x + step, first) - errors) / step.max()
+                for step in np.diag(START_DIFFERENCE * self._scales)
+            ]
+            move = np.linalg.lstsq(np.column_stack(slopes), -errors, rcond=None)[0]
+            for nearer in (x + part * move for part in START_PARTS):
+                moved = self._errors(vector, nearer, first)
+                if moved @ moved < errors @ errors:
+                    break
+            else:
+                break
+            x, errors = nearer, moved
+        return dict(zip(begin, x.tolist()))
+
+    def _errors(self, vector: Array, x: Array, first: Array) -> Array:
+        """Errors of the first part over the range of each output, and of the prior."""
+        log, rows = self.run.log, self._rows
+        values = dict(zip([*self.start.shaft, *self.start.before], x.tolist()))
+        found = self._outputs(vector, values, rows[-1] + 1)[rows][:, self.run.columns]
+        measured = np.column_stack([log.outputs[name][rows] for name in log.outputs])
+        errors = (found - measured) / [np.ptp(it) or 1.0 for it in log.outputs.values()]
+        return np.concatenate([errors.ravel(), START_PRIOR * (x - first) / self._scales])
+
+    def _outputs(self, vector: Array, values: Mapping[str, float], rows: int) -> Array:
+        run, settle = self.run, self.run.log.settle
+        state = run.model.at_rest(vector)
+        if settle > 0.0:
+            plant = run.model.plant
+            known = {
+                it.name: values.get(it.name, now) for it, now in zip(plant.inputs, run.inputs[0])
+            }
+            held = [min(max(known[it.name], it.low), it.high) for it in plant.inputs]
+            run.model.ran(vector, state, run.times[:2], np.array([held, held]))
+        if run.model.shaft:
+            run.model.shaft.place(state, values)
+        part = slice(len(run.times) - len(run.log.times), None)
+        return run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows])
+
+    @cached_property
+    def _rows(self) -> NDArray[np.int64]:
+        """Those of the first part that a fit may see; all of it where it sees none."""
+        log = self.run.log
+        early = log.times <= self.run.model.stop_time
+        return np.flatnonzero(early & log.fitted if (early & log.fitted).any() else early)
+
+    @cached_property
+    def _scales(self) -> Array:
+        wires = self.run.model.plant.wire
+        return np.array([wires[it].scale for it in (*self.start.shaft, *self.start.before)])
 
 
 def false_starts(runs: Iterable[Run], values: Mapping[str, float]) -> list[str]:
@@ -174,27 +294,42 @@ def false_starts(runs: Iterable[Run], values: Mapping[str, float]) -> list[str]:
     return [text for run in runs for text in _of(run, values)]
 
 
+def begins_elsewhere(run: Run, values: Mapping[str, float]) -> bool:
+    """Return whether a log seems to begin in another state than the model."""
+    # a gain that is off shows where a log is settled, and does later; it does not at rest
+    factor = MAYBE_LATER if run.log.settle > 0.0 else 0.0
+    return any(
+        first > max(MAYBE_AT_FIRST, factor * later) for _, first, later in _at_first(run, values)
+    )
+
+
 def _of(run: Run, values: Mapping[str, float]) -> Iterator[str]:
+    for name, first, later in _at_first(run, values):
+        if first <= max(OFF_AT_FIRST, OFF_LATER * later):
+            continue
+        yield (
+            f"log '{run.log.name}' begins in another state than the model, {_state(run.log)}:"
+            f" '{name}' is off by {first:.2g} of its range at first, by {later:.1g} in its second"
+            " half; say how it begins ('start'), or begin the log at rest ('window')"
+        )
+
+
+def _at_first(run: Run, values: Mapping[str, float]) -> Iterator[tuple[str, float, float]]:
+    """Outputs with their errors [RMS, of their range] at first and in the second half."""
     log, wires = run.log, run.model.plant.wire
     unit = wires[run.model.plant.outputs[0]].unit
     for name, simulated in zip(log.outputs, run.outputs_or_nan(values).T):
         if wires[name].unit != unit:
             continue  # a drive or a current may jump at the first command
-        measured = log.outputs[name]
-        reach = float(np.ptp(measured))
-        errors = (simulated - measured) / (reach or 1.0)
-        first, later = _rms(errors[:FIRST_SAMPLES]), _rms(errors[len(errors) // 2 :])
-        if first > max(OFF_AT_FIRST, OFF_LATER * later):
-            yield (
-                f"log '{log.name}' begins in another state than the model, {_state(log)}: '{name}'"
-                f" is off by {first:.2g} of its range at first, by {later:.1g} in its second half;"
-                " begin the log at rest ('window'), or say how long its first row had been held"
-                " ('settle')"
-            )
+        reach = float(np.ptp(log.outputs[name]))
+        errors = (simulated - log.outputs[name]) / (reach or 1.0)
+        yield name, _rms(errors[:FIRST_SAMPLES]), _rms(errors[len(errors) // 2 :])
 
 
 def _state(log: Log) -> str:
     """The state in which the model begins a log, in words."""
+    if log.start:
+        return "whose start is fitted" if log.start.fitted else "whose start is given"
     if log.settle:
         return f"for which its first row is held for {log.settle:.3g} s before"
     return "which begins at rest"

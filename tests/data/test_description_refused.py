@@ -64,6 +64,14 @@ def test_a_fault_of_the_description_is_named(
 @pytest.mark.parametrize(
     ("more", "said"),
     [
+        ('start = "moving"', ["logs[1].start", "'moving' is unknown"]),
+        ("start = 3", ["logs[1].start", "write for example"]),
+        ("start = {}", ["logs[1].start", "empty", "angle"]),
+        ("start = { angel = 1 }", ["logs[1].start.angel", "did you mean 'angle'"]),
+        ('start = { angle = "1 V" }', ["logs[1].start.angle", "does not convert"]),
+        ("start = { rate = true }", ["logs[1].start.rate", "no number"]),
+        ('start = "rest"\nsettle = 1', ["logs[1].settle", "begins at rest", "drop one"]),
+        ('start = "settled"\nsettle = 0', ["logs[1].settle", "nothing settles"]),
         ("constants = { voltage = 1 }", ["constants.voltage", "keep one"]),
         ("constants = { stifness = 1 }", ["constants.stifness", "did you mean 'stiffness'"]),
         ('constants = { stiffness = "1 V" }', ["constants.stiffness", "does not convert"]),

@@ -27,8 +27,16 @@ TRUE = {
 }
 
 
-def rig(values: dict[str, float], voltage: Array, step: float = STEP) -> Array:
-    """Angle [rad] at each sample of a held voltage: eqs. 3 to 9, exactly discretised."""
+def rig(
+    values: dict[str, float],
+    voltage: Array,
+    step: float = STEP,
+    begin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Array:
+    """Angle [rad] at each sample of a held voltage: eqs. 3 to 9, exactly discretised.
+
+    It begins with a current [A], an angle [rad] and a rate [rad/s].
+    """
     v = values
     a = np.array(
         [
@@ -43,7 +51,7 @@ def rig(values: dict[str, float], voltage: Array, step: float = STEP) -> Array:
     )
     b = np.array([[1.0 / v["inductance"]], [0.0], [0.0]])
     ad, bd, *_ = cont2discrete((a, b, np.eye(3), np.zeros((3, 1))), step)
-    x, out = np.zeros(3), np.empty(len(voltage))
+    x, out = np.array(begin), np.empty(len(voltage))
     for i, u in enumerate(voltage):
         out[i] = x[1]
         x = ad @ x + bd[:, 0] * u

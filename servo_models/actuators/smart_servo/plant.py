@@ -13,6 +13,7 @@ import math
 from servo_models.actuators.shaft import (
     external_load,
     free_shaft,
+    no_play,
     no_second_mass,
     shaft_acceleration,
     shaft_contact,
@@ -22,6 +23,13 @@ from servo_models.actuators.smart_servo import physics as servo
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
+from servo_models.effects.coasting_backlash import (
+    coasting_friction,
+    coasting_load,
+    coasting_output,
+    contact_step,
+    inertia_before_play,
+)
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 
 COUNT = 2.0 * math.pi / 4096.0
@@ -47,6 +55,11 @@ WIRES = (
     Wire("load", "N.m", "load torque with all its parts", scale=0.5),
     Wire("load_rate", "rad/s", "rate behind the compliance", scale=10.0),
     Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", scale=1e3),
+    Wire("play_twist", "rad", "angle of the gear over that behind the play", display="deg"),
+    Wire("play_slip", "rad/s", "rate of the gear over that behind the play", scale=10.0),
+    Wire("coasting_rate", "rad/s", "rate behind the play", scale=10.0),
+    Wire("coasting_torque", "N.m", "torque on the mass behind the play, friction apart", scale=0.5),
+    Wire("coasting_acceleration", "rad/s2", "acceleration behind the play", scale=1e3),
     Wire("shaft_inertia", "kg.m2", "accelerated inertia", scale=5e-3),
     Wire("travel", "rad", "half range of the output", scale=math.pi, display="deg"),
 )
@@ -55,7 +68,10 @@ GOAL: tuple[Block | Placement, ...] = (
     servo.arm,
     free_shaft,
     no_second_mass,
+    no_play,
     *effects_on("shaft_inertia", "load_inertia"),
+    place("coasting_backlash", inertia_before_play, "shaft_inertia"),
+    place("coasting_backlash", contact_step, "internal_step"),
     place("gear_compliance", resonance_step, "internal_step"),
     *effects_on("travel", "end_stops", half_range={"typical": 0.05}),
     *effects_on("goal", "transport_delay", "rate_limit"),
@@ -64,6 +80,15 @@ LOOP: tuple[Block | Placement, ...] = (
     servo.arm_motion,
     shaft_output,
     place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
+    place(
+        "coasting_backlash",
+        coasting_output,
+        "angle",
+        "rate",
+        "play_twist",
+        "play_slip",
+        "coasting_rate",
+    ),
     *effects_on(("angle", "rate"), "backlash"),
     servo.encoder,
     *effects_on(
@@ -84,19 +109,23 @@ LOOP: tuple[Block | Placement, ...] = (
 TORQUES: tuple[Block | Placement, ...] = (
     external_load,
     *effects_on("load", "constant_load", "gravity_load"),
+    place("coasting_backlash", coasting_load, "load", "coasting_torque"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
     *effects_on("load", "viscous_friction", "cogging"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
+    place("coasting_backlash", coasting_friction, "friction", "coasting_acceleration"),
     servo.net_torque,
     shaft_acceleration,
 )
 
 
-def _turning(which: str, rate: str, acceleration: str, owner: str = "") -> tuple[State, State]:
+def _turning(
+    which: str, rate: str, acceleration: str, owner: str = "", mass: str = ""
+) -> tuple[State, State]:
     """Angle and speed of one mass."""
-    angle = Wire(f"{which}_angle", "rad", f"angle of the {which}", display="deg")
-    speed = Wire(f"{which}_speed", "rad/s", f"speed of the {which}", scale=10.0)
+    angle = Wire(f"{which}_angle", "rad", f"angle of the {mass or which}", display="deg")
+    speed = Wire(f"{which}_speed", "rad/s", f"speed of the {mass or which}", scale=10.0)
     return State(angle, rate, owner=owner), State(speed, acceleration, owner=owner)
 
 
@@ -108,6 +137,13 @@ PLANT = Plant(
     states=(
         *_turning("shaft", "shaft_rate", "acceleration"),
         *_turning("load", "load_rate", "load_acceleration", owner="gear_compliance"),
+        *_turning(
+            "coasting",
+            "coasting_rate",
+            "coasting_acceleration",
+            owner="coasting_backlash",
+            mass="mass behind the play",
+        ),
     ),
     projection=shaft_contact,
     outputs=("angle", "rate", "angle_reading", "duty", "current"),

@@ -1,0 +1,230 @@
+"""How a log begins: at rest, settled at its first row, as the command steps, or in motion.
+
+A description may say it (``start``).  Else the first samples do: a log begins at rest, or settled
+where its first row is not at rest, as long as they agree.  Where they are somewhere else, or move,
+the other ways are simulated, and the simplest one that meets the first part of the log is taken.
+What a model lacks shows when it moves, so only readings decide that a log begins otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from servo_models.core.plant import Wire
+from servo_models.core.simulate import Model, Shaft
+from servo_models.core.types import Array
+from servo_models.data.audit import audits
+from servo_models.data.log import Log, Start
+from servo_models.errors import UserError
+from servo_models.identification.simulation import Run, begins_elsewhere, prepared
+from servo_models.report.numbers import Quantity
+from servo_models.units import factor
+
+SLOPE_SAMPLES = 6
+"""Fewest readings of which a parabola tells the rate at first."""
+SLOPE_SPAN = 0.2
+"""Of the time in which the actuator answers a step, the most that they take."""
+STRAIGHT = 1.5
+"""Noise floors that a parabola may leave; a shorter one is taken where it leaves more."""
+SURE_SIGMAS = 5.0
+"""Standard errors of a rate from which a log begins in motion."""
+MOVED = 0.1
+"""Of the range of a reading, in the time in which the actuator answers a step: the least rate."""
+SIMPLER_SQUARES = 1.3
+"""Squares of errors over the least, up to which a simpler start is taken."""
+NO_STEP_SQUARES = 0.5
+"""Squares of errors from rest over those of a settled start, below which a log that shows no angle
+begins at rest."""
+STILL = 1e-3
+"""Of full scale: a slower shaft stands still, and an angle that moves less does not answer."""
+NOTHING = 1e-6
+"""Of full scale: a start that is less is told as 0."""
+CURE = "state it by 'start' if that is wrong"
+
+
+def with_starts(model: Model, logs: Sequence[Log]) -> tuple[Log, ...]:
+    """Return logs that say how they begin, found from their first samples where nobody has said it.
+
+    What is found otherwise than at rest or settled at the first row stands in their ``notes``.
+
+    Args:
+        model: nominal values.
+        logs: measured runs.
+    """
+    return tuple(_with_start(model, log) for log in logs)
+
+
+def _with_start(model: Model, log: Log) -> Log:
+    asked = log.start is not None and log.start.fitted and not (log.start.shaft or log.start.before)
+    if not (asked or log.assumed) or not log.outputs:
+        return log
+    if asked:
+        ways = list(_fitted(model, log))
+    elif _begins_otherwise(model, log):
+        ways = [log, *_plain(model, log), *_fitted(model, log)]
+    elif log.settle > 0.0 and not _seen(model, log):
+        found = _simplest(model, [*_plain(model, log), log], NO_STEP_SQUARES)
+        ways = [found]
+    else:
+        return log
+    taken = _simplest(model, ways, SIMPLER_SQUARES)
+    return taken if taken is log else replace(taken, notes=(*log.notes, _words(model, taken)))
+
+
+def _simplest(model: Model, ways: Sequence[Log], factor: float) -> Log:
+    """The first way whose squares of errors are within a factor of the least, else the best."""
+    squares = [_squares(model, way) for way in ways]
+    near = (way for way, it in zip(ways, squares) if it <= factor * min(squares))
+    return next(near, ways[int(np.argmin(squares))])
+
+
+def _squares(model: Model, log: Log) -> float:
+    """Squares of the errors over the ranges of readings, in the first part of a log."""
+    run = prepared(model, log)
+    early = log.times <= model.stop_time
+    try:
+        found = run.outputs({})[early]
+    except UserError:
+        return np.inf
+    measured = np.column_stack(list(log.outputs.values()))
+    reach = np.where(np.ptp(measured, axis=0) > 0.0, np.ptp(measured, axis=0), 1.0)
+    return float(np.sum(((found - measured[early]) / reach) ** 2))
+
+
+# What the first samples say
+
+
+def _seen(model: Model, log: Log) -> str:
+    """The output that reads where the shaft is, "" for none."""
+    wires = model.plant.wire
+    unit = wires[model.plant.outputs[0]].unit
+    return next((name for name in log.outputs if wires[name].unit == unit), "")
+
+
+def _begins_otherwise(model: Model, log: Log) -> bool:
+    """Whether the first readings are elsewhere than the model, or move."""
+    if begins_elsewhere(prepared(model, log), {}):
+        return True
+    name = _seen(model, log)
+    if not name:
+        return False
+    rate, error = _first_rate(model, log, name, _noise(model, log, name))
+    far = abs(rate) * model.stop_time > MOVED * np.ptp(log.outputs[name])
+    return bool(far and abs(rate) > SURE_SIGMAS * error)
+
+
+def _noise(model: Model, log: Log, output: str) -> float:
+    """Noise floor [SI] of an output of the log."""
+    (audit,) = audits([log], model.plant)
+    return next(it.floor.value for it in audit.readings if it.name == output)
+
+
+def _first_rate(model: Model, log: Log, output: str, noise: float) -> tuple[float, float]:
+    """Slope [SI/s] of a reading as a log begins, and its standard error."""
+    count = int(np.searchsorted(log.times, SLOPE_SPAN * model.stop_time))
+    while True:
+        count = min(max(count, SLOPE_SAMPLES), len(log.times))
+        design = np.vander(log.times[:count] / log.times[count - 1], 3, increasing=True)
+        readings = log.outputs[output][:count]
+        found, *_ = np.linalg.lstsq(design, readings, rcond=None)
+        left = float(np.sqrt(np.sum((readings - design @ found) ** 2) / (count - 3)))
+        if left <= STRAIGHT * noise or count <= SLOPE_SAMPLES:
+            break
+        count //= 2
+    spread = noise * float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1]))
+    return float(found[1]) / log.times[count - 1], spread / log.times[count - 1]
+
+
+# The ways in which it may begin
+
+
+def _plain(model: Model, log: Log) -> Iterator[Log]:
+    """At rest where it was taken as settled, or the other way round."""
+    hold = 0.0 if log.settle > 0.0 else min(model.stop_time, log.duration)
+    yield replace(log, settle=hold, start=None)
+
+
+def _fitted(model: Model, log: Log) -> Iterator[Log]:
+    """As a command steps that was held before, and in motion; either is fitted."""
+    hold = log.settle or min(model.stop_time, log.duration)
+    shaft = model.shaft
+    if shaft is None:
+        return
+    seen = _seen(model, log)
+    before = _held_before(model, log, shaft, hold) if seen else {}
+    if before:
+        yield replace(log, settle=hold, start=Start(before=before, fitted=True))
+    motion = {shaft.angle: 0.0, shaft.rate: 0.0}
+    if seen:
+        motion[shaft.angle] = float(log.outputs[seen][0])
+        motion[shaft.rate] = _first_rate(model, log, seen, _noise(model, log, seen))[0]
+    yield replace(log, settle=hold, start=Start(shaft=motion, fitted=True))
+
+
+def _held_before(model: Model, log: Log, shaft: Shaft, hold: float) -> dict[str, float]:
+    """The command at which the model settles where the log begins; none if it settles nowhere."""
+    command, size = model.actuator.step
+    if command not in log.inputs:
+        return {}
+    wire = model.plant.wire[command]
+    run = prepared(model, replace(log, settle=hold, start=None))
+    ends = {value: _settled(run, shaft, command, value) for value in (float(wire.rest), size)}
+    (low, at_low), (high, at_high) = ends.items()
+    full = model.plant.wire[shaft.angle].scale
+    if at_low is None or at_high is None or abs(at_high - at_low) < STILL * full:
+        return {}
+    first = float(log.outputs[_seen(model, log)][0])
+    value = low + (first - at_low) / (at_high - at_low) * (high - low)
+    return {command: min(max(value, _bound(wire.low, -np.inf)), _bound(wire.high, np.inf))}
+
+
+def _bound(value: float | None, without: float) -> float:
+    return without if value is None else value
+
+
+def _settled(run: Run, shaft: Shaft, command: str, value: float) -> float | None:
+    """The angle at which the model settles at a command; None where it goes on."""
+    plant = run.model.plant
+    row = run.inputs[0].copy()
+    row[[wire.name for wire in plant.inputs].index(command)] = value
+    times = np.array([0.0, run.log.settle])
+    out: Array = run.model.from_rest(run.model.vector, times, np.array([row, row]))[-1]
+    angle, rate = (out[plant.outputs.index(name)] for name in (shaft.angle, shaft.rate))
+    moves = abs(rate) > STILL * plant.wire[shaft.rate].scale
+    return None if moves else float(angle)
+
+
+# Words
+
+
+def _words(model: Model, log: Log) -> str:
+    """How a log was found to begin."""
+    wires = model.plant.wire
+    if log.start is None:
+        found = "is settled at its first row" if log.settle else "begins at rest"
+        return f"its first samples show that it {found}; {CURE}"
+    if log.start.before:
+        held = _listed(log.start.before, wires)
+        return (
+            f"its first samples show that it begins as the command steps: about {held} had been"
+            f" held before, which every fit estimates; {CURE}"
+        )
+    moving = _listed(log.start.shaft, wires)
+    return (
+        f"its first samples show that it begins at about {moving}, which every fit estimates;"
+        f" {CURE}"
+    )
+
+
+def _listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
+    return " and ".join(_read(value, wires[name]) for name, value in values.items())
+
+
+def _read(value: float, wire: Wire) -> str:
+    """A value [SI] of a signal, in the unit that a person reads."""
+    unit = wire.display or wire.unit
+    value = value if abs(value) > NOTHING * wire.scale else 0.0
+    return f"{wire.name} {Quantity(factor(wire.unit, unit) * value, unit, digits=3)}"

@@ -1,0 +1,204 @@
+"""Logs that begin anywhere: against exact solutions and the stated start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from servo_models.core.simulate import model
+from servo_models.data.description import read_description
+from servo_models.data.log import Log, Start
+from servo_models.diagnosis.diagnose import diagnose
+from servo_models.errors import UserError
+from servo_models.identification.check import check
+from servo_models.identification.fit import fit
+from servo_models.identification.simulation import prepared
+from servo_models.identification.starts import with_starts
+from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
+from tests.support.logs import log_of
+
+SILENT = np.zeros(400)
+"""A free decay: no voltage."""
+BEGIN = (0.0, 0.03, -2.0)
+"""Current [A], angle [rad] and rate [rad/s]."""
+
+
+def decay(noise: float = 0.0) -> Log:
+    angle = rig(TRUE, SILENT, begin=BEGIN)
+    return bench_log(SILENT, angle + noise * np.random.default_rng(5).standard_normal(len(angle)))
+
+
+def given_start(log: Log) -> Log:
+    return replace(log, start=Start({"angle": BEGIN[1], "rate": BEGIN[2]}))
+
+
+def assumed(log: Log) -> Log:
+    return replace(log, assumed=True)
+
+
+def ends(model_values: dict[str, float], log: Log) -> float:
+    """Largest error of the simulation [rad]."""
+    run = prepared(nominal(), log)
+    return float(np.abs(run.outputs(model_values)[:, 0] - log.outputs["angle"]).max())
+
+
+def test_a_given_start_is_the_exact_decay() -> None:
+    assert ends(TRUE, given_start(decay())) < 1e-6
+
+
+def test_a_start_is_fitted_to_the_exact_decay() -> None:
+    (found,) = with_starts(nominal(**TRUE), [assumed(decay(1e-4))])
+    beginning = prepared(nominal(**TRUE), found).beginning
+    assert beginning
+    values = beginning.values(nominal(**TRUE).vector)
+    # readings of 1e-4 rad of noise; the rate swings the shaft by 1.6e-3 rad for about 20 of them
+    assert values["angle"] == pytest.approx(BEGIN[1], abs=2e-4)
+    assert values["rate"] == pytest.approx(BEGIN[2], rel=0.05)
+    assert "0.03 rad" in found.notes[0] or "1.7" in found.notes[0]  # 1.72 deg
+
+
+def test_a_decay_without_any_command_is_identified() -> None:
+    """The search knows nothing of the start, and still gives what a given start gives."""
+    log = decay(1e-4)
+    names = ("stiffness", "friction_coefficient")
+    begun = nominal(**{**TRUE, "stiffness": 1.3, "friction_coefficient": 4e-4})
+    found = fit(begun, [assumed(log)], names)
+    stated = fit(begun, [given_start(log)], names)
+    for fitted, free, error in zip(found.values, found.free, found.standard_errors):
+        assert abs(fitted - TRUE[free.name]) < 4.0 * error
+    assert np.all(found.standard_errors < 2.0 * stated.standard_errors)
+
+
+def test_a_standstill_still_tells_nothing() -> None:
+    still = assumed(bench_log(SILENT, np.zeros(400)))
+    with pytest.raises(UserError, match="no input ever changes"):
+        fit(nominal(), [still], ("stiffness",))
+
+
+def test_a_step_in_row_0_is_that_of_the_command_held_before() -> None:
+    """The rig had held another voltage: with a delay that is not to start at an angle."""
+    voltage = prbs(800, 4, hold=100, size=15.0)
+    held, late = -0.8 * voltage[0], 8
+    steady = held / TRUE["resistance"] * TRUE["torque_constant"] / TRUE["stiffness"]
+    delayed = np.concatenate([np.full(late, held), voltage[:-late]])
+    angle = rig(TRUE, delayed, begin=(held / TRUE["resistance"], steady, 0.0))
+    noise = 1e-5 * np.random.default_rng(6).standard_normal(len(angle))
+    log = replace(bench_log(voltage, angle + noise), assumed=True, settle=0.2)
+    (found,) = with_starts(nominal(**TRUE), [log])
+    assert found.start
+    assert found.start.before["voltage"] == pytest.approx(held, abs=0.5)
+    assert "held before" in found.notes[0]
+    result = fit(nominal(**TRUE), [log], ("transport_delay.time",))
+    assert result.values[0] == pytest.approx(late * STEP, abs=2e-5)
+
+
+@pytest.mark.parametrize("name", ["sg90", "smart_servo", "torque_motor", "linear_drive"])
+def test_a_start_at_rest_is_rest(name: str) -> None:
+    """Zero angle and rate change no bit of a run."""
+    chosen = model(name)
+    assert chosen.shaft
+    times = np.linspace(0.0, chosen.stop_time, 60)
+    command, size = chosen.actuator.step
+    log = log_of(times, {command: np.full(60, size)}, {chosen.plant.outputs[0]: np.zeros(60)})
+    zero = dict.fromkeys((chosen.shaft.angle, chosen.shaft.rate), 0.0)
+    placed = replace(log, start=Start(zero))
+    np.testing.assert_array_equal(
+        prepared(chosen, placed).simulate({}), prepared(chosen, log).simulate({})
+    )
+
+
+@pytest.mark.parametrize("name", ["sg90", "smart_servo", "torque_motor", "linear_drive"])
+@given(share=st.floats(-0.5, 0.5), turning=st.floats(-0.2, 0.2))
+@settings(max_examples=20, deadline=None)
+def test_the_first_row_of_a_given_start_is_that_start(
+    name: str, share: float, turning: float
+) -> None:
+    chosen = model(name)
+    assert chosen.shaft
+    wires, shaft = chosen.plant.wire, chosen.shaft
+    motion = {
+        shaft.angle: share * wires[shaft.angle].scale,
+        shaft.rate: turning * wires[shaft.rate].scale,
+    }
+    times = np.linspace(0.0, 1e-3, 16)
+    command, _ = chosen.actuator.step
+    rest = np.full(16, float(wires[command].rest))
+    log = log_of(times, {command: rest}, {name: np.zeros(16) for name in motion})
+    first = prepared(chosen, replace(log, start=Start(motion))).outputs({})[0]
+    np.testing.assert_allclose(first, list(motion.values()), rtol=1e-12, atol=1e-300)
+
+
+def test_what_agrees_is_left_alone() -> None:
+    voltage = prbs(800, 7)
+    log = assumed(bench_log(voltage, rig(TRUE, voltage)))
+    (found,) = with_starts(nominal(**TRUE), [log])
+    assert found is log
+    stated = given_start(decay())
+    assert with_starts(nominal(), [stated]) == (stated,)
+
+
+DECAY = """
+actuator = "torque_motor"
+variant = "measured"
+
+[parameters]
+end_stops.half_range = 0
+stiffness = 1.1
+
+[uncertainty]
+friction_coefficient = "30 %"
+
+[[logs]]
+file = "log.csv"
+time = { column = "t", unit = "s" }
+inputs.voltage = "u"
+outputs.angle = { column = "angle", unit = "rad" }
+"""
+
+
+def write_decay(folder: Path, more: str = "") -> Path:
+    log = decay(1e-4)
+    rows = zip(log.times, log.inputs["voltage"], log.outputs["angle"])
+    text = "\n".join(f"{t:.6f},{u:.3f},{a:.9f}" for t, u, a in rows)
+    (folder / "log.csv").write_text(f"t,u,angle\n{text}\n")
+    (folder / "mine.toml").write_text(DECAY + more)
+    return folder / "mine.toml"
+
+
+def test_it_is_told_by_check_and_diagnose(tmp_path: Path) -> None:
+    file = write_decay(tmp_path)
+    (log,) = check(file).description.logs
+    assert "every fit estimates" in log.notes[0]
+    found = diagnose(file, jobs=1)
+    assert found.verdict.kind in ("no-gap", "parameters")
+    assert found.logs[0].notes == log.notes
+
+
+@pytest.mark.parametrize(
+    ("text", "settle", "start"),
+    [
+        ('start = "rest"', 0.0, None),
+        ('start = "settled"', 0.1995, None),
+        ('start = "settled"\nsettle = "50 ms"', 0.05, None),
+        ('start = "fit"', 0.1995, Start(fitted=True)),
+        (
+            'start = { angle = "1 deg" }\nsettle = 0',
+            0.0,
+            Start({"angle": np.radians(1.0), "rate": 0.0}),
+        ),
+    ],
+)
+def test_a_description_says_how_a_log_begins(
+    tmp_path: Path, text: str, settle: float, start: Start | None
+) -> None:
+    (log,) = read_description(write_decay(tmp_path, text)).logs
+    assert log.settle == pytest.approx(settle)
+    assert log.start == start
+    assert not log.assumed
+    (plain,) = read_description(write_decay(tmp_path)).logs
+    assert plain.assumed
