@@ -1,1 +1,1 @@
-"""Validation of the motor on a voltage: independent reference, cases, pictures."""
+"""Validation of the motor on a voltage: independent reference, cases."""

@@ -1,1 +1,1 @@
-"""Validation of the motor in a speed loop: cases; the reference is that of the motor."""
+"""Validation of the motor in a speed loop: cases, pictures; the reference is that of the motor."""
