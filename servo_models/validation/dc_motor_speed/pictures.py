@@ -28,7 +28,7 @@ def _limit(panels: Sequence[Axes]) -> None:
         speed.plot(run.times, run["encoder_speed"], color=colour(series))
         current.plot(run.times, run["current"], color=colour(series))
     speed.axhline(SPEED, color=colour("muted"), lw=0.8, ls=(0, (4, 3)))
-    label(speed, (0.02, 340.0), "no limit", "orange", (8, 0))
+    label(speed, (0.07, 345.0), "no limit", "orange", (8, 4))
     label(speed, (0.05, 150.0), "1 A", "blue", (8, 0))
     speed.set(ylabel="speed [rad/s]")
     current.set(xlabel="time [s]", ylabel="current [A]", xlim=(0, 0.25))
@@ -42,8 +42,8 @@ SECTIONS = (
             Picture(
                 "Step of the speed without a limit, and with one of 1 A",
                 _limit,
-                "The integral follows what the limit lets through, so the limited run does not"
-                " overshoot.",
+                "The integral follows what the limit lets through, so it does not wind up: the"
+                " limited run overshoots less than the other one.",
                 rows=2,
                 height=3.4,
                 shared=True,
