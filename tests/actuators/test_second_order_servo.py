@@ -81,7 +81,7 @@ def test_a_load_deflects_it_by_torque_over_stiffness() -> None:
     assert found["angle"][-1] == pytest.approx(-0.05 / (8e-4 * 25.0**2), rel=1e-9)
 
 
-@settings(max_examples=20, derandomize=True)
+@settings(max_examples=10, derandomize=True)
 @given(
     omega=st.floats(10.0, 50.0),
     zeta=st.floats(0.4, 1.6),
@@ -95,21 +95,22 @@ def test_both_limits_are_those_of_another_solver(
     """The law of the docstring by ``solve_ivp`` in short pieces, without any regime."""
 
     def law(_: float, x: Array) -> list[float]:
-        drive = float(np.clip(omega / (2.0 * zeta) * (size - x[0]), -fastest, fastest))
-        return [x[1], float(np.clip(2.0 * zeta * omega * (drive - x[1]), -hardest, hardest))]
+        drive = min(max(omega / (2.0 * zeta) * (size - x[0]), -fastest), fastest)
+        return [x[1], min(max(2.0 * zeta * omega * (drive - x[1]), -hardest), hardest)]
 
     times = TIMES[::4]
-    solved = solve_ivp(law, (0.0, times[-1]), [0.0, 0.0], "RK45", times, max_step=2e-4, rtol=1e-9)
+    solved = solve_ivp(law, (0.0, times[-1]), [0.0, 0.0], "RK45", times, max_step=5e-4, rtol=1e-9)
     values = {
         "natural_frequency": omega,
         "damping_ratio": zeta,
         "speed_limit": fastest,
         "acceleration_limit": hardest,
         "transport_delay.time": 0.0,
+        "internal_step": 1e-4,  # where a limit is met is not located within a step
     }
     found = simulate(model("second_order_servo", "bus", values), times, {"goal": size})
-    np.testing.assert_allclose(found["angle"], solved.y[0], atol=2e-5)
-    np.testing.assert_allclose(found["rate"], solved.y[1], atol=2e-4 * fastest + 2e-3)
+    np.testing.assert_allclose(found["angle"], solved.y[0], atol=1e-5)
+    np.testing.assert_allclose(found["rate"], solved.y[1], atol=1e-3)
 
 
 def test_the_reference_with_limits_out_of_reach_is_the_linear_one() -> None:
