@@ -32,11 +32,11 @@ def motion_profile(
     elapsed: float,
     velocity: Annotated[
         float,
-        Param("signal/s", "largest velocity, 0 for none", high=1e4, switch=True, typical=3.0),
+        Param("signal/{time}", "largest velocity, 0 for none", high=1e4, switch=True, typical=3.0),
     ],
     acceleration_time: Annotated[
         float,
-        Param("s", "time up to the largest velocity, and back to 0", high=10.0, display="ms"),
+        Param("{time}", "time up to the largest velocity, and back to 0", high=10.0, display="ms"),
     ],
     position: Annotated[float, Memory("rest")],
     speed: Annotated[float, Memory()],

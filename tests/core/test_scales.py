@@ -28,6 +28,8 @@ CATALOGUE = {
     ("coasting_backlash", "half_width"): ("rad", 0.0, 0.2, 0.01),
 }
 """What the effects' files held in SI before their bounds were fractions of full scales."""
+BEFORE = ("sg90", "torque_motor", "linear_drive", "smart_servo")
+"""Actuators that there were then; later ones follow their own scales."""
 PRODUCTS = {
     ("torque_motor", "transport_delay.time"): ("s", 0.0, 0.02, 0.0011),
     ("torque_motor", "sample_hold.period"): ("s", 0.0, 0.02, 0.001),
@@ -52,6 +54,8 @@ def test_the_bounds_of_the_catalogue_are_those_before() -> None:
     compared = set()
     for product in all_actuators().values():
         name = product.name.removesuffix("_torque")
+        if name not in BEFORE:
+            continue
         for variant in product.variants:
             plant = product.plant_of(variant.name)
             for effect_name, placements in plant.placements.items():
