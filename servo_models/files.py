@@ -9,11 +9,13 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
+import glob
 import hashlib
 import json
 import math
 import os
 import platform
+import re
 import shutil
 import stat
 import sys
@@ -78,6 +80,27 @@ def read_regular(path: Path, largest: int | None = None) -> bytes:
         ) from error
     except ValueError as error:  # a NUL in the name
         raise UserError(f"cannot read '{path}': {error}; correct the name") from error
+
+
+def matching(folder: Path, pattern: str) -> list[Path]:
+    """Return the files that a pattern names as seen from a folder, in natural order.
+
+    ``*``, ``?`` and ``[...]`` stand for parts of a name, ``**`` for folders; ``run_2`` is before
+    ``run_10``.  A file of that very name is the only one.
+    """
+    try:
+        if (folder / pattern).is_file():
+            return [folder / pattern]
+        names = glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True)
+        return sorted(filter(Path.is_file, map(Path, names)), key=_natural)
+    except (OSError, ValueError):  # a text that is no name at all
+        return []
+
+
+def _natural(path: Path) -> tuple[list[str | int], str]:
+    """Digits of a name as numbers, which stand between texts."""
+    parts = re.split(r"([0-9]+)", path.as_posix())
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.as_posix()
 
 
 def check_size(path: Path, size: float, most: int | None = None) -> None:

@@ -25,6 +25,7 @@ MODELS = {
     "measured": ("torque_motor", "measured"),
     "linear_drive": ("linear_drive", None),
     "smart_servo": ("smart_servo", None),
+    "second_order_servo": ("second_order_servo", None),
     "sg90_torque": ("sg90_torque", None),
     "torque_motor_torque": ("torque_motor_torque", None),
 }

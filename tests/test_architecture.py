@@ -33,9 +33,12 @@ LONGEST_CHAIN = 10
 CROWDED = {"effects"}
 """Folders of as many modules as there are things of their kind."""
 
+TEMPLATE = ROOT / "servo_models/actuators/my_servo.py"
+"""What ``new actuator`` writes: a user's file, which imports what users import."""
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 SOURCES = sorted(
-    [*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/**/*.py"), ROOT / "build_fmu.py"]
+    {*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/**/*.py"), ROOT / "build_fmu.py"}
+    - {TEMPLATE}
 )
 
 

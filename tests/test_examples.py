@@ -189,9 +189,26 @@ def test_a_sweep_and_a_step_give_the_motor(copy: Copy, run: Run) -> None:
     assert max(map(abs, off.values())) < ERRORS
 
 
+@pytest.mark.thorough
+def test_what_each_own_plant_lacks_is_named(copy: Copy, run: Run) -> None:
+    """With the value that the script beside it has."""
+    folder = copy("own_plants")
+    assert len(follow(page(folder), run, doubted="diagnose")) == 3
+
+
+def test_the_own_servo_is_the_one_that_is_written(tmp_path: Path, run: Run) -> None:
+    assert run("new", "actuator", tmp_path / "servo.py")[0] == 0
+    written = (tmp_path / "servo.py").read_text(encoding="utf-8")
+    assert (EXAMPLES / "own_plants" / "servo.py").read_text(encoding="utf-8") == written
+
+
 @pytest.mark.parametrize(
     ("example", "maker", "digit"),
-    [("two_csv_files", "make_logs", 0.11), ("torque_motor", "make_data", 1.1e-4)],
+    [
+        ("two_csv_files", "make_logs", 0.11),
+        ("torque_motor", "make_data", 1.1e-4),
+        ("own_plants", "make_logs", 1.1e-3),
+    ],
 )
 def test_scripts_make_the_files_beside_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, example: str, maker: str, digit: float

@@ -23,6 +23,7 @@ from servo_models.cli.explain import explain
 from servo_models.cli.figures import figures
 from servo_models.cli.identify import identify
 from servo_models.cli.list_ import list_
+from servo_models.cli.new import new
 from servo_models.cli.simulate import simulate
 from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
@@ -80,6 +81,7 @@ def _options(
 
 app.command(name="list")(list_)
 app.command()(explain)
+app.command()(new)
 app.command()(simulate)
 app.command()(figures)
 app.command()(check)

@@ -39,6 +39,8 @@ from typing import Any, Literal
 
 SIGNAL = "signal"
 """Unit of a parameter that takes the unit and the scale of the wire it acts on."""
+TIME = "time"
+"""``{time}`` in a unit is the plant's full scale of time."""
 
 RESERVED = ("now", "due", "elapsed", "input_age")
 START = "start_"
@@ -49,7 +51,8 @@ LIMITS_OVER_TYPICAL = (
 )  # fmt: skip
 """Trial values of a limit, which acts below the largest value that occurs, or not at all."""
 
-_OF_SIGNAL = re.compile(rf"{SIGNAL}([./]\w+)?|1/{SIGNAL}")
+_SCALE = rf"(?:{SIGNAL}|\{{\w+\}}\d?)"
+_OF_SCALES = re.compile(rf"{_SCALE}(?:[./](?:{_SCALE}|\w+))?|1/{_SCALE}")
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 
 
@@ -59,7 +62,9 @@ class Param:
 
     With unit ``"signal"`` the parameter has the unit of the wire acted on, and ``low``,
     ``high`` and ``typical`` are fractions of that wire's full scale; ``"signal/s"`` is
-    such a rate and ``"1/signal"`` its inverse, a fraction of the inverse of full scale.
+    such a rate and ``"1/signal"`` its inverse, a fraction of the inverse of full scale.  Other
+    full scales stand in braces: those of wires by the argument's name, as in
+    ``"{shaft_angle}/{load}"`` or ``"1/{spring_angle}2"``, and ``{time}`` of the plant.
 
     Attributes:
         unit: SI unit, e.g. ``"N.m/rad"``; ``"1"`` for a pure number.
@@ -72,7 +77,7 @@ class Param:
         fixed: cannot be changed once a run has begun.
 
     Raises:
-        ValueError: a unit with ``signal`` whose scale is not clear.
+        ValueError: a unit with ``signal`` or braces whose scale is not clear.
     """
 
     unit: str
@@ -86,11 +91,16 @@ class Param:
     fixed: bool = False
 
     def __post_init__(self) -> None:
-        if SIGNAL in self.unit and not _OF_SIGNAL.fullmatch(self.unit):
+        if self.is_scaled and not _OF_SCALES.fullmatch(self.unit):
             raise ValueError(
                 f"parameter with unit '{self.unit}' ({self.about}): write 'signal', 'signal/s' or"
-                " '1/signal'"
+                " '1/signal', or other full scales in braces, such as '{shaft_angle}/{load}'"
             )
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether its bounds are fractions of full scales."""
+        return SIGNAL in self.unit or "{" in self.unit
 
 
 @dataclass(frozen=True)
@@ -354,7 +364,7 @@ def block(*gives: str, source: str = "") -> Callable[[Function], Block]:
     def decorate(function: Function) -> Block:
         made = _parse(function, gives=gives or (function.__name__,), source=source)
         for name, param in made.params.items():
-            if SIGNAL in param.unit:
+            if param.is_scaled:
                 raise ValueError(
                     f"parameter '{name}' of block '{made.name}' has the unit '{param.unit}': only"
                     " an effect acts on a signal, give a unit of its own"

@@ -6,7 +6,6 @@ import functools
 import importlib
 import pkgutil
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -85,11 +84,7 @@ def effects_on(
             name,
             effect,
             *((wire,) if isinstance(wire, str) else wire),
-            params={
-                key: replace(effect.params[key], **changed)
-                for key, changed in changes.items()
-                if key in effect.params
-            },
+            params={key: change for key, change in changes.items() if key in effect.params},
         )
         for name, effect in found.items()
     )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-from servo_models.core.block import RESERVED, SIGNAL, Block, Param, check_name
+from servo_models.core.block import RESERVED, SIGNAL, TIME, Block, Param, check_name
 from servo_models.core.bounds import outside
 from servo_models.core.flat import owned
 from servo_models.errors import UserError, did_you_mean
@@ -18,6 +20,10 @@ TIME_AXIS = "time"
 """What tables and FMI masters call their first column."""
 _DEVICE = re.compile(r"con|prn|aux|nul|com\d|lpt\d")
 """Names that Windows keeps for devices, whatever the suffix."""
+
+
+_SCALE = re.compile(rf"(?:{SIGNAL}|\{{(\w+)\}})(\d?)")
+"""A full scale in a unit: of the main wire, or of an argument, with its exponent."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +121,7 @@ def place(
     effect: Block,
     /,  # an effect may have arguments of these names
     *on: str,
-    params: Mapping[str, Param] | None = None,
+    params: Mapping[str, Param | Mapping[str, Any]] | None = None,
     **reads: str,
 ) -> Placement:
     """Say on which wires an effect acts, and where it stands in a chain.
@@ -128,8 +134,9 @@ def place(
         effect: from ``servo_models.effects`` or made by ``block.effect``.
         on: the wires that it rewrites, as many and in the order of its ``acts_on``.  The plant
             declares them: a unit ``"signal"`` becomes theirs.
-        params: in place of the effect's own, by key: whole ``Param``; with the unit ``"signal"``
-            its bounds and typical value are fractions of the wire's full scale, else SI.
+        params: in place of the effect's own, by key: whole ``Param``, or the fields that are
+            others; with the unit ``"signal"`` its bounds and typical value are fractions of the
+            wire's full scale, else SI.
         reads: wires for its other arguments; one that is not named reads the wire, or the
             parameter of the plant, that is called like it.
 
@@ -144,7 +151,12 @@ def place(
     """
     if len(on) != len(effect.acts_on):
         raise ValueError(f"'{name}': {effect.name} acts on {effect.acts_on}, given {on}")
-    return Placement(name, effect, on, reads, params or {})
+    absent = Param("1", "of a key that Placement refuses")
+    whole = {
+        key: param if isinstance(param, Param) else replace(effect.params.get(key, absent), **param)
+        for key, param in (params or {}).items()
+    }
+    return Placement(name, effect, on, reads, whole)
 
 
 @dataclass(frozen=True)
@@ -192,6 +204,8 @@ class Plant:
             first is the one that pictures and figures are about.
         constants: parameters of the plant that no block's signature declares; one of them is
             ``internal_step``, see there.
+        time_scale: full scale of time [s], about as long as a step takes to settle: bounds and
+            trial values of delays, lags, frames and rate limits are fractions of it.
         terminals: inputs and outputs by what hosts of FMI 3.0 connect them to as one, such as
             ``shaft`` and ``supply``; the main input alone is ``command``, unless that is given.
 
@@ -208,8 +222,11 @@ class Plant:
     projection: Block | None = None
     constants: Mapping[str, Param] = field(default_factory=dict)
     terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    time_scale: float = 1.0
 
     def __post_init__(self) -> None:
+        if not 0.0 < self.time_scale < math.inf:
+            raise ValueError(f"time_scale = {self.time_scale}: give seconds, more than 0")
         for name in self.constants:
             check_name(name, f"parameter '{name}'")
         for wire in (*self.inputs, *self.wires, *(state.wire for state in self.states)):
@@ -264,7 +281,7 @@ class Plant:
             if isinstance(link, Placement):
                 for key, param in link.effect.params.items():
                     name = f"{link.name}.{key}"
-                    known = self._on_wire(link.params.get(key, param), link.on[0])
+                    known = self._in_si(name, link.params.get(key, param), link)
                     found.setdefault(name, Parameter(name, known, owner=link.name))
             else:
                 for key, param in link.params.items():
@@ -314,19 +331,21 @@ class Plant:
 
         return equations(self) == equations(other)
 
-    def _on_wire(self, param: Param, wire_name: str) -> Param:
-        if SIGNAL not in param.unit:
+    def _in_si(self, name: str, param: Param, link: Placement) -> Param:
+        """Return a parameter whose bounds are fractions of full scales with its bounds in SI."""
+        if not param.is_scaled:
             return param
-        if wire_name not in self.wire:
-            raise ValueError(unknown("wire", wire_name, self.wire))
-        wire = self.wire[wire_name]
-        if param.unit == f"1/{SIGNAL}":
-            compound = "." in wire.unit or "/" in wire.unit
-            unit = f"1/({wire.unit})" if compound else f"1/{wire.unit}"
-            scale, display = 1.0 / wire.scale, None
-        else:
-            scale, unit = wire.scale, param.unit.replace(SIGNAL, wire.unit)
-            display = wire.display and param.unit.replace(SIGNAL, wire.display)
+        scale, unit, display = 1.0, param.unit, param.unit
+        for match in _SCALE.finditer(param.unit):
+            wire, power = self._counted_in(name, match[1], link), int(match[2] or 1)
+            full, is_below = wire.scale**power, "/" in param.unit[: match.start()]
+            scale = scale / full if is_below else scale * full
+            is_compound = "." in wire.unit or "/" in wire.unit
+            own = ".".join([wire.unit] * power) if is_compound else f"{wire.unit}{match[2]}"
+            own = f"({own})" if is_compound and is_below else own
+            unit = unit.replace(match[0], own)
+            display = display.replace(match[0], wire.display or own)
+        follows = param.unit.startswith(SIGNAL) and self.wire[link.on[0]].display
         return replace(
             param,
             unit=unit,
@@ -334,8 +353,23 @@ class Plant:
             high=param.high * scale,
             default=param.default * scale,
             typical=param.typical * scale,
-            display=param.display or display,
+            display=param.display or (display if follows else None),
         )
+
+    def _counted_in(self, name: str, argument: str | None, link: Placement) -> Wire:
+        """Return the wire whose full scale is meant: an argument's, None for the main wire."""
+        if argument == TIME:
+            return Wire(TIME, "s", "full scale of time", self.time_scale)
+        reading = (one for one in self.placements[link.name] if argument in one.effect.wires)
+        on = next((one.wire_of(str(argument)) for one in reading), argument) or link.on[0]
+        if argument and on not in self.wire:
+            raise ValueError(
+                f"bounds of '{name}' are fractions of the full scale of '{on}', which is no Wire:"
+                " declare it, or give other bounds by params"
+            )
+        if on not in self.wire:
+            raise ValueError(unknown("wire", on, self.wire))
+        return self.wire[on]
 
 
 @dataclass(frozen=True)
@@ -405,6 +439,8 @@ class Actuator:
         step: name of the main input, its value [SI] in the standard step, to which it goes from
             its ``rest``.
         grey_box: how its constants follow from a transfer function, where somebody solved that.
+        general: it stands for a kind of actuator, not for one that is made: ``check --init``
+            proposes it only where no other fits.
         file: that defines it, None for one of the catalogue.
 
     Raises:
@@ -424,15 +460,11 @@ class Actuator:
     step: tuple[str, float]
     picture: str = ""
     grey_box: GreyBox | None = None
+    general: bool = False
     file: Path | None = None
 
     def __post_init__(self) -> None:
-        check_name(self.name, f"actuator '{self.name}'")
-        if _DEVICE.fullmatch(self.name.lower()):
-            raise ValueError(
-                f"actuator '{self.name}' has the name of a device, by which Windows lets no file be"
-                " called, so no FMU either: give it another one"
-            )
+        check_actuator_name(self.name)
         if not self.variants:
             raise ValueError(f"actuator '{self.name}' has no variant: give it one")
         known_to_box = self.grey_box.known if self.grey_box else ()
@@ -487,6 +519,16 @@ class Actuator:
         for name, value in chosen.items():
             check_bounds(parameters[name], value)
         return chosen
+
+
+def check_actuator_name(name: str) -> None:
+    """Raise ValueError unless an actuator, its FMU and its file can have this name."""
+    check_name(name, f"actuator '{name}'")
+    if _DEVICE.fullmatch(name.lower()):
+        raise ValueError(
+            f"actuator '{name}' has the name of a device, by which Windows lets no file be"
+            " called, so no FMU either: give it another one"
+        )
 
 
 def check_bounds(parameter: Parameter, value: float) -> None:

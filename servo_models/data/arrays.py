@@ -13,6 +13,7 @@ from servo_models.core.plant import TIME_AXIS, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.description import Description, described
 from servo_models.data.readers import Columns
+from servo_models.data.readers.columns import column_of
 from servo_models.data.schema import Section
 from servo_models.errors import UserError
 
@@ -152,7 +153,8 @@ def _read(name: str, table: Any) -> Columns:
                     f"log '{name}', column '{header}' has shape {array.shape}: give one of"
                     " shape (n,)"
                 )
-            values = pl.Series(array)
+            objects = array.dtype == np.dtype(object)  # numbers with None among them
+            values = column_of("", array.tolist()) if objects else pl.Series(array)
         cells.append(values.alias(str(header)))
     if not any(map(len, cells)):
         raise UserError(f"log '{name}' has no rows: give a table with some")

@@ -37,7 +37,8 @@ class Audit:
     """What a log is worth.
 
     ``at_rest`` is the share of samples in which nothing moves; ``outliers`` names single readings
-    far from their neighbours, one sentence an output.
+    far from their neighbours, one sentence an output; ``commanded`` is False where neither this log
+    nor those beside it have an input that changes, see ``commands_vary``.
     """
 
     log: Log
@@ -46,6 +47,7 @@ class Audit:
     readings: tuple[Reading, ...]
     at_rest: float
     outliers: tuple[str, ...] = ()
+    commanded: bool = True
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -53,7 +55,7 @@ class Audit:
         return (
             *self.outliers,
             *_about_time(self.sampling),
-            *_about_commands(self.commands),
+            *_about_commands(self.commands, self.commanded),
             *(text for reading in self.readings for text in _about_reading(reading)),
         )
 
@@ -71,8 +73,27 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
 
     A sensor is an output from a column of one name, unit and scale.
     """
-    steps = _steps(logs, plant)
-    return tuple(_audit(log, plant, found) for log, found in zip(logs, steps))
+    steps, commanded = _steps(logs, plant), commands_vary(logs, plant)
+    return tuple(_audit(log, plant, found, commanded) for log, found in zip(logs, steps))
+
+
+def commands_vary(logs: Sequence[Log], plant: Plant) -> bool:
+    """Return whether an input changes, in a log or from one to another, or a log begins in motion.
+
+    A step in the first row of a log that begins at rest is a change.
+    """
+    rest = {wire.name: wire.rest for wire in plant.inputs}
+    begins = [_level(log, rest) for log in logs]
+    moving = any(np.ptp(values) > 0.0 for log in logs for values in log.inputs.values())
+    moving |= any(log.start is not None for log in logs)
+    steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(logs, begins))
+    return moving or steps or any(begin != begins[0] for begin in begins)
+
+
+def _level(log: Log, rest: Mapping[str, float | str]) -> dict[str, float | str]:
+    """Inputs where a log begins."""
+    known = {name: value for name, value in log.constants.items() if name in rest}
+    return {**rest, **known, **{name: float(values[0]) for name, values in log.inputs.items()}}
 
 
 def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
@@ -94,12 +115,12 @@ def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
     return found
 
 
-def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
+def _audit(log: Log, plant: Plant, steps: Mapping[str, Step], commanded: bool) -> Audit:
     clock = _sampling(log)
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
-    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
+    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd, commanded)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
@@ -394,8 +415,8 @@ def _about_time(sampling: Sampling) -> Iterator[str]:
         )
 
 
-def _about_commands(commands: Sequence[Command]) -> Iterator[str]:
-    if not any(command.changes for command in commands):
+def _about_commands(commands: Sequence[Command], commanded: bool) -> Iterator[str]:
+    if not commanded:
         yield "no input ever changes: nothing can be determined; log a moving command"
     for command in commands:
         if command.at_limit > CLIPPED:

@@ -18,6 +18,7 @@ from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
 from servo_models.data.readers import Columns, read_columns
+from servo_models.data.runs import runs
 from servo_models.data.schema import (
     Quantity,
     Section,
@@ -27,7 +28,7 @@ from servo_models.data.schema import (
     read_toml,
     setting,
 )
-from servo_models.data.signals import read_log
+from servo_models.data.signals import read_clock, read_log
 from servo_models.errors import UserError
 
 SIMULATION, TRANSFER_FUNCTION, ELEMENTS = "simulation", "transfer_function", "elements"
@@ -268,10 +269,10 @@ def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tu
     entries = document.sections("logs")
     if not entries and "sweeps" not in document and "elements" not in document:
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
-    read = functools.cache(read_columns)
+    read, clocks = functools.cache(read_columns), functools.cache(read_clock)
     logs: list[Log] = []
-    for entry in entries:
-        log = read_log(entry, chosen, read, tables)
+    for entry in (run for section in entries for run in runs(section, tables)):
+        log = read_log(entry, chosen, read, clocks, tables)
         if log.name in (other.name for other in logs):
             entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
         logs.append(log)

@@ -116,36 +116,15 @@ class Log:
         return mask if self.skipped is None else mask & ~self.skipped
 
 
-ROUNDING = 1e-3
-"""Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
-that ticks evenly."""
-
-
-def regular(times: Array) -> Array:
-    """Return times on the regular grid that they only miss by rounding; others as they are.
-
-    Time stamps of a few digits would shift samples against the clocks of a model, and a
-    digital loop that misses a tick now and then is another loop.  The step is the shortest
-    decimal number that fits.
-    """
-    n = len(times)
-    count = np.arange(n)
-    step = (times[-1] - times[0]) / (n - 1)
-    tolerance = ROUNDING * step
-    if np.abs(times - times[0] - step * count).max() > tolerance:
-        return times
-    for digits in range(2, 16):
-        short = float(f"{step:.{digits - 1}e}")
-        if np.abs(times - times[0] - short * count).max() <= tolerance:
-            return np.asarray(times[0] + short * count)
-    return times
-
-
 def hashes(logs: Iterable[Log]) -> dict[str, str]:
-    """Return the SHA-256 of each log's file by name, with its folder where names repeat."""
+    """Return the SHA-256 of each log's file by name, with its folders where names repeat."""
     files = {log.path: log.sha256 for log in logs}
-    names = [path.name for path in files]
-    return {
-        path.name if names.count(path.name) == 1 else f"{path.parent.name}/{path.name}": digest
-        for path, digest in files.items()
-    }
+    return {_told_apart(path, files): digest for path, digest in files.items()}
+
+
+def _told_apart(path: Path, paths: Iterable[Path]) -> str:
+    """The last parts of a path, as many as no other of the paths ends in."""
+    for count in range(1, len(path.parts)):
+        if sum(other.parts[-count:] == path.parts[-count:] for other in paths) == 1:
+            return "/".join(path.parts[-count:])
+    return path.as_posix()

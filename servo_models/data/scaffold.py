@@ -19,6 +19,7 @@ from servo_models.core.own_actuator import key_from
 from servo_models.core.plant import Actuator, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.clock import dithered
 from servo_models.data.readers import Columns, read_columns
 from servo_models.data.sensor import difference_noise
 from servo_models.errors import UserError, printable
@@ -95,20 +96,30 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
 
     Args:
         path: the file, of any format that can be read.
-        actuator: name of what made it; None chooses the one that the columns fit best.
+        actuator: name of what made it; None chooses the one that the columns fit best, a general
+            one only where they fit no other.
 
     Raises:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
             columns that fit several equally well.
     """
     columns, left_out = _columns_of(path)
-    asked = [find_actuator(actuator)] if actuator else list(actuators().values())
-    drafts = [_draft(path, columns, candidate, bool(actuator)) for candidate in asked]
+    if actuator:
+        drafts = [_draft(path, columns, find_actuator(actuator), given=True)]
+    else:
+        drafts = _rivals(path, columns)
     best = max(drafts, key=_score)
     if [_score(made) for made in drafts].count(_score(best)) > 1:
-        names = ", ".join(candidate.name for candidate in asked)
+        names = ", ".join(actuators())
         raise UserError(f"'{path}' does not tell what made it: give --actuator, one of {names}")
     return replace(best, left_out=tuple(left_out))
+
+
+def _rivals(path: Path, columns: Sequence[Column]) -> list[Draft]:
+    """The drafts of all actuators that are not general; of the general ones if none fits."""
+    every = [_draft(path, columns, found, given=False) for found in actuators().values()]
+    specific = [made for made in every if not made.actuator.general]
+    return specific if any(map(_score, specific)) else every
 
 
 def _score(made: Draft) -> float:
@@ -129,12 +140,13 @@ def _draft_on(
     time = _time_of(own)
     times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
     stamps = [found[0] for found in times if found]
-    rest = [c for c in columns if c.moves and c not in stamps]
+    numbers = [c for c in columns if not (c.dates or c.counts or c in stamps)]
     found = tuple(
         match
-        for match in _matches(rest, actuator)
+        for match in _matches([c for c in numbers if c.moves], actuator)
         if match.column.table == table or match.wire in actuator.plant.inputs
     )
+    found += tuple(_constant_inputs(numbers, actuator, [match.wire for match in found]))
     used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
     unused = tuple(column for column in columns if id(column) not in used)
     return Draft(path, actuator, given, time, found, unused)
@@ -152,9 +164,14 @@ def write_draft(made: Draft, path: Path) -> None:
 
 
 def _lines(made: Draft, folder: Path) -> Iterator[str]:
-    others = ", ".join(name for name in actuators() if name != made.actuator.name)
+    others = sorted(actuators().values(), key=lambda other: (other.general, other.name))
+    named = ", ".join(
+        f"{other.name} (general)" if other.general else other.name
+        for other in others
+        if other.name != made.actuator.name
+    )
     yield "# First description of a log. Lines marked 'guessed' are to be checked."
-    doubt = "" if made.given else f"  {CHECK}; there are also {others}"
+    doubt = "" if made.given else f"  {CHECK}; there are also {named}"
     yield f"actuator = {_quoted(key_from(made.actuator, folder))}{doubt}"
     yield f"# variant = {_quoted(made.actuator.default_variant)}  # others: servo-models list"
     yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'
@@ -176,9 +193,12 @@ def _time_lines(made: Draft) -> Iterator[str]:
         yield '# time = { column = "...", unit = "s" }'
         return
     column, unit = made.time
-    repeats = ', repeats = "drop"' if (np.diff(column.values) == 0.0).any() else ""
+    again = bool((np.diff(column.values) == 0.0).any())
+    even = again and dithered(column.values, factor(unit, "s")) is not None
+    repeats = ', repeats = "drop"' if again and not even else ""
     doubt = f"  {CHECK}: the unit" if column.unit != unit else ""
-    yield f"time = {{ column = {_quoted(column.key)}, unit = {_quoted(unit)}{repeats} }}{doubt}"
+    written = "" if column.dates else f", unit = {_quoted(unit)}"
+    yield f"time = {{ column = {_quoted(column.key)}{written}{repeats} }}{doubt}"
 
 
 def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
@@ -259,8 +279,9 @@ def _quoted(value: str | int) -> str:
 
 TIME = {"t", "time", "times", "timestamp", "stamp", "zeit", "temps", "clock"}
 COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", "setpoint"}
-COMMAND |= {"desired", "sp", "demand", "soll", "u", "input"}
+COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
+MEASURED |= {"observation", "observed"}
 QUANTITIES = {
     "angle theta phi position pos horn tilt": "rad",
     "rate speed velocity vel omega gyro gyr": "rad/s",
@@ -272,6 +293,7 @@ QUANTITIES = {
     "position pos displacement stroke": "m",
 }
 """Words that tell a quantity, and its SI unit."""
+KNOWN = {word for text in QUANTITIES for word in text.split()}
 SIDE_SCORE = 4.0
 """Score from which a column is taken for another input than the command."""
 NEAR_REST = 1.2
@@ -335,16 +357,29 @@ def _matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
     return _chosen(columns, actuator, command, blind=True)
 
 
+def _constant_inputs(
+    columns: Sequence[Column], actuator: Actuator, matched: Sequence[Wire]
+) -> Iterator[Match]:
+    """Inputs that are the same in the whole log, from columns that are called like them."""
+    for wire in actuator.plant.inputs:
+        same = [c for c in columns if not c.moves and "_".join(c.words) == wire.name]
+        match = _match(wire, same[0], False, False, command=False) if same else None
+        if match and match.converts and match.score and wire not in matched:
+            yield match
+
+
 def _why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
     """Say why a column is taken for no signal."""
     if not column.moves:
         return "constant"
+    if column.counts:
+        return "it counts the rows"
     if not _tells(column):
         return "the name does not tell what it is"
-    plant, main = actuator.plant, actuator.step[0]
+    plant, mains = actuator.plant, (actuator.step[0], actuator.plant.outputs[0])
     best = max(
         (
-            _match(plant.wire[name], column, name in plant.outputs, name == main, command=False)
+            _match(plant.wire[name], column, name in plant.outputs, name in mains, command=False)
             for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
         ),
         key=lambda match: match.score,
@@ -359,8 +394,9 @@ def _chosen(
     columns: Sequence[Column], actuator: Actuator, command: Column | None, blind: bool
 ) -> list[Match]:
     plant, main = actuator.plant, actuator.step[0]
+    mains = (main, plant.outputs[0])
     offered = [
-        _match(plant.wire[name], column, name in plant.outputs, name == main, column is command)
+        _match(plant.wire[name], column, name in plant.outputs, name in mains, column is command)
         for column in columns
         if blind or _tells(column)
         for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
@@ -376,7 +412,8 @@ def _chosen(
 
 
 def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) -> Match:
-    """How well a column fits a wire; ``command`` if its numbers are those of a command."""
+    """How well a column fits a wire, the ``main`` input or output or another; ``command`` if its
+    numbers are those of a command."""
     words, own = set(column.words), set(wire.name.split("_"))
     told = column.unit is not None and _dimension(column.unit) == _dimension(wire.unit)
     unit = column.unit or _likely_unit(wire, column)
@@ -386,18 +423,18 @@ def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) 
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
     if output:
         score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column))
+        score += LEAST_SCORE * (main and is_measured and not words & KNOWN)
     else:
         score += 3.0 * (main and is_command) - 1.5 * is_measured
     if not converts:
-        score = LEAST_SCORE if main and is_command else 0.0
+        score = LEAST_SCORE if main and is_command and not output else 0.0
         unit = column.unit or "deg"
     return Match(wire, column, unit, told, converts, 0.0 if wire.flag else score)
 
 
 def _tells(column: Column) -> bool:
     """Return whether the name of a column says anything about what is in it."""
-    known = {word for text in QUANTITIES for word in text.split()} | COMMAND | MEASURED
-    return column.unit is not None or bool(known & set(column.words))
+    return column.unit is not None or bool((KNOWN | COMMAND | MEASURED) & set(column.words))
 
 
 def _dimension(unit: str) -> dict[str, int]:
@@ -492,6 +529,7 @@ class Column:
         words: of its name, in lower case, without the unit.
         unit: as the name tells it, None where it does not.
         values: shape (n,).
+        dates: they were dates and times, which are no signal.
     """
 
     key: str | int
@@ -499,6 +537,7 @@ class Column:
     words: tuple[str, ...]
     unit: str | None
     values: Array
+    dates: bool = False
 
     @cached_property
     def rising(self) -> bool:
@@ -509,6 +548,11 @@ class Column:
     @property
     def moves(self) -> bool:
         return bool(np.ptp(self.values))
+
+    @cached_property
+    def counts(self) -> bool:
+        """Whether it is one more in each row."""
+        return len(self.values) > 1 and bool(np.all(np.diff(self.values) == 1.0))
 
 
 @dataclass(frozen=True)
@@ -552,15 +596,17 @@ def _tables(path: Path) -> Iterator[tuple[str | None, Columns]]:
     """Tables of a file; where it has several, their columns are called ``table.column``."""
     every = read_columns(path)
     tables: dict[str, Columns] = {}
+    refused: set[str] = set()
     for name in every.names:
         if any(name.startswith(f"{table}.") for table in tables):
             continue
-        for dot in re.finditer(r"\.", name):
+        prefixes = (name[: dot.start()] for dot in re.finditer(r"\.", name))
+        for prefix in (prefix for prefix in prefixes if prefix not in refused):
             try:
-                tables[name[: dot.start()]] = read_columns(path, name[: dot.start()])
+                tables[prefix] = read_columns(path, prefix)
                 break
             except UserError:
-                continue
+                refused.add(prefix)
     if tables:
         yield from tables.items()
     else:
@@ -571,14 +617,18 @@ def _column(columns: Columns, place: int, table: str | None) -> Column | LeftOut
     name = columns.names[place]
     key = place + 1 if name.isdigit() or columns.names.count(name) > 1 else name
     try:
-        values = columns.numbers(key)
+        begin = columns.begin(key)
+        dates = columns.dates(key, slice(begin, None))
+        values = columns.numbers(key, slice(begin, None)) if dates is None else dates
     except UserError as error:
         return LeftOut(key, table, str(error), _is_mostly_numbers(columns, place))
     if not len(values):
         return LeftOut(key, table, f"{columns.where(key)} has no rows: record it again", False)
+    values = np.concatenate([np.full(begin, values[0]), values])
     words, unit = heading(name)
+    unit = unit if dates is None else "s"
     own = () if isinstance(key, int) and name.isdigit() else words
-    return Column(key, table, own, unit, values)
+    return Column(key, table, own, unit, values, dates is not None)
 
 
 def _is_mostly_numbers(columns: Columns, place: int) -> bool:

@@ -45,7 +45,7 @@ import numpy as np
 from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Parameter, Wire, unknown
 from servo_models.errors import UserError, did_you_mean
-from servo_models.files import read_regular
+from servo_models.files import matching, read_regular
 from servo_models.units import parse
 
 if sys.version_info >= (3, 11):
@@ -261,14 +261,13 @@ def _check_values(document: Section, content: Any, names: tuple[str, ...] = ()) 
 def named_files(path: Path) -> list[Path]:
     """Return a TOML file and the files that any text in it names; none where it cannot be read.
 
-    Names are relative to its folder.
+    Names and patterns are relative to its folder.
     """
     try:
         content = read_toml(path).content
     except UserError:
         return []
-    named = [path.parent / text for text in _texts(content)]
-    return [path, *(file for file in named if _is_file(file))]
+    return [path, *(file for text in _texts(content) for file in matching(path.parent, text))]
 
 
 def _texts(content: Any) -> Iterator[str]:
@@ -278,13 +277,6 @@ def _texts(content: Any) -> Iterator[str]:
     elif isinstance(content, Mapping | list):
         for part in content.values() if isinstance(content, Mapping) else content:
             yield from _texts(part)
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # a text that is no name at all
-        return False
 
 
 # Numbers with units, and tables by the names of parameters

@@ -25,6 +25,10 @@ REST_SHARE, REST_PARTS = 0.5, 4
 """Last part of the stretch before such a move that is compared, and in how many pieces."""
 LATE_SAMPLES = 2
 """By which stretches of one command may differ in length: it is sampled late."""
+FAST = 12.0
+"""Speed of a motion, in noise floors a sample."""
+LEVELS = 2
+"""Levels beside the extremes at which a reading rests that sticks."""
 ORDERS = (1, 2, 3)
 DITHERS = 8
 """Draws of dither: its own scatter is then a third of what one draw adds."""
@@ -115,22 +119,50 @@ def clipped_share(values: Array, command: Array, floor: float) -> float:
 
     It stays there for three samples or more, came with a speed of over 12 noise floors a
     sample that would have carried it past, and its command, shape (n, inputs), takes more than one
-    value there; so a shaft that settles is not taken for one that is held.
+    value there; so a shaft that settles is not taken for one that is held.  One that sticks is
+    neither: it rests where its command turns, or at as many other levels while the command moves.
     """
+    stops = _sudden_stops(values, floor)
+    ends = (values.max(), values.min())
+    at_end = {end: [one for one in stops if _alike(values[one[0]], end)] for end in ends}
+    others = [one for one in stops if not any(_alike(values[one[0]], end) for end in ends)]
+    resting = [values[one[0]] for one in others if np.ptp(command[slice(*one)], axis=0).any()]
+    if len(set(resting)) >= LEVELS and len(resting) >= sum(map(len, at_end.values())):
+        return 0.0
     held = np.zeros(len(values), dtype=bool)
-    for sign in (1.0, -1.0):
-        turned = sign * values
-        top = turned.max()
-        at = np.concatenate([[0], (turned >= top - ROUNDED * abs(top)).astype(int), [0]])
-        starts, stops = np.flatnonzero(np.diff(at) == 1), np.flatnonzero(np.diff(at) == -1)
+    for runs in at_end.values():
         there = np.zeros(len(values), dtype=bool)
-        for start, stop in zip(starts, stops):
-            speed = turned[start - 1] - turned[start - 2] if start > 1 else 0.0
-            past = turned[start - 1] + speed > top and speed > 12.0 * floor
-            there[start:stop] = stop - start > 2 and past
+        for start, stop in runs:
+            there[start:stop] = not _turns(command, start, stop)
         if there.any() and np.ptp(command[there], axis=0).any():
             held |= there
     return float(held.mean())
+
+
+def _sudden_stops(values: Array, floor: float) -> list[tuple[int, int]]:
+    """Stretches (start, stop) of three or more equal readings that the speed before passes by."""
+    same = np.abs(np.diff(values)) <= ROUNDED * np.abs(values[1:])
+    edges = np.diff(np.concatenate([[0], same.astype(int), [0]]))
+    found = []
+    for start, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)):
+        speed = values[start - 1] - values[start - 2] if start > 1 else 0.0
+        past = (values[start - 1] + speed - values[start]) * np.sign(speed) > 0.0
+        if last - start >= 2 and past and abs(speed) > FAST * floor:
+            found.append((int(start), int(last) + 1))
+    return found
+
+
+def _alike(value: float, other: float) -> bool:
+    return bool(abs(value - other) <= ROUNDED * abs(other))
+
+
+def _turns(command: Array, start: int, stop: int) -> bool:
+    """Whether every input that changes in a stretch goes back from where it begins: by no more than
+    it had changed in the samples before does it go on."""
+    before = command[start] - command[max(start - LATE_SAMPLES, 0)]
+    on = np.max((command[start:stop] - command[start]) * np.sign(before), axis=0)
+    changing = np.ptp(command[start:stop], axis=0) > 0.0
+    return bool(changing.any() and np.all((on <= np.abs(before))[changing]))
 
 
 def spread_of_repeats(values: Array, command: Array) -> float | None:

@@ -16,7 +16,8 @@ from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Parameter, Wire, unknown
 from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
-from servo_models.data.log import Channel, Log, Start, regular
+from servo_models.data.clock import Grid, dithered, regular
+from servo_models.data.log import Channel, Log, Start
 from servo_models.data.readers import Columns
 from servo_models.data.schema import (
     Column,
@@ -33,6 +34,7 @@ from servo_models.errors import UserError
 from servo_models.units import factor, other_units
 
 Read = Callable[[Path, str | None, bool | None], Columns]
+Clocks = Callable[[Columns, str | int, str, bool], "Clock"]
 
 LEAST_SAMPLES = 16
 LARGEST, LEAST = 1e100, 1e-100
@@ -110,7 +112,7 @@ class LogTable(Table):
 
     Written as::
 
-        file = "log.csv"
+        file = "log.csv"  # or "runs/*.csv"
         name = "steps"
         table = "joint_states"
         header = true
@@ -123,6 +125,7 @@ class LogTable(Table):
         judged = { input = "voltage", after_change = "0.8 s" }
         settle = "0.5 s"
         start = "rest"  # "settled", "fit", or { angle = "3 deg", rate = "10 deg/s" }
+        repeat = [{ file = "a.csv" }, { file = "b.csv", held_out = true }]  # see ``runs``
     """
 
     file: str
@@ -138,18 +141,22 @@ class LogTable(Table):
     judged: Judged | None = None
     settle: Seconds | None = None
     start: Literal["rest", "settled", "fit"] | dict[str, Any] | None = None
+    repeat: list[dict[str, Any]] = []
 
 
 # A log
 
 
-def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, Columns]) -> Log:
+def read_log(
+    section: Section, chosen: Model, read: Read, clocks: Clocks, tables: Mapping[str, Columns]
+) -> Log:
     """Read a log as a description's ``[[logs]]`` says.
 
     Args:
         section: the description of the log.
         chosen: the model of the actuator that made it.
         read: ``readers.read_columns``, which may remember what it has read.
+        clocks: ``read_clock``, which may as well.
         tables: in memory, by the name that stands as their file.
 
     Raises:
@@ -173,10 +180,8 @@ def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, C
     def table(name: str | None) -> Columns:
         return given or read(path, name, entry.header)
 
-    columns = table(main)
-    apart = dict.fromkeys(mapped.table for mapped in inputs.values() if mapped.table != main)
-    others = {name: _read_clock(section, entry.time, table(name), held=True) for name in apart}
-    clock = _cut_window(section, entry.window, _read_clock(section, entry.time, columns))
+    mapped = [*inputs.values(), *outputs.values()]
+    clock, others, notes = _clocks(section, entry, mapped, table, clocks)
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
@@ -194,20 +199,40 @@ def read_log(section: Section, chosen: Model, read: Read, tables: Mapping[str, C
     return Log(
         name=entry.name or path.stem,
         path=path,
-        sha256=columns.sha256,
+        sha256=clock.columns.sha256,
         times=times,
         inputs=fed,
         outputs=measured,
         channels={"time": time} | {n: m.channel for n, m in (inputs | outputs).items()},
-        rows=clock.rows + columns.first_row,
+        rows=clock.rows + clock.columns.first_row,
         held_out=_held_out(section, entry.held_out, clock.since, fed),
         constants=constants,
         settle=_settle(section, entry, chosen, fed, constants, float(times[-1])),
         skipped=_skipped(section, entry.judged, times, fed) if entry.judged else None,
         begin=float(clock.since[0]),
+        notes=tuple(notes),
         start=_start(section, entry.start, chosen),
         assumed=entry.start is None and entry.settle is None,
     )
+
+
+def _clocks(
+    section: Section,
+    entry: LogTable,
+    mapped: Iterable[Mapped],
+    table: Callable[[str | None], Columns],
+    clocks: Clocks,
+) -> tuple[Clock, dict[str | None, Clock], list[str]]:
+    """The rows of a log, those of other tables that it has signals from, and notes on the log's."""
+    main = _time_table(entry)
+    used: dict[str | None, list[str | int]] = {main: []}
+    for one in mapped:
+        used.setdefault(one.table, []).append(one.column)
+    whole = {name: _clock_of(section, entry.time, table(name), clocks) for name in used}
+    clock, late = _with_values(_cut_window(section, entry.window, whole.pop(main)), used[main])
+    others = {name: _with_values(other, used[name])[0] for name, other in whole.items()}
+    clock, even = _ticked(clock)
+    return clock, others, [*late, *even]
 
 
 def _time_table(entry: LogTable) -> str | None:
@@ -216,7 +241,7 @@ def _time_table(entry: LogTable) -> str | None:
     return own or entry.table or None
 
 
-def _begun(clock: _Clock, others: Iterable[_Clock], path: Path) -> _Clock:
+def _begun(clock: Clock, others: Iterable[Clock], path: Path) -> Clock:
     """The clock of a log from where every other table has begun."""
     firsts = (int(np.searchsorted(clock.stamps, other.stamps[0])) for other in others)
     clock = clock.cut(max(firsts, default=0), len(clock.stamps))
@@ -382,7 +407,7 @@ def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -
     return outputs
 
 
-def _input(mapped: Mapped, clock: _Clock, other: _Clock | None, wire: Wire) -> Array:
+def _input(mapped: Mapped, clock: Clock, other: Clock | None, wire: Wire) -> Array:
     """An input in SI at the times of the log; from another table each value is held."""
     if other is None:
         own, held = clock, np.arange(len(clock.rows))
@@ -412,7 +437,7 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     return f": in {units[0]} it would fit" if units else ""
 
 
-def _output(mapped: Mapped, clock: _Clock, wire: Wire) -> Array:
+def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
     values = in_si(mapped, clock.numbers(mapped.column))
     check_size(mapped, clock.columns, clock.rows, values, wire)
     if not wire.flag and np.ptp(values) < LEAST:
@@ -441,7 +466,7 @@ def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Clock:
+class Clock:
     """The rows kept of a table, with their times.
 
     Attributes:
@@ -449,6 +474,8 @@ class _Clock:
         stamps: times of the rows kept as they stand in the file, shape (n,).
         rows: their places in the table, counted from 0, shape (n,).
         begin: time in the file's first row, in ``unit``.
+        grid: the even grid of all rows of the table, None where they are on none.
+        ticks: times of the rows kept on that grid, as ``stamps``.
     """
 
     columns: Columns
@@ -457,6 +484,8 @@ class _Clock:
     stamps: Array
     rows: NDArray[np.int64]
     begin: float
+    grid: Grid | None = None
+    ticks: Array | None = None
 
     @property
     def scale(self) -> float:
@@ -467,9 +496,12 @@ class _Clock:
         """Times since the file's first row [s], shape (n,)."""
         return (self.stamps - self.begin) * self.scale
 
-    def cut(self, first: int, last: int) -> _Clock:
+    def cut(self, first: int, last: int) -> Clock:
         """Keep rows ``first`` to ``last`` - 1 of the ones kept."""
-        return replace(self, stamps=self.stamps[first:last], rows=self.rows[first:last])
+        ticks = None if self.ticks is None else self.ticks[first:last]
+        return replace(
+            self, stamps=self.stamps[first:last], rows=self.rows[first:last], ticks=ticks
+        )
 
     def numbers(self, column: str | int) -> Array:
         """Return a column of the table in the rows kept, shape (n,).
@@ -488,34 +520,89 @@ class _Clock:
         return found[self.rows - first]
 
 
-def _read_clock(
-    section: Section, given: str | int | Time, columns: Columns, held: bool = False
-) -> _Clock:
-    """The times of a table, from the column ``given`` in the description of a log.
+def read_clock(columns: Columns, column: str | int, unit: str, drop: bool) -> Clock:
+    """Read the times of all rows of a table, from its column ``column`` in ``unit``.
 
-    Where the values of the table are ``held``, a time may repeat: the last row counts.
+    Args:
+        drop: leave out rows with the time of the row before.
+
+    Raises:
+        UserError: a cell that is empty or no time, or times that run backward.
     """
+    first, scale = columns.begin(column), factor(unit, "s")
+    stamps = columns.dates(column, slice(first, None))
+    if stamps is None:
+        stamps = columns.numbers(column, slice(first, None))
+    if not len(stamps):
+        raise UserError(f"{columns.where(column)} has no rows: name another column")
+    columns.check_order(column, scale * stamps, first)
+    kept = np.flatnonzero(np.diff(stamps, prepend=-np.inf)) if drop else np.arange(len(stamps))
+    clock = Clock(columns, column, unit, stamps[kept], first + kept, float(stamps[0]))
+    return _on_grid(clock)
+
+
+def _on_grid(clock: Clock) -> Clock:
+    """The clock with the even grid that its stamps lie on, if they do; it begins as they do."""
+    grid = dithered(clock.stamps, clock.scale)
+    if grid is None:
+        return clock
+    ticks = clock.stamps[0] + (grid.times - grid.times[0]) / clock.scale
+    return replace(clock, grid=grid, ticks=ticks)
+
+
+def _clock_of(section: Section, given: str | int | Time, columns: Columns, read: Clocks) -> Clock:
+    """The times of a table as the description of a log says."""
     time = given if isinstance(given, Time) else Time(column=given)
     try:
-        scale = factor(time.unit, "s")
+        factor(time.unit, "s")
     except UserError as error:
         section.fail("time.unit", error)
-    stamps = columns.numbers(time.column)
-    if not len(stamps):
-        raise UserError(f"{columns.where(time.column)} has no rows: name another column")
-    columns.check_order(time.column, scale * stamps)
-    again = np.diff(stamps, prepend=-np.inf) == 0.0
-    if again.any() and not (held or time.repeats):
-        row = int(np.argmax(again))
+    first = columns.begin(time.column)
+    if time.unit != "s" and columns.dates(time.column, slice(first, first + 1)) is not None:
+        section.fail("time.unit", "the column holds dates and times; leave out the unit")
+    return read(columns, time.column, time.unit, bool(time.repeats))
+
+
+def _with_values(clock: Clock, columns: Iterable[str | int]) -> tuple[Clock, list[str]]:
+    """The clock from where each of these columns of its table has a first value, and a note."""
+    table, first = clock.columns, int(clock.rows[0])
+    begins = {column: table.begin(column, first) for column in columns}
+    latest = max(begins, key=begins.__getitem__, default=clock.column)
+    begin = begins.get(latest, first)
+    if begin == first:
+        return clock, []
+    kept = clock.cut(int(np.searchsorted(clock.rows, begin)), len(clock.rows))
+    rows = f"rows {first + table.first_row} to {begin - 1 + table.first_row} are"
+    one = f"row {first + table.first_row} is"
+    return kept, [
+        f"{rows if begin > first + 1 else one} left out, since column"
+        f" '{table.names[table.index(latest)]}' has no value there yet"
+    ]
+
+
+def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
+    """The clock with a time for each row, on the grid that rounded stamps lie on, and a note.
+
+    Raises:
+        UserError: a time that repeats otherwise.
+    """
+    again = np.diff(clock.stamps, prepend=-np.inf) == 0.0
+    if clock.grid is None and again.any():
+        clock = _on_grid(clock)  # its rows may lie on one, and not those outside of the window
+    if clock.grid is not None and clock.ticks is not None:
+        return replace(clock, stamps=clock.ticks), [clock.grid.note]
+    if again.any():
+        at = int(np.argmax(again))
+        column, row = clock.column, int(clock.rows[at])
+        time = clock.columns.time_text(column, row, clock.scale * float(clock.stamps[at]))
         raise UserError(
-            f"{columns.where(time.column, row)}: time {scale * stamps[row]:.9g} s repeats; remove"
-            ' the row or set time.repeats = "drop"'
+            f"{clock.columns.where(column, row)}: time {time} repeats, and the stamps are no even"
+            ' clock, rounded; remove the row or set time.repeats = "drop"'
         )
-    rows = np.arange(len(stamps)) if held else np.flatnonzero(~again)
-    return _Clock(columns, time.column, time.unit, stamps[rows], rows, float(stamps[0]))
+    return clock, []
 
 
-def _cut_window(section: Section, window: tuple[float, float] | None, clock: _Clock) -> _Clock:
+def _cut_window(section: Section, window: tuple[float, float] | None, clock: Clock) -> Clock:
     """The rows inside the log's window [s], ends included; all where it has none."""
     if window is None:
         return clock
@@ -537,7 +624,7 @@ def _between(
     return marked
 
 
-def _check_duration(clock: _Clock, internal_step: float) -> None:
+def _check_duration(clock: Clock, internal_step: float) -> None:
     """Refuse times that no run of the actuator has, before anything is simulated.
 
     The steps of the times are shorter than those of any clock; one is longer than a thousand

@@ -37,13 +37,17 @@ class Confirmation:
     moving: tuple[str, ...] = ()
 
     @property
+    def not_run(self) -> str:
+        """The logs over which the FMU was not run, quoted."""
+        return ", ".join(f"'{name}'" for name in self.moving)
+
+    @property
     def doubt(self) -> str:
         """What is amiss with the FMU, "" for nothing."""
         if self.difference <= LIMIT and self.moving:
-            names = ", ".join(f"'{name}'" for name in self.moving)
             return (
-                f"begins at rest, and no host can put it to the motion in which {names} begin:"
-                " their figures are those of the simulation"
+                "begins at rest, and no host can put it to the motion in which logs begin:"
+                f" {self.not_run}; their figures are those of the simulation"
             )
         if self.difference <= LIMIT:
             return ""

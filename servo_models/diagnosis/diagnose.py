@@ -13,7 +13,7 @@ from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.preconditions import check_logs, without_flags
+from servo_models.diagnosis.preconditions import check_duration, without_flags
 from servo_models.diagnosis.ranking import estimates, ranked_effects
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
@@ -22,7 +22,7 @@ from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effe
 from servo_models.diagnosis.verdict import decide
 from servo_models.errors import UserError
 from servo_models.identification.internal_step import InternalSteps
-from servo_models.identification.starts import with_starts
+from servo_models.identification.preconditions import checked_logs
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -49,7 +49,8 @@ def diagnose(
 
     Raises:
         UserError: an effect to be left out that the actuator has not, a tolerance below 0 or not
-            finite; see ``read_description`` and ``preconditions``.
+            finite; see ``read_description``, ``identification.preconditions.checked_logs`` and
+            ``diagnosis.preconditions``.
 
     Example:
         >>> import servo_models as sm
@@ -69,9 +70,9 @@ def diagnose(
     if not 0.0 <= tolerance < math.inf:
         raise UserError(f"tolerance {tolerance}: give a number of noise floors, 0 or more")
     logs, flags = without_flags(told.logs, told.model.plant)
-    logs = with_starts(told.model, logs)
+    logs = checked_logs(told.model, logs, len(prior_parameters(told)), told.path)
     told = replace(told, logs=logs)
-    check_logs(told.path, told.model, told.logs)
+    check_duration(told.model, told.logs)
     with Workers(jobs) as workers:
         found = _diagnose(told, tolerance, seed, workers, left_out, tell)
     found = replace(found, flags=flags)

@@ -192,6 +192,7 @@ def _log(diagnosis: Diagnosis, audit: Audit) -> dict[str, Any]:
         "jitter": clock.jitter,
         "gaps": len(clock.gaps),
         "at_rest": audit.at_rest,
+        "notes": list(log.notes),
         "readings": {one.name: _reading(diagnosis, one) for one in audit.readings},
     }
 

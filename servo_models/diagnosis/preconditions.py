@@ -1,38 +1,24 @@
-"""What a diagnosis cannot do without: logs to fit, long enough to show the slowest motion."""
+"""What a diagnosis cannot do without, beside what no fit can: a motion to its end, no flags."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from servo_models.analysis.linearise import linearise
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.problem import Problem
 
 
-def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
-    """Refuse what nothing could be said of.
-
-    Args:
-        where: the description, for the message.
-        model: nominal.
-        logs: of the description.
+def check_duration(model: Model, logs: Sequence[Log]) -> None:
+    """Refuse logs all of which are shorter than the slowest time constant of a model.
 
     Raises:
-        UserError: no logs, every sample held out, the longest log is shorter than the slowest
-            time constant of the model, or the model cannot be simulated on a log.
+        UserError: they are; so the model is of another actuator, or nothing settles in them.
     """
-    if not logs:
-        raise UserError(f"'{where}' describes no log to diagnose: add [[logs]]")
-    judging = [log for log in logs if log.fitted.any()]
-    if not judging:
-        raise UserError(f"'{where}' holds out every sample: leave some to diagnose")
-    longest = max(judging, key=lambda log: log.duration)
+    longest = max((log for log in logs if log.fitted.any()), key=lambda log: log.duration)
     slowest = slowest_time_constant(model)
     if longest.duration < slowest:
         raise UserError(
@@ -40,15 +26,6 @@ def check_logs(where: object, model: Model, logs: Sequence[Log]) -> None:
             f" of '{model.actuator.name}' is {slowest:.3g} s: log ten of them, or name the"
             " actuator that made it"
         )
-    for log in logs:
-        try:
-            Problem(model, [log], []).responses(np.empty(0))
-        except UserError as error:
-            stated = ", or the constants of this log" if log.constants else ""
-            raise UserError(
-                f"'{where}': the nominal model cannot be simulated on log '{log.name}': {error};"
-                f" correct its parameters{stated}"
-            ) from error
 
 
 def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], tuple[str, ...]]:

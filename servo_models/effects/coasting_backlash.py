@@ -11,7 +11,7 @@ STEP_ANGLE = 0.13
 
 HalfWidth = Annotated[
     float,
-    Param("rad", "half of the play", high=0.2, switch=True, typical=0.01, display="deg"),
+    Param("{angle}", "half of the play", high=0.2, switch=True, typical=0.01, display="deg"),
 ]
 Share = Annotated[
     float,

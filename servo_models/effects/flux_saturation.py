@@ -15,22 +15,22 @@ def flux_saturation(
     inverse_current: Annotated[
         float,
         Param(
-            "1/A",
+            "1/{current}",
             "inverse of the current at which the inductance has halved",
-            high=500.0,
+            high=5.0,
             switch=True,
-            typical=50.0,
+            typical=0.5,
         ),
     ],
     curvature: Annotated[
         float,
         Param(
-            "1/rad2",
+            "1/{shaft_angle}2",
             "relative change of the inductance with the angle squared",
-            low=-100.0,
-            high=100.0,
+            low=-0.3,
+            high=0.3,
             switch=True,
-            typical=30.0,
+            typical=0.1,
         ),
     ],
 ) -> tuple[float, float]:

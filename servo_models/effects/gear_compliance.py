@@ -10,10 +10,21 @@ RIGID = 1e-6
 SOURCE = "two-mass model, e.g. Ellis, Control System Design Guide, 2012, ch. 16"
 
 Compliance = Annotated[
-    float, Param("rad/(N.m)", "twist per torque", switch=True, typical=0.2, fixed=True)
+    float,
+    Param(
+        "{shaft_angle}/{load}", "twist per torque", high=0.5, switch=True, typical=0.1, fixed=True
+    ),
 ]
 Inertia = Annotated[
-    float, Param("kg.m2", "inertia behind the compliance", default=1e-3, low=1e-9, fixed=True)
+    float,
+    Param(
+        "{shaft_inertia}",
+        "inertia behind the compliance",
+        default=0.2,
+        low=2e-7,
+        high=200.0,
+        fixed=True,
+    ),
 ]
 
 

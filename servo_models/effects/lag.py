@@ -19,7 +19,7 @@ def lag(
     signal: float,
     elapsed: float,
     time_constant: Annotated[
-        float, Param("s", "time constant", high=1.0, switch=True, typical=0.01, display="ms")
+        float, Param("{time}", "time constant", high=1.0, switch=True, typical=0.01, display="ms")
     ],
     value: Annotated[float, Memory("rest")],
     last: Annotated[float, Memory("rest")],

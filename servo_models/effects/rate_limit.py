@@ -23,7 +23,7 @@ def rate_limit(
     elapsed: float,
     rate: Annotated[
         float,
-        Param("signal/s", "largest rate, 0 for none", high=1e4, switch=True, typical=20.0),
+        Param("signal/{time}", "largest rate, 0 for none", high=1e4, switch=True, typical=20.0),
     ],
     last: Annotated[float, Memory("rest")],
 ) -> tuple[float, float]:

@@ -25,7 +25,8 @@ def sample_hold(
     signal: float,
     due: float,
     period: Annotated[
-        float, Param("s", "frame", high=0.1, switch=True, typical=0.02, display="ms", fixed=True)
+        float,
+        Param("{time}", "frame", high=0.1, switch=True, typical=0.02, display="ms", fixed=True),
     ],
     jitter: Annotated[
         float, Param("1", "largest lateness of a sample, as a fraction of the frame", high=0.9)

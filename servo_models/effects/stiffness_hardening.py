@@ -12,12 +12,12 @@ def stiffness_hardening(
     coefficient: Annotated[
         float,
         Param(
-            "1/rad2",
+            "1/{spring_angle}2",
             "relative stiffening with the angle squared",
-            low=-200.0,
-            high=1000.0,
+            low=-0.5,
+            high=3.0,
             switch=True,
-            typical=100.0,
+            typical=0.3,
         ),
     ],
 ) -> float:

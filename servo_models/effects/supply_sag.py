@@ -11,7 +11,8 @@ def supply_sag(
     supply_current: float,
     supply_conductance: float,
     resistance: Annotated[
-        float, Param("Ohm", "source resistance", high=1e3, switch=True, typical=0.5)
+        float,
+        Param("signal/{supply_current}", "source resistance", switch=True, typical=0.05),
     ],
 ) -> float:
     """y = u - resistance i, with i the current [A] that the load takes.

@@ -36,7 +36,8 @@ def transport_delay(
     now: float,
     due: float,
     time: Annotated[
-        float, Param("s", "delay", high=2.0, switch=True, typical=0.005, display="ms", fixed=True)
+        float,
+        Param("{time}", "delay", high=2.0, switch=True, typical=0.005, display="ms", fixed=True),
     ],
     edges: Annotated[list[float], Queue(2 * EDGES)],
     newest: Annotated[float, Memory("rest")],

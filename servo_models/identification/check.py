@@ -85,6 +85,7 @@ class Check(Result):
             "actuator": told.actuator.name,
             "variant": told.variant,
             "warnings": list(self.warnings),
+            "notes": {log.name: list(log.notes) for log in told.logs if log.notes},
             "noise_floors": dict(self.floors),
             "parameters": {
                 reach.name: {
@@ -133,17 +134,19 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     if not description.logs:
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
+    clocks = implausible_clocks(description)
+    if not clocks:
+        logs = with_starts(description.model, description.logs)
+        description = replace(description, logs=logs)
     audited = audits(description.logs, plant)
     floors = noise_floors(audited)
     free = free_names(plant, description.free)
     asked = tuple(dict.fromkeys([*free, *description.uncertainty]))
-    clocks = implausible_clocks(description)
     if clocks:  # a simulation would be as long as the times are wrong
         return Check(
             description, audited, floors, Identifiability((), (), (), (), ()), asked, clocks
         )
     odd = implausible(description)
-    description = replace(description, logs=with_starts(description.model, description.logs))
     try:
         found = identifiability(
             description.model, description.logs, floors, free, description.uncertainty, jobs

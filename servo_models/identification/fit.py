@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
@@ -23,10 +22,10 @@ from servo_models.identification.optimise import (
     polished,
     search,
 )
+from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
-from servo_models.identification.starts import with_starts
 from servo_models.identification.uncertainty import is_believable, spread, warnings
 
 METHODS = {
@@ -46,6 +45,7 @@ def fit(
     jobs: int | None = None,
     progress: Progress | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    where: object = None,
 ) -> Identification:
     """Estimate parameters by least squares of the simulation error over all logs.
 
@@ -60,14 +60,15 @@ def fit(
         jobs: runs at once, by default the processors there are.
         progress: is told what goes on.
         bounds: least and largest value [SI], by parameter; by default those of the actuator.
+        where: the description, for messages.
 
     Raises:
-        UserError: no free parameter, an unknown one, one that every log states as a constant,
-            inputs that never change, or logs with fewer samples than free parameters.
+        UserError: no free parameter, an unknown one, one that every log states as a constant; see
+            ``preconditions.checked_logs``.
     """
     names = free_names(model.plant, free)
-    logs = with_starts(model, logs)
-    _check(model, logs, names, kind)
+    _check(logs, names, kind)
+    logs = checked_logs(model, logs, len(names), where)
     parameters = model.plant.parameters
     given, limits = priors or {}, bounds or {}
     chosen = [
@@ -106,24 +107,13 @@ def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress)
     return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said, believable)
 
 
-def _check(model: Model, logs: Sequence[Log], names: Sequence[str], kind: str) -> None:
+def _check(logs: Sequence[Log], names: Sequence[str], kind: str) -> None:
     if kind not in SEARCHES:
         raise UserError(f"unknown search '{kind}'; {did_you_mean(kind, SEARCHES)}")
     if not names:
         raise UserError("no parameter is free: name some with --free, or give an uncertainty")
-    _check_inputs(model, logs)
-    kept = sum(int(log.fitted.sum()) for log in logs)
-    if kept <= len(names):
-        raise UserError(
-            f"{kept} samples to fit for {len(names)} free parameters: give a longer log, hold"
-            " out less, or free fewer"
-        )
     for name in fixed_by(logs, names):
         raise UserError(f"every log states '{name}', which is to be free: drop one of the two")
-    for log in logs:
-        for name in log.outputs:
-            if name not in model.plant.outputs:
-                raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
 
 
 def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
@@ -140,27 +130,6 @@ def _outliers(model: Model, logs: Sequence[Log]) -> list[str]:
         for name in log.outputs
         for text in about_outliers(log, model.plant.wire[name])
     ]
-
-
-def _check_inputs(model: Model, logs: Sequence[Log]) -> None:
-    """Raise UserError if inputs never change, neither in a log nor from one log to another."""
-    fitted = [log for log in logs if log.fitted.any()]
-    rest = {wire.name: wire.rest for wire in model.plant.inputs}
-    begins = [_level(log, rest) for log in fitted]
-    moving = any(np.ptp(values) > 0.0 for log in fitted for values in log.inputs.values())
-    moving |= any(log.start is not None for log in fitted)
-    steps = any(log.settle == 0.0 and begin != rest for log, begin in zip(fitted, begins))
-    if fitted and not (moving or steps or any(begin != begins[0] for begin in begins)):
-        raise UserError(
-            "no input ever changes, neither in a log nor from one to another: a single standstill"
-            " tells nothing of a motion; record a command that moves"
-        )
-
-
-def _level(log: Log, rest: Mapping[str, float | str]) -> dict[str, float | str]:
-    """Inputs where a log begins."""
-    known = {name: value for name, value in log.constants.items() if name in rest}
-    return {**rest, **known, **{name: float(values[0]) for name, values in log.inputs.items()}}
 
 
 def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:

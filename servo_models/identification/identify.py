@@ -164,6 +164,7 @@ def identify(
         jobs,
         progress,
         told.bounds,
+        told.path,
     )
     odd = tuple(_not_followed(found))
     said = (*found.warnings, *odd)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 SHOWN = 8
 """Responses that are drawn; further ones are in the table only."""
+NOTED = 5
+"""Notes on logs that are told one by one."""
 ZOOM = 8
 """Width of the zoomed panel, in times over which errors hang together ..."""
 LARGEST, FEWEST = 0.1, 60
@@ -122,6 +124,13 @@ def not_drawn(logs: Iterable[Log]) -> str:
     if more <= 0:
         return ""
     return f"Drawn are the {SHOWN} with the largest errors; {more} more are in the table."
+
+
+def log_notes(logs: Iterable[Log]) -> tuple[str, ...]:
+    """Return what reading has changed of the logs, a sentence for each note."""
+    notes = [f"Log '{log.name}': {note}." for log in logs for note in log.notes]
+    more = len(notes) - NOTED
+    return (*notes[:NOTED], f"And {more} more notes alike.") if more > 1 else tuple(notes)
 
 
 def worst_sample(errors: Array, judged: Mask) -> int:

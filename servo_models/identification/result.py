@@ -121,6 +121,7 @@ class Identification(Result):
             "only_together": [list(names) for names in self.groups],
             "accuracy": [asdict(row) for row in self.accuracy],
             "warnings": list(self.warnings),
+            "notes": {log.name: list(log.notes) for log in self.logs if log.notes},
             "costs": list(self.costs),
             "evaluations": self.evaluations,
         }

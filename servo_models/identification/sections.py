@@ -34,6 +34,7 @@ from servo_models.identification.readings import (
     axis_label,
     error_table,
     log_facts,
+    log_notes,
     most_missed,
     not_drawn,
     reading,
@@ -68,6 +69,7 @@ OWN_CLOCK = 1.5
 EVEN = 1e-4
 """Share of a step up to which its jitter is rounding."""
 PARAMETERS, ERRORS = "Parameters", "Errors"
+NOTES = "What reading has changed"
 
 
 def identification_report(
@@ -93,7 +95,12 @@ def identification_report(
         ),
         tuple(f"Warning: {text}." for text in found.warnings),
         (
-            Section("Measured and fitted", not_drawn(found.logs), pictures=pictures[:1]),
+            Section(
+                "Measured and fitted",
+                not_drawn(found.logs),
+                items=log_notes(found.logs),
+                pictures=pictures[:1],
+            ),
             _parameters(found),
             _errors(found),
             Section("Other responses", pictures=pictures[1:], folded=True),
@@ -545,6 +552,7 @@ def check_report(found: Check, date: str = "") -> Report:
         _check_cards(found),
         tuple(f"Warning: {text}." for text in warnings),
         (
+            Section(NOTES, items=log_notes(told.logs)),
             first,
             *(replace(section, folded=True) for section in others),
             Section("Parameters", tables=(_reach_table(found),), folded=True),

@@ -123,7 +123,9 @@ class Run:
     def beginning(self) -> Beginning | None:
         """How the run begins where neither rest nor its first row says so."""
         start = self.log.start
-        return Beginning(self, start) if start and (start.fitted or start.shaft) else None
+        if start and (start.shaft or (start.fitted and start.before)):
+            return Beginning(self, start)
+        return None
 
     def replayed(self, values: Mapping[str, float]) -> Array | None:
         """Inputs with which a host gets the same run; None where the shaft is put to a motion,

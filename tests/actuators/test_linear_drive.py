@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.log import regular
+from servo_models.data.clock import regular
 from servo_models.validation.linear_drive.reference import LinearDrive
 
 TICK = 1e-3

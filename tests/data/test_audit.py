@@ -127,6 +127,63 @@ def test_a_clipped_reading_is_told_from_a_shaft_at_rest() -> None:
     assert said(audited(0.01 * np.arange(2000), command, reading), "extreme")
 
 
+def stuck(command: Array, band: float, jump: float) -> Array:
+    """A valve with stiction: it rests until the command is half a band away, then slips.
+
+    Source: Choudhury, Thornhill, Shah, Control Engineering Practice 13 (2005): stickband plus
+    deadband S, slip jump J; between slip and the next stop it follows at (S - J) / 2.
+    """
+    position, moving, found = 0.0, 0, np.zeros(len(command))
+    change = np.sign(np.diff(command, prepend=command[0]))
+    for k in range(len(command)):
+        if moving and change[k] != moving:
+            moving = 0
+        if not moving and abs(command[k] - position) > band / 2.0:
+            moving = int(np.sign(command[k] - position))
+        if moving:
+            position = command[k] - moving * (band - jump) / 2.0
+        found[k] = position
+    return found
+
+
+def stick_slip(command: Array, slack: float) -> Array:
+    """A shaft that leaves each rest at once to where its command is, and rests again."""
+    position, found = 0.0, np.zeros(len(command))
+    for k in range(len(command)):
+        if abs(command[k] - position) > slack:
+            position = command[k]
+        found[k] = position
+    return found
+
+
+def triangle(n: int, period: int) -> Array:
+    return np.asarray(2.0 * np.abs(2.0 * ((np.arange(n) / period + 0.25) % 1.0) - 1.0) - 1.0)
+
+
+@pytest.mark.parametrize("command", [triangle(2000, 400), 1.4 * smooth(2000) * smooth(6000)[::3]])
+@pytest.mark.parametrize("band", [0.1, 0.3])
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_reading_that_sticks_is_not_called_clipped(
+    command: Array, band: float, noise: float
+) -> None:
+    step = 1e-3 if noise else 0.0
+    for reading in (stuck(command, band, 0.3 * band), stick_slip(command, band)):
+        if step:
+            reading = step * np.round(reading / step)  # noqa: PLW2901
+        assert clipped_share(reading, command[:, None], 1e-6 + step / math.sqrt(12.0)) == 0.0
+        assert not said(audited(0.01 * np.arange(2000), command, reading), "extreme")
+
+
+@pytest.mark.parametrize("command", [triangle(2000, 400), smooth(2000), triangle(2000, 90)])
+@pytest.mark.parametrize("level", [0.5031, 0.8017])
+def test_a_clipped_reading_is_told_whatever_the_command_is(command: Array, level: float) -> None:
+    reading = np.clip(command, -1.0, level)
+    share = np.mean(command >= level)
+    assert clipped_share(reading, command[:, None], 1e-6) == pytest.approx(share, abs=0.005)
+    sticking = np.clip(stuck(command, 0.1, 0.03), -1.0, level)
+    assert clipped_share(sticking, command[:, None], 1e-6) > 0.5 * share
+
+
 def test_readings_that_are_refreshed_every_second_row_are_noticed() -> None:
     fresh = 100.0 * smooth(1000)
     held = np.repeat(fresh[::2], 2)
@@ -255,7 +312,16 @@ def test_the_command_tells_its_levels_reversals_clock_and_band() -> None:
 def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings() -> None:
     t, y = 0.01 * np.arange(500), smooth(500)
     assert said(audited(t, np.clip(20.0 * y, -10.0, 10.0), y), "actuator's limit")
-    assert said(audited(t, np.ones(500), y), "ever changes")
+    assert said(audited(t, np.zeros(500), y), "ever changes")
+
+
+def test_an_input_that_is_the_same_in_a_whole_run_is_no_fault_beside_other_runs() -> None:
+    t, y = 0.01 * np.arange(500), smooth(500)
+    still, moving, step = (log_of(t, u, y) for u in (0.0 * y, y, 0.0 * y + 2.0))
+    held = [replace(log, settle=1.0) for log in (still, step)]
+    for beside in ([still, moving], [still, step], held):
+        assert not any(said(found, "ever changes") for found in audits(beside, PLANT))
+    assert all(said(found, "ever changes") for found in audits([still, still], PLANT))
     assert said(audited(t, y, 0.5 * np.round(2.0 * y)), "only 4 reading steps")
 
 

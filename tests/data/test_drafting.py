@@ -9,9 +9,11 @@ import numpy as np
 import polars as pl
 import pytest
 import scipy.io
+from scipy.signal import lfilter
 
 from servo_models.core.catalogue import actuators
 from servo_models.core.simulate import model, simulate
+from servo_models.data import scaffold
 from servo_models.data.description import read_description
 from servo_models.data.scaffold import draft, heading
 from tests.conftest import Run
@@ -209,6 +211,44 @@ def test_real_files_are_drafted(run: Run, logs_folder: Path, tmp_path: Path) -> 
         assert signals <= {*log.inputs, *log.outputs}
 
 
+@pytest.mark.parametrize(
+    ("columns", "name"),
+    [
+        (("time_ms", "pulse_width_us", "angle_deg"), "sg90"),
+        (("time_ms", "pulse_us", "position_deg"), "sg90"),
+        (("time_s", "goal_rad", "angle_rad"), "smart_servo"),
+        (("time_s", "voltage_V", "angle_deg"), "torque_motor"),
+    ],
+)
+def test_a_general_actuator_stays_behind_those_that_are_made(
+    run: Run, tmp_path: Path, columns: tuple[str, ...], name: str
+) -> None:
+    """Pulses and goals fit ``second_order_servo`` as well: nobody is asked, and it is named."""
+    times = np.arange(0.0, 400.0)
+    swing = np.sin(0.05 * times)
+    command = 1500.0 + 300.0 * swing if columns[1].endswith("us") else swing
+    path = tmp_path / "log.csv"
+    pl.DataFrame(dict(zip(columns, (times, command, 0.7 * swing)))).write_csv(path)
+    assert run("check", path, "--init")[0] in (0, 1)
+    text = path.with_suffix(".toml").read_text()
+    assert f'actuator = "{name}"' in text
+    assert "second_order_servo (general)" in text
+    if name in ("sg90", "smart_servo"):
+        assert draft(path, "second_order_servo").matches
+
+
+def test_a_general_actuator_is_proposed_where_no_other_fits(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    pl.DataFrame(
+        {"time_s": TIMES, "goal_rad": np.sin(TIMES), "angle_rad": np.cos(TIMES)}
+    ).write_csv(path)
+    every = {k: v for k, v in actuators().items() if k in ("linear_drive", "second_order_servo")}
+    monkeypatch.setattr(scaffold, "actuators", lambda: every)
+    assert draft(path).actuator.name == "second_order_servo"
+
+
 @pytest.mark.parametrize("actuator_name", list(actuators()))
 def test_a_draft_writes_what_it_assumes_of_inputs_that_are_not_logged(
     run: Run, tmp_path: Path, actuator_name: str
@@ -283,3 +323,75 @@ def test_a_column_of_words_is_no_warning(run: Run, csv: Path) -> None:
     assert code == 0
     assert "Warning" not in out
     assert '"state"' in csv.with_suffix(".toml").read_text()
+
+
+def episode(rows: int = 200) -> tuple[list[dict[str, object]], np.ndarray, np.ndarray]:
+    """Frames as LeRobot records them, with the actions and readings [deg] of two joints."""
+    times = np.arange(rows) / 50.0
+    action = np.array([40.0 * np.sign(np.sin(3.0 * (1 + k) * times)) for k in range(2)]).T
+    random = np.random.default_rng(0)
+    state = lfilter([0.2], [1.0, -0.8], action, axis=0) + 0.05 * random.standard_normal((rows, 2))
+    frames: list[dict[str, object]] = [
+        {
+            "timestamp": float(times[k]),
+            "frame_index": k,
+            "episode_index": 0,
+            "index": 1000 + k,
+            "observation": {"state": list(state[k])},
+            "action": list(action[k]),
+        }
+        for k in range(rows)
+    ]
+    return frames, action, state
+
+
+@pytest.mark.parametrize("actuator", ["smart_servo", "sg90"])
+def test_an_action_is_a_command_and_an_observation_a_reading(tmp_path: Path, actuator: str) -> None:
+    frames, action, state = episode()
+    path = tmp_path / "episode.jsonl"
+    path.write_text("\n".join(map(json.dumps, frames)))
+    made = draft(path, actuator)
+    (command,) = [match for match in made.matches if match.wire in made.actuator.plant.inputs]
+    (reading,) = [match for match in made.matches if match.wire not in made.actuator.plant.inputs]
+    assert (command.column.key, command.wire.name) == ("action[0]", made.actuator.step[0])
+    assert np.array_equal(command.column.values, action[:, 0])
+    assert (reading.column.key, reading.wire.name) == ("observation.state[0]", "angle")
+    assert np.array_equal(reading.column.values, state[:, 0])
+    assert 'not used, it counts the rows: "frame_index", "index"' in made.not_used
+    assert any('taken from "action[0]": "action[1]"' in text for text in made.not_used)
+    target = tmp_path / "rig.toml"
+    target.write_text(made.text(tmp_path))
+    (log,) = read_description(target).logs
+    assert list(log.inputs) == [made.actuator.step[0]]
+    assert log.outputs["angle"] == pytest.approx(np.radians(state[:, 0]))
+
+
+def test_joints_by_name_are_paired(tmp_path: Path) -> None:
+    frames, _, _ = episode()
+    rows = [
+        {
+            "timestamp": frame["timestamp"],
+            "action.pan.pos": frame["action"][0],  # type: ignore[index]
+            "observation.state.pan.pos": frame["observation"]["state"][0],  # type: ignore[index]
+        }
+        for frame in frames
+    ]
+    path = tmp_path / "episode.csv"
+    pl.DataFrame(rows).write_csv(path)
+    matched = {match.wire.name: match.column.key for match in draft(path, "smart_servo").matches}
+    assert matched == {"goal": "action.pan.pos", "angle": "observation.state.pan.pos"}
+
+
+def test_an_input_that_never_changes_is_kept_where_its_name_is_its_own(tmp_path: Path) -> None:
+    log, path = motor_log(), tmp_path / "log.csv"
+    columns = {"time_s": log.times, "voltage [V]": log.inputs["voltage"]}
+    columns["angle_deg"] = np.degrees(log.outputs["angle"])
+    columns["load_torque [mN.m]"] = np.full(len(log.times), 2.0)
+    columns["stiffness"] = np.full(len(log.times), 1.0)
+    pl.DataFrame(columns).write_csv(path)
+    made = draft(path, "torque_motor")
+    assert 'not used, constant: "stiffness"' in made.not_used
+    target = tmp_path / "rig.toml"
+    target.write_text(made.text(tmp_path))
+    (read,) = read_description(target).logs
+    assert read.inputs["load_torque"] == pytest.approx(2e-3)

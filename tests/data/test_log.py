@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.data.log import regular
+from servo_models.data.clock import regular
 
 
 @settings(max_examples=60)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -260,19 +261,33 @@ def test_a_fit_that_does_not_converge_is_marked_and_the_rest_goes_on(
     assert not any("did not converge" in text for text in document["warnings"])
 
 
-def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
-    """An offset of the reading shows at rest; there are no amplitudes to split the error by."""
+def resting(folder: Path, angle: Callable[[Array], Array], more: str = "") -> Path:
+    """A log whose command is 0 V all along, with this reading [deg] over time."""
+    path = describe(folder, DESCRIPTION.format(more))
     times = np.arange(0.0, 0.5, 1.0 / RATE)
-    angle = 1.0 + 3e-3 * np.random.default_rng(6).standard_normal(len(times))
-    rows = np.column_stack([times, np.zeros_like(times), angle])
-    path = describe(tmp_path)
-    np.savetxt(tmp_path / "log.csv", rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
+    noise = 3e-3 * np.random.default_rng(6).standard_normal(len(times))
+    rows = np.column_stack([times, np.zeros_like(times), angle(times) + noise])
+    np.savetxt(folder / "log.csv", rows, "%.9g", delimiter=",", header="t,u,angle", comments="")
+    return path
+
+
+def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
+    """A release shows a motion; there are no amplitudes to split the error by."""
+    started = 'start = { angle = "1 deg", rate = 0 }'
+    path = resting(tmp_path, lambda times: np.exp(-times / 0.05), started)
     file = tmp_path / "d.json"
     code, _, _ = run("diagnose", path, "--json", file)
     told = json.loads(file.read_text())
     check_schema(told)
     assert code == 1
     assert "command amplitude" not in [one["dimension"] for one in told["localisation"]]
+
+
+def test_a_standstill_is_refused(run: Run, tmp_path: Path) -> None:
+    """An offset of the reading is all that it could show."""
+    code, out, err = run("diagnose", resting(tmp_path, np.ones_like))
+    assert (code, out) == (2, "")
+    assert "no input ever changes" in err
 
 
 def frozen(folder: Path) -> Path:

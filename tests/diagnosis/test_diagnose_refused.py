@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from servo_models import diagnosis
 from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
-from servo_models.diagnosis.preconditions import check_logs
+from servo_models.diagnosis.preconditions import check_duration
 from servo_models.errors import UserError
 from servo_models.validation.linear_drive.reference import G_TAU, K_V
 from tests.conftest import Run
@@ -245,7 +245,7 @@ def test_a_log_shorter_than_what_the_loop_needs_to_settle_is_refused(
     assert told
     assert float(told[1]) == pytest.approx(loop.slowest, rel=0.1)
     long_enough = read_description(describe_loop(tmp_path, loop, 1.1 * loop.slowest))
-    check_logs(path, long_enough.model, long_enough.logs)
+    check_duration(long_enough.model, long_enough.logs)
 
 
 def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:

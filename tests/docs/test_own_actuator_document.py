@@ -9,18 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servo_models.core.catalogue import actuator, effects_on
+from servo_models.actuators import shaft
+from servo_models.core.block import RESERVED, Block
+from servo_models.core.catalogue import actuator, effects, effects_on
 from servo_models.core.plant import place
 from servo_models.effects.dead_zone import dead_zone
+from servo_models.effects.viscous_friction import viscous_friction
 from servo_models.errors import UserError
 from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
 
 PAGE = (ROOT / "docs" / "own_actuator.md").read_text(encoding="utf-8")
+BEGUN, COMMANDS = PAGE.split("## The listing")
 LISTING, LOG = (text for text in code_blocks(PAGE, "python") if text.startswith('"""'))
 (DESCRIPTION,) = code_blocks(PAGE, "toml")
 FILES = {"gimbal.py": LISTING, "make_log.py": LOG, "gimbal.toml": DESCRIPTION}
-REFUSED = re.findall(r"^\| `(.*?)` \| `(.*?)` \| `(.*?)` \|$", PAGE, re.M)
+REFUSED = re.findall(
+    r"^\| `(.*?)` \| `(.*?)` \| `(.*?)` \|$", PAGE.split("## What is refused")[1], re.MULTILINE
+)
 
 
 @pytest.fixture
@@ -65,10 +71,74 @@ def test_the_script_makes_the_log_of_the_example(folder: Path) -> None:
 @pytest.mark.thorough
 def test_commands_print_what_the_page_shows(folder: Path, run: Run) -> None:
     runpy.run_path("make_log.py")
-    commands = follow(PAGE, run, doubted="diagnose")  # which finds a gap
+    commands = follow(COMMANDS, run, doubted="diagnose")  # which finds a gap
     assert {command.split()[0] for command in commands} == {
         *("explain", "simulate", "build", "validate", "figures", "check", "identify", "diagnose")
     }
+
+
+def test_the_page_begins_with_the_template(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert follow(BEGUN, run) == ["new actuator mine.py"]
+    (count,) = re.findall(r"with (\d+) effects", BEGUN)
+    assert len(actuator("mine.py").plant.placements) == int(count)
+
+
+def names(cell: str) -> tuple[str, ...]:
+    """The names in a cell of a table."""
+    return tuple(re.findall(r"`(\w+)`", cell))
+
+
+def rows(first: str) -> list[list[str]]:
+    """The cells of the table of the page whose first column is called so."""
+    (lines,) = re.findall(rf"^\| {first} \|.*\n\|[-|]*\|\n((?:\|.*\n)*)", PAGE, re.MULTILINE)
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines.splitlines()]
+
+
+def test_the_page_says_on_what_every_effect_acts() -> None:
+    """As their signatures do: a new effect or another argument needs its row."""
+    shown = {(names(row[0]), effect) for row in rows("acts on") for effect in names(row[-1])}
+    assert shown == {
+        (function.acts_on, effect)
+        for effect, functions in effects().items()
+        for function in functions
+    }
+
+
+def test_the_page_says_what_every_effect_reads() -> None:
+    shown = {
+        (wire, effect)
+        for row in rows("reads")
+        for wire in names(row[0])
+        for effect in names(row[-1])
+    }
+    assert shown == {
+        (wire.removeprefix("start_"), effect)
+        for effect, functions in effects().items()
+        for function in functions
+        for wire in function.wires
+        if wire not in (*RESERVED, *function.acts_on)
+    }
+
+
+def test_signals_of_other_names_are_given_as_the_page_shows() -> None:
+    (call,) = re.findall(r"`(place\(\"drag\".*?\))`", PAGE)
+    placed = eval(call, {"place": place, "viscous_friction": viscous_friction})
+    assert placed.wire_of("shaft_speed") == "speed"
+    assert placed.wire_of("full_speed") == "top_speed"
+
+
+def test_the_page_says_what_the_blocks_of_a_shaft_read_and_give() -> None:
+    known = {name: value for name, value in vars(shaft).items() if isinstance(value, Block)}
+    del known["driven_shaft"]  # of the torque-causal form
+    assert {name.strip("`") for name, _, _ in rows("block")} == set(known)
+    for name, reads, gives in rows("block"):
+        block = known[name.strip("`")]
+        wires = {wire.removeprefix("start_") for wire in block.wires}
+        assert {*names(reads)} == wires - {"dt"}, name
+        assert names(gives) == block.gives, name
 
 
 @pytest.mark.parametrize(("written", "instead", "message"), REFUSED)

@@ -55,6 +55,10 @@ TERMINALS = {
         "shaft": ["load_torque", "angle", "rate"],
         "supply": ["supply"],
     },
+    "second_order_servo": {
+        "command": ["pulse_width", "goal"],
+        "shaft": ["load_torque", "angle", "rate"],
+    },
 }
 
 

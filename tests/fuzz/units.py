@@ -35,6 +35,8 @@ SUBJECTS = (
     ("linear_drive", "simple"),
     ("smart_servo", "xl330"),
     ("smart_servo", "sts3215"),
+    ("second_order_servo", "pulse"),
+    ("second_order_servo", "bus"),
 )
 
 

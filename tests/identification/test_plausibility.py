@@ -33,6 +33,7 @@ SUBJECTS = [
     ("torque_motor", "identified"),
     ("linear_drive", "simple"),
     ("smart_servo", "xl330"),
+    ("second_order_servo", "pulse"),
 ]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

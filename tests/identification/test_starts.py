@@ -179,6 +179,14 @@ def test_it_is_told_by_check_and_diagnose(tmp_path: Path) -> None:
     assert found.logs[0].notes == log.notes
 
 
+def test_a_start_that_is_to_be_fitted_is(tmp_path: Path) -> None:
+    """Asked for, it is fitted although nothing is known of it before."""
+    found = diagnose(write_decay(tmp_path, 'start = "fit"'), jobs=1)
+    (log,) = found.logs
+    assert log.start is not None
+    assert log.start.shaft["angle"] == pytest.approx(BEGIN[1], abs=2e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "settle", "start"),
     [

@@ -61,7 +61,9 @@ def test_the_model_meets_the_bars(case: Case) -> None:
     assert {row.quantity: row.value for row in rows if not row.passed} == {}
 
 
-@pytest.mark.parametrize("name", ["sg90", "torque_motor", "linear_drive", "smart_servo"])
+@pytest.mark.parametrize(
+    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+)
 def test_every_published_set_has_a_case(name: str) -> None:
     covered = {case.variant for case in all_cases() if case.actuator == name}
     assert {variant.name for variant in actuator(name).variants} <= covered
@@ -108,7 +110,8 @@ def test_schedules_hold_and_grids_end() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo"]
+    "name",
+    ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"],
 )
 def test_an_fmu_equals_its_simulation(name: str, fmu_file: FmuFile) -> None:
     subject = Subject(fmu_file(name))

@@ -23,6 +23,8 @@ HALF_RANGE = math.radians(90.0)
 RATE = 10.0  # rad/s, of a real SG90: 60 degrees in 0.1 s
 PAPER_RATE = 0.5  # rad/s, of the servo that its paper prints
 
+COMPLIANCE = {"unit": "rad/(N.m)", "high": 1.0, "typical": 0.2}
+
 INPUTS = (
     Wire("pulse_width", "s", "command pulse", 1e-3, servo.REST_PULSE, 0.0, 5e-3, display="us"),
     Wire("load_torque", "N.m", "load against positive motion", scale=0.18, low=-10.0, high=10.0),
@@ -55,7 +57,7 @@ COMMAND: tuple[Block | Placement, ...] = (
     free_shaft,
     no_second_mass,
     *effects_on("shaft_inertia", "load_inertia"),
-    place("gear_compliance", resonance_step, "internal_step"),
+    place("gear_compliance", resonance_step, "internal_step", params={"compliance": COMPLIANCE}),
     *effects_on("travel", "end_stops"),
     *effects_on("pulse_width", "transport_delay", "sample_hold", "dead_band"),
     servo.command_voltage,
@@ -94,7 +96,7 @@ LOOP: tuple[Block | Placement, ...] = (
     servo.motor_shaft,
     servo.stiff_supply,
     servo.supply_load,
-    *effects_on("supply", "supply_sag", resistance={"typical": 1.0, "high": 50.0}),
+    *effects_on("supply", "supply_sag", resistance={"unit": "Ohm", "typical": 1.0, "high": 50.0}),
     *effects_on("motor_voltage", "supply_limit"),
     external_load,
     *effects_on("load", "constant_load", "gravity_load"),

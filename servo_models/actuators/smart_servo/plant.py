@@ -104,7 +104,9 @@ LOOP: tuple[Block | Placement, ...] = (
     *effects_on("duty", "drive_saturation", limit={"high": 1.0}),
     *effects_on("duty", "sample_hold"),
     servo.supply_load,
-    *effects_on("bridge_supply", "supply_sag", resistance={"typical": 0.5, "high": 20.0}),
+    *effects_on(
+        "bridge_supply", "supply_sag", resistance={"unit": "Ohm", "typical": 0.5, "high": 20.0}
+    ),
     servo.bridge,
     *effects_on(
         "motor_voltage", "direction_asymmetry", "drive_dead_zone", "drive_lag", "thermal_drift"

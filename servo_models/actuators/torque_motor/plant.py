@@ -7,7 +7,6 @@ Pneumatic Servo-Valve" (the *valve paper*), Tables 1 and 2 and eq. 12.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from servo_models.actuators.shaft import (
     external_load,
@@ -24,8 +23,8 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 
 STOP = math.radians(3.0)
 SECOND_MASS = {
-    "compliance": replace(compliant_output.params["compliance"], high=5.0, typical=1.0),
-    "inertia": replace(compliant_load.params["inertia"], default=1e-6, low=1e-8, high=1e-4),
+    "compliance": {"unit": "rad/(N.m)", "high": 5.0, "typical": 1.0},
+    "inertia": {"unit": "kg.m2", "default": 1e-6, "low": 1e-8, "high": 1e-4},
 }
 
 PLANT = Plant(
@@ -81,7 +80,9 @@ PLANT = Plant(
             "thermal_drift",
         ),
         motor.supply_load,
-        *effects_on("voltage", "supply_sag", resistance={"typical": 100.0}),
+        *effects_on(
+            "voltage", "supply_sag", resistance={"unit": "Ohm", "high": 1e3, "typical": 100.0}
+        ),
         motor.shaft_motion,
         shaft_output,
         place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
@@ -92,7 +93,12 @@ PLANT = Plant(
         *effects_on("load", "viscous_friction", "cogging"),
         *effects_on("friction", "coulomb_friction", "stribeck_friction"),
         motor.flux_linkage,
-        *effects_on(("flux_slope", "flux_turning"), "flux_saturation"),
+        *effects_on(
+            ("flux_slope", "flux_turning"),
+            "flux_saturation",
+            inverse_current={"unit": "1/A", "high": 500.0, "typical": 50.0},
+            curvature={"unit": "1/rad2", "low": -100.0, "high": 100.0, "typical": 30.0},
+        ),
         motor.current_rate,
         motor.magnetising_current,
         *effects_on("effective_current", "hysteresis"),
@@ -101,7 +107,11 @@ PLANT = Plant(
         motor.spring_position,
         *effects_on("spring_angle", "null_shift"),
         motor.spring_torque,
-        *effects_on("spring_torque", "stiffness_hardening"),
+        *effects_on(
+            "spring_torque",
+            "stiffness_hardening",
+            coefficient={"unit": "1/rad2", "low": -200.0, "high": 1000.0, "typical": 100.0},
+        ),
         motor.torque,
         shaft_acceleration,
         motor.stop_flag,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
+from servo_models.data.readers.dates import seconds
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import check_size
 
@@ -108,6 +110,8 @@ class Columns:
                 )
             return column - 1
         found = [i for i, name in enumerate(self.names) if name == column]
+        if not found:  # items of lists are written with brackets or dots
+            found = [i for i, name in enumerate(self.names) if _dotted(name) == _dotted(column)]
         if not found:
             raise UserError(f"{place} has no column '{column}'; {did_you_mean(column, self.names)}")
         if len(found) > 1:
@@ -152,14 +156,53 @@ class Columns:
             )
         return values.to_numpy().astype(np.float64)
 
-    def check_order(self, column: str | int, times: Array) -> None:
-        """Raise UserError where ``times`` [s], the ones of that column, run backward."""
+    def dates(self, column: str | int, keep: slice = slice(None)) -> Array | None:
+        """Return dates and times of a column in the rows ``keep`` as seconds, shape (n,).
+
+        None for a column that holds none; see ``dates.seconds``.
+
+        Raises:
+            UserError: no such column; a cell that is empty, no time, or of another zone.
+        """
+        cells = self.cells[self.index(column)]
+        first = keep.indices(len(cells))[0]
+        return seconds(cells[keep], lambda row: self.where(column, first + row))
+
+    def time_text(self, column: str | int, row: int, time: float) -> str:
+        """Return a time [s] of a row for people: as it stands there if it is no number."""
+        if self.dates(column, slice(row, row + 1)) is None:
+            return f"{time:.9g} s"
+        return f"'{self.cells[self.index(column)][row]}'"
+
+    def begin(self, column: str | int, first: int = 0) -> int:
+        """Return the row, from ``first`` on, in which a column has its first value.
+
+        A cell without one is empty, or NaN.  It is ``first`` for a column that never has a value.
+
+        Raises:
+            UserError: no such column.
+        """
+        import polars as pl
+
+        cells = self.cells[self.index(column)][first:]
+        if cells.dtype == pl.String:
+            has_value = ~cells.str.strip_chars(' \t"').str.to_lowercase().is_in(["", "nan"])
+        elif cells.dtype.is_float():
+            has_value = cells.is_not_nan()
+        else:
+            has_value = cells.is_not_null()
+        return first + int(has_value.fill_null(value=False).arg_max() or 0)
+
+    def check_order(self, column: str | int, times: Array, first: int = 0) -> None:
+        """Raise UserError where ``times`` [s], the ones of that column from row ``first`` on, run
+        backward."""
         backward = np.flatnonzero(np.diff(times) < 0.0)
         if len(backward):
             row = int(backward[0]) + 1
+            before, after = (self.time_text(column, first + k, times[k]) for k in (row - 1, row))
             raise UserError(
-                f"{self.where(column, row)}: time runs backward from {times[row - 1]:.9g} s to"
-                f" {times[row]:.9g} s; sort the rows by time"
+                f"{self.where(column, first + row)}: time runs backward from {before} to {after};"
+                " sort the rows by time"
             )
 
 
@@ -193,15 +236,16 @@ def _unicode(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def columns_of(source: Source, records: Iterable[Any]) -> list[pl.Series]:
-    """Return the columns of a list of records, such as JSON objects.
+def columns_of(source: Source, records: Iterable[Any], name: str = "") -> list[pl.Series]:
+    """Return the columns of a list of records, such as JSON objects; None is an empty one.
 
-    Inner objects are named by dots and items of lists by their index from 0: ``pose.q[3]``.
+    Inner objects are named by dots and items of lists by their index from 0, ``pose.q[3]``, behind
+    the ``name`` of all.
 
     Raises:
         UserError: records have so many names that a table of all of them would be too large.
     """
-    rows = [dict(_leaves("", record)) for record in records]
+    rows = [{} if record is None else dict(_leaves(name, record)) for record in records]
     names = dict.fromkeys(name for row in rows for name in row)
     check_size(source.path, float(len(rows)) * len(names) * NUMBER)
     return [column_of(name, [row.get(name) for row in rows]) for name in names]
@@ -216,6 +260,10 @@ def _leaves(name: str, value: Any) -> Iterable[tuple[str, Any]]:
             yield from _leaves(f"{name}[{i}]", inner)
     else:
         yield name, value
+
+
+def _dotted(name: str) -> str:
+    return re.sub(r"\[(\d+)\]", r".\1", name)
 
 
 def array_column(name: str, values: NDArray[Any]) -> pl.Series:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 SUFFIXES = (".csv", ".tsv", ".txt")
 SEPARATORS = "\t;,"
 """In the order in which they are looked for: a comma may be a decimal one."""
+LOOKED_AT = 100
+"""Rows in which a first number of each column is looked for."""
 DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d*(?:[eE][-+]?\d+)?\s*)$"
 
 
@@ -39,7 +42,7 @@ def read(source: Source) -> Tables:
     names = _split(lines[start], separator)
     header = source.header
     if header is None:
-        header = _is_header([_split(line, separator) for line in lines[start : start + 2]])
+        header = _is_header(names, _first_cells(lines[start + 1 : start + LOOKED_AT], separator))
     if header:
         start += 1
     else:
@@ -99,11 +102,18 @@ def _plain(line: str, separator: str) -> str:
     return separator.join(cell.replace(separator, " ") for cell in cells)
 
 
-def _is_header(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the first of two rows names the columns: it has words where numbers follow."""
-    numeric = [[_is_number(cell) for cell in row] for row in rows]
-    words = [bool(cell) and not number for cell, number in zip(rows[0], numeric[0])]
-    return not any(numeric[0]) or any(word and number for word, number in zip(words, numeric[-1]))
+def _is_header(first: Sequence[str], cells: Sequence[str]) -> bool:
+    """Whether the first row names the columns: it has words where numbers follow."""
+    numeric = [_is_number(cell) for cell in first]
+    words = [bool(cell) and not number for cell, number in zip(first, numeric)]
+    return not any(numeric) or any(word and _is_number(cell) for word, cell in zip(words, cells))
+
+
+def _first_cells(lines: Sequence[str], separator: str) -> list[str]:
+    """The first cell of each column that is not empty."""
+    rows = [_split(line, separator) for line in lines]
+    columns = itertools.zip_longest(*rows, fillvalue="")
+    return [next(filter(None, column), "") for column in columns]
 
 
 def _is_number(cell: str) -> bool:

@@ -1,4 +1,4 @@
-"""JSON files: a list of records, or lists of numbers by name.
+"""JSON files: a list of records, lists of numbers by name, or one record a line.
 
 A list of records may stand anywhere in the file, beside what else was noted there; its
 place, such as ``entries``, is the name of the table.  Rows count from 1.
@@ -8,27 +8,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servo_models.data.readers.columns import Source, Tables, column_of, columns_of
 from servo_models.errors import UserError
 
-SUFFIXES = (".json",)
+if TYPE_CHECKING:
+    import polars as pl
+
+SUFFIXES = (".json", ".jsonl", ".ndjson")
+OF_LINES = SUFFIXES[1:]
 
 
 def read(source: Source) -> Tables:
-    """Read a JSON file.
+    """Read a JSON file; one record a line is recognised whatever the file is called.
 
     Raises:
         UserError: no JSON, or neither records nor lists in it.
     """
     try:
-        document = json.loads(source.content, parse_int=float)
+        text = source.content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise source.damaged("JSON") from error
-    except RecursionError as error:
-        raise UserError(f"'{source.path}' is nested too deeply: give a list of records") from error
+    if source.path.suffix.lower() in OF_LINES:
+        return _lines(source, text)
+    try:
+        document = _parsed(source, text)
     except json.JSONDecodeError as error:
+        if _is_a_line(text):
+            return _lines(source, text)
         raise UserError(
             f"'{source.path}', row {error.lineno}: no JSON, {error.msg}; write it again"
         ) from error
@@ -41,7 +49,49 @@ def read(source: Source) -> Tables:
         raise UserError(
             f"'{source.path}' holds no records: give a list of objects, or lists by name"
         )
-    return Tables({"": [column_of(name, found) for name, found in lists.items()]})
+    return Tables({"": [one for name in lists for one in _columns(source, name, lists[name])]})
+
+
+def _parsed(source: Source, text: str) -> Any:
+    try:
+        return json.loads(text, parse_int=float)
+    except RecursionError as error:
+        raise UserError(f"'{source.path}' is nested too deeply: give a list of records") from error
+
+
+def _is_a_line(text: str) -> bool:
+    """Whether the first line of a text is JSON by itself, and more follows."""
+    first, _, more = text.partition("\n")
+    try:
+        json.loads(first)
+    except (json.JSONDecodeError, RecursionError):
+        return False
+    return bool(more.strip())
+
+
+def _lines(source: Source, text: str) -> Tables:
+    """The records of a text that has one a line."""
+    source.wanted([""])
+    records = []
+    for row, line in enumerate(text.rstrip().split("\n") if text.strip() else [], start=1):
+        if not line.strip():
+            raise UserError(f"'{source.path}', row {row} is empty: remove it")
+        try:
+            records.append(_parsed(source, line))
+        except json.JSONDecodeError as error:
+            raise UserError(
+                f"'{source.path}', row {row}: no JSON, {error.msg}; write it again"
+            ) from error
+        if not isinstance(records[-1], dict | list | type(None)):
+            raise UserError(f"'{source.path}', row {row}: no record; give an object a line")
+    return Tables({"": columns_of(source, records)})
+
+
+def _columns(source: Source, name: str, values: list[Any]) -> list[pl.Series]:
+    """A list as a column, or as several where there are lists or objects in it."""
+    if any(isinstance(value, dict | list) for value in values):
+        return columns_of(source, values, name)
+    return [column_of(name, values)]
 
 
 def _lists(name: str, value: Any) -> Iterator[tuple[str, list[Any]]]:
@@ -54,4 +104,5 @@ def _lists(name: str, value: Any) -> Iterator[tuple[str, list[Any]]]:
 
 
 def _are_records(found: list[Any]) -> bool:
-    return bool(found) and all(isinstance(item, dict) for item in found)
+    kinds = {type(item) for item in found}
+    return dict in kinds and kinds <= {dict, type(None)}

@@ -23,7 +23,8 @@ from servo_models.core.plant import Parameter
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
-from servo_models.data.log import ROUNDING, Log
+from servo_models.data.clock import ROUNDING
+from servo_models.data.log import Log
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
 from servo_models.diagnosis.search.linearisation import Linearisation, linearised
 from servo_models.diagnosis.search.residuals import Residuals, residuals_of

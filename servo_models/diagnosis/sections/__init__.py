@@ -12,7 +12,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.diagnosis.weights import COVERED
-from servo_models.identification.readings import log_facts
+from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, number, percent
 from servo_models.report.sections import Card, Report, Section
@@ -146,7 +146,10 @@ def _to_do(diagnosis: Diagnosis) -> str:
 
 def _answer(diagnosis: Diagnosis) -> Section:
     return Section(
-        ANSWER, tables=(tables.gap(diagnosis),), pictures=pictures.responses(diagnosis)[:2]
+        ANSWER,
+        items=log_notes(diagnosis.logs),
+        tables=(tables.gap(diagnosis),),
+        pictures=pictures.responses(diagnosis)[:2],
     )
 
 

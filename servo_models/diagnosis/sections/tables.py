@@ -103,7 +103,8 @@ def fmu(diagnosis: Diagnosis) -> Table:
     told = diagnosis.confirmation
     off = told.difference if told else 0.0
     same = f"off by {number(off, 2)} of full scale" if off else "the same bits as the simulation"
-    title = f"The diagnosed model as an FMU, run over each log: {same}"
+    but = f" but {told.not_run}" if told and told.moving else ""
+    title = f"The diagnosed model as an FMU, run over each log{but}: {same}"
     return error_table(title, told.rows if told else (), diagnosis.model.plant)
 
 

@@ -77,11 +77,11 @@ def check_signals(log: Log, source: str, output: str) -> None:
     for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
         if name not in known:
             raise UserError(
-                f"{log.path.name}: the log has no {kind} '{name}'; {did_you_mean(name, known)}"
+                f"log '{log.name}': the log has no {kind} '{name}'; {did_you_mean(name, known)}"
             )
     if log.skipped is not None and np.any(log.skipped):
         raise UserError(
-            f"{log.path.name}: a transfer function is fitted to every sample, 'judged' leaves some"
+            f"log '{log.name}': a transfer function is fitted to every sample, 'judged' leaves some"
             " out: remove it, or cut the log with 'window'"
         )
 
@@ -118,7 +118,7 @@ class Record:
         given = u - (u[0] if log.settle > 0.0 else rest)
         if not np.any(given):
             raise UserError(
-                f"{log.path.name}: input '{source}' never leaves its rest:"
+                f"log '{log.name}': input '{source}' never leaves its rest:"
                 " a transfer function needs a record in which it moves"
             )
         return cls(log.name, log.times, given, y, log.held_out)

@@ -234,7 +234,7 @@ def _sine(log: Log, source: str, output: str) -> tuple[float, complex, float]:
     frequency = float(best.x)
     if frequency * (times[-1] - times[0]) < 4.0 * math.pi:
         raise UserError(
-            f"{log.path.name}: less than two periods of a sine in the second half of the log:"
+            f"log '{log.name}': less than two periods of a sine in the second half of the log:"
             " record longer"
         )
     drive, _ = fundamental(times, u, frequency)

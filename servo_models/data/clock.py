@@ -1,0 +1,259 @@
+"""Times of a log: stamps that a clock rounded, put back on the grid on which it ticked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.core.types import Array
+
+ROUNDING = 1e-3
+"""Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
+that ticks evenly."""
+NANOSECOND = 1e-9
+"""Finest step of stamps [s] that is looked for."""
+DIGITS_LEFT = 4.0
+"""Spacings of the floating-point numbers in which a stamp stands, below which its digits are
+rounding."""
+MOST_TICKS = 2.0**52
+"""Of the finest step in a log: all of them are exact in a floating-point number."""
+STRICT, CLOSED = 1.0 - 1e-6, 1.0 + 1e-6
+"""Range of stamps about an even grid, in quanta: rounding leaves less than one; a clock that ticks
+where the rounding turns, one."""
+LOOSE = 2.0
+"""The same where rows were late or early as well, so that every stamp is within one quantum."""
+LOOSE_PERIODS = 0.5  # that rows may be late by: a lost one shifts stamps by a whole period
+SHORT = 1.01  # of the least range, that a period of few digits may leave
+TURNS = 3  # odd steps that show a rounding: fewer may be lost rows, or one that stands twice
+MOST_BREAKS = 0.02  # gaps in rows: more of them are jitter
+FIRST_BREAKS = 2  # gaps that are no matter of share
+LEAST_STRETCH = 16  # rows between gaps that tell a period
+THIRDS = 45
+"""Steps of the search for a period, each of which leaves two thirds of its interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """An even grid on which rounded stamps lie.
+
+    Attributes:
+        times: of the rows on the grid [s], shape (n,), from about 0.
+        period, quantum: of the grid and of the stamps [s].
+        correction: largest distance of a stamp from its time [s], at most a quantum.
+    """
+
+    times: Array
+    period: float
+    quantum: float
+    correction: float
+
+    @property
+    def note(self) -> str:
+        """What was done, as a sentence."""
+        return (
+            f"time stamps in steps of {1e3 * self.quantum:.4g} ms are put back on the even grid"
+            f" that all of them agree with: a row every {1e3 * self.period:.6g} ms, the largest"
+            f" correction is {1e3 * self.correction:.3g} ms"
+        )
+
+
+def regular(times: Array) -> Array:
+    """Return times on the regular grid that they only miss by rounding; others as they are.
+
+    Time stamps of a few digits would shift samples against the clocks of a model, and a
+    digital loop that misses a tick now and then is another loop.  The step is the shortest
+    decimal number that fits.
+    """
+    n = len(times)
+    count = np.arange(n)
+    step = (times[-1] - times[0]) / (n - 1)
+    tolerance = ROUNDING * step
+    if np.abs(times - times[0] - step * count).max() > tolerance:
+        return times
+    for digits in range(2, 16):
+        short = float(f"{step:.{digits - 1}e}")
+        if np.abs(times - times[0] - short * count).max() <= tolerance:
+            return np.asarray(times[0] + short * count)
+    return times
+
+
+def dithered(stamps: Array, scale: float = 1.0) -> Grid | None:
+    """Return the even grid of which stamps are the rounded times, None where there is none.
+
+    A row every 3.003 ms is stamped 0, 3, 6, 9, ... 1000, 1004 in ms, and one every 0.7 ms
+    0, 1, 1, 2: steps that differ and times that repeat, though the clock is even.  All stamps
+    have to lie within one quantum about one straight line over the rows; rows may be lost, where
+    the stamps then jump.
+    Source: Rosenfeld, IEEE Trans. Computers C-23 (1974), digital straight lines; which of the
+    lines: least largest error.
+
+    Args:
+        stamps: not falling, shape (n,).
+        scale: seconds in one unit of them.
+    """
+    since = (stamps - stamps[0]) * scale
+    finest = max(NANOSECOND, DIGITS_LEFT * scale * float(np.spacing(np.abs(stamps).max())))
+    finest = 10.0 ** math.ceil(math.log10(finest))
+    if len(since) < LEAST_STRETCH or since[-1] > MOST_TICKS * finest:
+        return None
+    ticks = np.round(since / finest).astype(np.int64)
+    common = int(np.gcd.reduce(np.diff(ticks)))
+    if not common:
+        return None
+    counts = ticks // common
+    steps = np.diff(counts)
+    if np.ptp(steps) == 0 or np.median(steps) * ROUNDING >= 1.0:
+        return None  # even as it is, or as good as
+    for width in _widths(steps):
+        numbers = _numbered(counts, width)
+        if numbers is not None:
+            return _grid(counts, numbers, common * finest)
+    return _without_gaps(counts, common * finest)
+
+
+def _widths(steps: NDArray[np.int64]) -> list[float]:
+    """How far stamps may be about a grid in which rows are missing [quanta], narrow ones first.
+
+    None where a longer step may be both, the rounding and a lost row.
+    """
+    near = steps[steps <= 2 * np.median(steps) + 1]
+    usual = int(np.argmax(np.bincount(near)))
+    shorter, odd = int(np.count_nonzero(near < usual)), int(np.count_nonzero(near != usual))
+    if odd < TURNS or (usual == 1 and not shorter and odd <= MOST_BREAKS * len(steps)):
+        return []
+    loose = min(LOOSE, 1.0 + LOOSE_PERIODS * float(np.mean(near)))
+    return [STRICT, CLOSED, loose] if usual > 1 or shorter >= TURNS else [STRICT, CLOSED]
+
+
+def _without_gaps(counts: NDArray[np.int64], quantum: float) -> Grid | None:
+    """The grid of rows all of which are there, if the rounding turns often enough to be one."""
+    steps = np.diff(counts)
+    rows = np.arange(len(counts))
+    if np.count_nonzero(steps != np.median(steps)) < TURNS or not _fits(counts, STRICT):
+        return None
+    return _grid(counts, rows, quantum)
+
+
+def _grid(counts: NDArray[np.int64], numbers: NDArray[np.int64], quantum: float) -> Grid:
+    """The grid of rows with these numbers; its period is the shortest decimal one that fits."""
+    slope, least = _line(counts, numbers)
+    most = CLOSED if least <= CLOSED else SHORT * least
+    for digits in range(2, 16):
+        short = float(f"{slope * quantum:.{digits - 1}e}") / quantum
+        if np.ptp(counts - short * numbers) <= most:
+            slope = short
+            break
+    off = counts - slope * numbers
+    middle = 0.5 * float(off.max() + off.min())
+    times = np.asarray(quantum * (middle + slope * numbers))
+    return Grid(times, quantum * slope, quantum, 0.5 * quantum * float(np.ptp(off)))
+
+
+def _numbered(counts: NDArray[np.int64], width: float) -> NDArray[np.int64] | None:
+    """The number of each row on the grid, None where no grid is as narrow as ``width`` [quanta].
+
+    The period is that of the longest stretch without a gap; it gets more certain as the rows
+    about that are numbered.
+    """
+    n = len(counts)
+    stretch = _longest_stretch(counts, width)
+    if stretch is None:
+        return None
+    first, last = stretch
+    numbers = np.arange(last - first)
+    while (first, last) != (0, n):
+        own = counts[first:last]
+        slope, _ = _line(own, numbers)
+        off = own - slope * numbers
+        middle = 0.5 * float(off.max() + off.min())
+        more = (last - first + 1) // 2
+        first, last = max(0, first - more), min(n, last + more)
+        found = _number(np.asarray(counts[first:last] - middle), slope, width)
+        if found is None or _line(counts[first:last], found, width)[1] > width:
+            return None
+        numbers = found
+    return numbers
+
+
+def _line(
+    counts: NDArray[np.int64], numbers: NDArray[np.int64], enough: float = 0.0
+) -> tuple[float, float]:
+    """Slope of the line over the numbers that leaves the least range, and that range.
+
+    The range is convex in the slope, and no better line is steeper or flatter than the ends allow.
+    The search ends where the range is ``enough``.
+    """
+    across = max(int(numbers[-1] - numbers[0]), 1)
+    mean = float(counts[-1] - counts[0]) / across
+    low, high = mean - 2.0 / across, mean + 2.0 / across
+    for _ in range(THIRDS):
+        slopes = low + (high - low) / 3.0, high - (high - low) / 3.0
+        left, right = (float(np.ptp(counts - slope * numbers)) for slope in slopes)
+        if min(left, right) <= enough:
+            break
+        low, high = (low, slopes[1]) if left <= right else (slopes[0], high)
+    return min((left, slopes[0]), (right, slopes[1]))[::-1]
+
+
+def _fits(counts: NDArray[np.int64], width: float) -> bool:
+    return _line(counts, np.arange(len(counts)), width)[1] <= width
+
+
+def _longest_stretch(counts: NDArray[np.int64], width: float) -> tuple[int, int] | None:
+    """Begin and end of the most rows that lie on a line, None for more gaps than a clock has."""
+    n, begin, breaks = len(counts), 0, 0
+    longest = (0, 0)
+    while begin < n:
+        if breaks > FIRST_BREAKS + MOST_BREAKS * begin:
+            return None
+        end = _reach(counts, begin, width)
+        longest = max(longest, (begin, end), key=lambda one: one[1] - one[0])
+        begin, breaks = end, breaks + 1
+    return longest if longest[1] - longest[0] >= LEAST_STRETCH else None
+
+
+def _reach(counts: NDArray[np.int64], begin: int, width: float) -> int:
+    """Where a line through the rows from ``begin`` on ends."""
+    n = len(counts)
+    good, bad = begin + 1, begin + LEAST_STRETCH
+    while _fits(counts[begin:bad], width):
+        if bad >= n:
+            return n
+        good, bad = bad, 2 * bad - begin
+    bad = min(bad, n)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if _fits(counts[begin:middle], width):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _number(off: Array, slope: float, width: float) -> NDArray[np.int64] | None:
+    """Numbers of rows about a line through 0, with as few gaps as can be; None if there are none.
+
+    A row may be off the line by half the ``width``, or else by half a period: the line is not
+    known for sure.
+    """
+    slack = CLOSED - 1.0
+    half = 0.5 * max(width, slope)
+    rows = np.arange(len(off))
+    lowest = np.ceil((off - half) / slope - slack).astype(np.int64) - rows
+    highest = np.floor((off + half) / slope + slack).astype(np.int64) - rows
+    shifts, begin = np.zeros_like(rows), 0
+    low, high = int(lowest[0]), int(highest[0])
+    least = None  # shift after a gap; before the first one, the largest that is possible
+    for row, (bottom, top) in enumerate(zip(lowest.tolist(), highest.tolist())):
+        if max(low, bottom) <= min(high, top):
+            low, high = max(low, bottom), min(high, top)
+            continue
+        shifts[begin:row] = before = high if least is None else least
+        low, high, begin, least = bottom, top, row, bottom
+        if not before < low <= high:
+            return None
+    shifts[begin:] = high if least is None else low
+    return np.asarray(rows + shifts - shifts[0])

@@ -1,0 +1,95 @@
+"""The runs of a ``[[logs]]``: one, or those that ``repeat`` and a pattern in ``file`` list."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from servo_models.data.schema import Section
+from servo_models.files import matching
+
+REPEAT = 'repeat = [{ file = "a.csv" }, { file = "b.csv", held_out = true }]'
+
+
+def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
+    """Return what is said of each run of an entry, as if it had an entry of its own.
+
+    A table of ``repeat`` replaces keys of the entry.  Of several files the runs are called like
+    the files, behind the name of the entry; of one file, by their number behind it.
+
+    Args:
+        entry: a ``[[logs]]``.
+        tables: in memory; who is called like one is no pattern.
+
+    Raises:
+        UserError: ``repeat`` is no list of tables or is empty, or no file matches a pattern.
+    """
+    for run in _repeated(entry):
+        file = run.content.get("file")
+        if _is_pattern(file) and file not in tables:
+            yield from _files(run, file)
+        else:
+            yield run
+
+
+def _repeated(entry: Section) -> Iterator[Section]:
+    """The entry, or each table of its ``repeat`` with what the entry says for all of them."""
+    if "repeat" not in entry:
+        yield entry
+        return
+    entry.at("repeat").read(list[dict[str, Any]], REPEAT)
+    if not entry.content["repeat"]:
+        entry.fail("repeat", f"empty; write for example {REPEAT}")
+    shared = {key: value for key, value in entry.content.items() if key != "repeat"}
+    for k, run in enumerate(entry.sections("repeat"), start=1):
+        if "repeat" in run:
+            run.fail("repeat", "runs inside of a run; list all of them in one")
+        name = run.content.get("name", _name(shared, run.content, k))
+        yield replace(run, content={**shared, **run.content, "name": name})
+
+
+def _name(shared: Mapping[str, Any], own: Mapping[str, Any], number: int) -> Any:
+    """The name of a run that says none: from its own file, else by its number."""
+    name = shared.get("name") or ""
+    if "file" in own:
+        return _behind(name, "" if _is_pattern(own["file"]) else _stem(own["file"]))
+    file = shared.get("file", "")
+    return _behind(name or ("" if _is_pattern(file) else _stem(file)), str(number))
+
+
+def _behind(name: Any, own: str) -> Any:
+    """Both parts of a name; what is no text is refused where the log is read."""
+    return f"{name} {own}".strip() if isinstance(name, str) else name
+
+
+def _stem(file: Any) -> str:
+    return Path(file).stem if isinstance(file, str) else ""
+
+
+def _is_pattern(file: Any) -> bool:
+    return isinstance(file, str) and glob.has_magic(file)
+
+
+def _files(run: Section, pattern: str) -> Iterator[Section]:
+    """The same for each file that a pattern finds."""
+    folder = run.file.parent
+    found = matching(folder, pattern)
+    if not found:
+        run.fail("file", f"no file matches '{pattern}'; write it as seen from the description")
+    files = found if Path(pattern).is_absolute() else [path.relative_to(folder) for path in found]
+    first = run.content.get("name", "")
+    for file, own in zip(files, _names(files)):
+        content = {**run.content, "file": str(file), "name": _behind(first, own)}
+        yield replace(run, content=content)
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """The names of files without suffix, with their folders where some are alike."""
+    short = [file.with_suffix("").as_posix() for file in files]
+    for names in ([file.stem for file in files], short):
+        if len(set(names)) == len(names):
+            return names
+    return [file.as_posix() for file in files]

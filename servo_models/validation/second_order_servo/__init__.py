@@ -1,0 +1,1 @@
+"""Validation of the general servo: independent reference, cases, pictures."""

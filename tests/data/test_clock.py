@@ -1,0 +1,216 @@
+"""Rounded time stamps against the clock that they were rounded from; lost rows stay lost."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.audit import audits
+from servo_models.data.clock import dithered
+from servo_models.data.description import Description
+from servo_models.diagnosis.diagnose import diagnose
+from servo_models.identification.check import check
+from tests.support.descriptions import LOG, complaint, describe, text_of
+
+MS = 1e-3
+QUANTUM = 1.0
+"""[ms] of the stamps below."""
+RATES = st.floats(0.3, 40.0)
+"""Periods [ms]: several rows for a stamp up to many stamps for a row."""
+
+
+def spread(times: Array, truth: Array) -> float:
+    """Largest distance of two records of one clock, whatever their origin."""
+    return float(np.ptp(times - truth)) / 2.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    RATES,
+    st.integers(100, 3000),
+    st.floats(0.0, 1.0),
+    st.sampled_from([np.round, np.floor]),
+    st.sampled_from([0.0, 1.7e12]),
+)
+def test_rounded_stamps_of_an_even_clock_are_put_back(
+    period: float, n: int, phase: float, rounding: np.ufunc, origin: float
+) -> None:
+    """Whatever the rounding, no time is off by more than the quantum, and none is a gap."""
+    truth = period * np.arange(n) + phase
+    stamps = rounding(truth)
+    counts = np.unique(np.diff(stamps), return_counts=True)
+    assume(len(counts[0]) > 1 and math.gcd(*map(int, counts[0])) == 1)
+    assume(n - 1 - counts[1].max() >= 3)  # two odd steps may be lost rows
+    assume(period < 0.7 or 0.9 < period < 0.98 or period > 1.05)
+    grid = dithered(stamps + origin, MS)
+    assert grid is not None
+    assert grid.quantum == pytest.approx(MS)
+    assert grid.period == pytest.approx(period * MS, abs=2.0 * MS / n)
+    assert spread(grid.times, truth * MS) <= MS
+    assert grid.correction <= 0.5 * MS * (1.0 + 1e-6)
+    assert np.ptp(np.diff(grid.times)) < 1e-9
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1.1, 30.0), st.integers(400, 3000), st.integers(1, 6), st.integers(0, 2**32 - 1))
+def test_lost_rows_stay_lost(period: float, n: int, gaps: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    truth = period * np.arange(n) + random.uniform()
+    kept = np.ones(n, dtype=bool)
+    kept[np.linspace(60, n - 60, gaps).astype(int) + random.integers(-20, 20, gaps)] = False
+    stamps = np.round(truth[kept])
+    usual = np.diff(np.round(truth))
+    assume(np.mean(usual != np.median(usual)) > 0.03)
+    grid = dithered(stamps, MS)
+    assert grid is not None
+    long = np.flatnonzero(np.diff(grid.times) > 1.5 * grid.period)
+    assert list(long) == list(np.flatnonzero(np.diff(truth[kept]) > 1.5 * period))
+    assert spread(grid.times, truth[kept] * MS) <= MS
+
+
+@pytest.mark.parametrize("period", [1.0, 5.0])
+def test_lost_rows_of_stamps_that_are_not_rounded_are_no_rounding(period: float) -> None:
+    times = period * np.arange(2000.0)
+    for lost in ([700], [700, 1300], [200, 900, 1500], [300, 301, 302]):
+        assert dithered(np.delete(times, lost), MS) is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.05, 0.5), st.integers(0, 2**32 - 1))
+def test_a_clock_that_wanders_is_not_put_on_a_grid(jitter: float, seed: int) -> None:
+    """Steps that are random add up to more than a quantum."""
+    steps = 3.3 * (1.0 + jitter * np.random.default_rng(seed).uniform(-1.0, 1.0, 4000))
+    assert dithered(np.round(np.cumsum(steps)), MS) is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(2.2, 20.0), st.floats(0.05, 0.45), st.integers(0, 2**32 - 1))
+def test_rows_that_are_a_little_late_are_still_on_the_grid(
+    period: float, late: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    truth = period * np.arange(2000)
+    assume(abs(period - round(period)) > 0.01)
+    grid = dithered(np.round(truth + late * random.uniform(-1.0, 1.0, 2000)), MS)
+    assert grid is not None
+    assert spread(grid.times, truth * MS) <= MS
+    assert grid.correction <= (0.5 + late) * MS * 1.01
+
+
+def test_a_clock_that_ticks_where_the_rounding_turns() -> None:
+    random = np.random.default_rng(1)
+    stamps = np.round(np.arange(5000) + 0.5 + 0.01 * random.standard_normal(5000))
+    stamps = np.maximum.accumulate(stamps)
+    assert np.count_nonzero(np.diff(stamps) == 0.0) > 100
+    grid = dithered(stamps, MS)
+    assert grid is not None
+    assert grid.period == pytest.approx(MS)
+
+
+def test_even_stamps_and_numbers_that_are_no_clock_are_left_alone() -> None:
+    for stamps in (
+        3.0 * np.arange(100.0),
+        np.zeros(100),
+        np.arange(10.0) // 2.0,
+        np.cumsum(np.full(100, 1e300)),
+        np.concatenate([np.arange(50.0), 1e12 + np.arange(50.0)]),
+        1e-320 * np.arange(100),
+    ):
+        assert dithered(stamps, MS) is None
+
+
+# in a description
+
+PERIOD = 1.3
+"""[ms]; steps of 1 and 2 ms look like gaps."""
+ROWS = 1500
+
+
+def record(period: float = PERIOD, lost: int = 0) -> tuple[str, Array]:
+    """Rows of a rig as a logger with stamps of 1 ms writes them, and their true times [s]."""
+    rig, times = model("torque_motor", "measured"), period * MS * np.arange(ROWS)
+    voltage = np.where(times < 0.1, 0.0, np.where(np.sin(20.0 * times) > 0.0, 20.0, -20.0))
+    angle = simulate(rig, times, {"voltage": voltage})["angle"]
+    angle = np.rad2deg(angle) + 0.02 * np.random.default_rng(2).standard_normal(ROWS)
+    rows = list(zip(np.round(1e3 * times).astype(int), voltage, angle))
+    kept = [k for k in range(ROWS) if not 700 <= k < 700 + lost]
+    return text_of([rows[k] for k in kept]), times[kept]
+
+
+def told(folder: Path, period: float = PERIOD, lost: int = 0) -> tuple[Description, Array]:
+    data, times = record(period, lost)
+    return describe(folder, data=data), times
+
+
+@pytest.mark.parametrize("period", [PERIOD, 0.7, 3.003])
+def test_a_log_with_rounded_stamps_has_its_own_clock_and_says_so(
+    tmp_path: Path, period: float
+) -> None:
+    described, times = told(tmp_path, period)
+    (log,) = described.logs
+    assert spread(log.times, times) <= 0.5 * MS
+    assert np.ptp(np.diff(log.times)) < 1e-9
+    (note,) = log.notes
+    assert f"every {period:g} ms" in note
+    assert "largest correction is 0." in note
+    (found,) = audits(described.logs, described.model.plant)
+    assert not found.sampling.gaps
+    assert not any("jitter" in text for text in found.warnings)
+
+
+def test_a_gap_is_found_among_rounded_stamps(tmp_path: Path) -> None:
+    described, _ = told(tmp_path, lost=40)
+    (found,) = audits(described.logs, described.model.plant)
+    (gap,) = found.sampling.gaps
+    assert gap.row == 700 + 1
+    assert gap.length == pytest.approx(41 * PERIOD * MS, abs=1e-5)
+    assert described.logs[0].notes
+
+
+def test_check_and_diagnosis_tell_what_was_done(tmp_path: Path) -> None:
+    described, _ = told(tmp_path)
+    (note,) = described.logs[0].notes
+    checked = check(described)
+    assert note in str(checked).replace("\n", " ")
+    assert checked.document()["notes"] == {"log": [note]}
+    found = diagnose(described)
+    assert note in " ".join(str(found).split())
+    assert found.document()["logs"][0]["notes"] == [note]
+
+
+def test_a_row_that_stands_twice_is_still_refused(tmp_path: Path) -> None:
+    rows = [(5.0 * k, float(k % 3), 0.1 * k) for k in range(40)]
+    message = complaint(tmp_path, data=text_of([*rows[:20], rows[19], *rows[21:]]))
+    assert "row 22, column 'time_ms': time 0.095 s repeats" in message
+    dropped = LOG.replace('unit = "ms"', 'unit = "ms", repeats = "drop"')
+    log = describe(tmp_path, dropped, data=text_of([*rows[:20], rows[19], *rows[21:]])).logs[0]
+    assert len(log.times) == 39
+
+
+def test_windows_of_a_file_have_its_clock(tmp_path: Path) -> None:
+    """A short window alone may lie on many grids: the whole file knows its own."""
+    data, times = record()
+    windows = ", ".join(f'{{ window = ["{k} ms", "{k + 60} ms"] }}' for k in (0, 500, 1500))
+    described = describe(tmp_path, f"{LOG}repeat = [{windows}]", data=data)
+    for log in described.logs:
+        own = times[log.rows[0] - 2 : log.rows[-1] - 1]
+        assert spread(log.times, own) <= 1e-6
+        assert "every 1.3 ms" in log.notes[0]
+
+
+def test_a_window_may_lie_on_a_grid_where_the_file_does_not(tmp_path: Path) -> None:
+    head, *rows = record()[0].splitlines()
+    cells = [row.partition(",")[2] for row in rows]
+    times = [int(0.7 * k) for k in range(800)]
+    times += [times[-1] + 977 * k for k in range(1, 40)]
+    data = "\n".join([head, *(f"{time},{cell}" for time, cell in zip(times, cells))])
+    log = describe(tmp_path, LOG + 'window = ["0 s", "559 ms"]\n', data=data).logs[0]
+    assert log.times == pytest.approx(0.7e-3 * np.arange(800), abs=1e-3)
+    assert "every 0.7 ms" in log.notes[0]

@@ -1,0 +1,123 @@
+"""Many runs in one entry: a pattern in ``file``, a list in ``repeat``; one log each."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from servo_models.data.description import Description, read_description
+from servo_models.data.log import hashes
+from servo_models.data.schema import named_files
+from servo_models.errors import UserError
+from tests.conftest import Run
+from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, text_of
+
+
+def recorded(folder: Path, *names: str) -> None:
+    """A log in each of these files, told apart by its last reading."""
+    for k, name in enumerate(names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text_of([*TABLE[:-1], (*TABLE[-1][:2], float(k))]))
+
+
+def entry(file: str, more: str = "") -> str:
+    return LOG.replace('"log.csv"', json.dumps(file)) + more + "\n"
+
+
+def names_of(told: Description) -> list[str]:
+    return [log.name for log in told.logs]
+
+
+def test_a_pattern_is_a_log_for_each_file_in_natural_order(tmp_path: Path) -> None:
+    recorded(tmp_path, *(f"runs/step_{k}.csv" for k in (10, 2, 1, 33)), "runs/notes.csv")
+    told = describe(tmp_path, entry("runs/step_*.csv", 'constants = { load_torque = "1 mN.m" }'))
+    assert names_of(told) == ["step_1", "step_2", "step_10", "step_33"]
+    assert [log.path.name for log in told.logs] == [f"step_{k}.csv" for k in (1, 2, 10, 33)]
+    assert all(log.constants == {"load_torque": 1e-3} for log in told.logs)
+    assert len({log.sha256 for log in told.logs}) == 4
+
+
+def test_files_of_one_name_in_several_folders_are_told_apart(tmp_path: Path) -> None:
+    recorded(tmp_path, "a/x/run.csv", "b/x/run.csv", "b/y/run.csv")
+    told = describe(tmp_path, entry("**/run.csv"))
+    assert names_of(told) == ["a/x/run", "b/x/run", "b/y/run"]
+    assert list(hashes(told.logs)) == ["a/x/run.csv", "b/x/run.csv", "y/run.csv"]
+
+
+def test_a_name_stands_before_that_of_each_file(tmp_path: Path) -> None:
+    recorded(tmp_path, "a/1.csv", "a/2.csv", "b/1.csv")
+    both = entry("a/*.csv", 'name = "left"') + entry("b/*.csv", 'name = "right"')
+    assert names_of(describe(tmp_path, both)) == ["left 1", "left 2", "right 1"]
+    message = complaint(tmp_path, log=entry("a/*.csv") + entry("b/*.csv"))
+    assert "logs[2].name: a second log '1'" in message
+
+
+def test_a_file_whose_name_looks_like_a_pattern_is_that_file(tmp_path: Path) -> None:
+    recorded(tmp_path, "run[1].csv", "run1.csv")
+    assert names_of(describe(tmp_path, entry("run[1].csv"))) == ["run[1]"]
+
+
+def test_each_table_of_repeat_replaces_keys_of_the_entry(tmp_path: Path) -> None:
+    recorded(tmp_path, "a.csv", "b.csv")
+    runs = """repeat = [
+        { file = "a.csv" },
+        { file = "b.csv", held_out = true, name = "judge" },
+        { window = ["0 s", "80 ms"] },
+        { window = ["10 ms", "90 ms"] },
+    ]"""
+    told = describe(tmp_path, LOG + runs)
+    assert names_of(told) == ["a", "judge", "log 3", "log 4"]
+    assert [bool(log.held_out.all()) for log in told.logs] == [False, True, False, False]
+    assert [log.begin for log in told.logs] == pytest.approx([0.0, 0.0, 0.0, 0.01])
+    without = LOG.replace('file = "log.csv"\n', "") + 'repeat = [{ file = "?.csv" }]'
+    assert names_of(describe(tmp_path, without)) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("log", "said"),
+    [
+        (entry("runs/*.csv"), ["logs[1].file", "no file matches 'runs/*.csv'", "description"]),
+        (LOG.replace('"log.csv"', "3"), ["logs[1].file: no text"]),
+        (LOG + "repaet = [{}]", ["logs[1].repaet", "did you mean 'repeat'"]),
+        (LOG + "repeat = 3", ["logs[1].repeat: no list; write for example repeat = [{"]),
+        (LOG + "repeat = [3]", ["logs[1].repeat", "no list"]),
+        (LOG + "repeat = []", ["logs[1].repeat: empty"]),
+        (LOG + "repeat = [{ nmae = 1 }]", ["logs[1].repeat[1].nmae", "did you mean 'name'"]),
+        (LOG + "repeat = [{}, { name = 1 }]", ["logs[1].repeat[2].name: no text"]),
+        (LOG + "repeat = [{ window = 1 }]", ["logs[1].repeat[1].window: no pair"]),
+        (LOG + "repeat = [{ repeat = [{}] }]", ["logs[1].repeat[1].repeat", "inside"]),
+        (LOG + 'repeat = [{ file = "c*.csv" }]', ["repeat[1].file", "no file matches 'c*.csv'"]),
+    ],
+)
+def test_a_fault_of_many_runs_is_named(tmp_path: Path, log: str, said: list[str]) -> None:
+    message = complaint(tmp_path, log=log)
+    for words in said:
+        assert words in message
+
+
+def test_a_fault_in_one_of_many_files_names_it(tmp_path: Path) -> None:
+    recorded(tmp_path, "a.csv", "b.csv")
+    (tmp_path / "b.csv").write_text((tmp_path / "b.csv").read_text().replace("105.0", "late"))
+    assert "b.csv', row 3, column 'time_ms': 'late'" in complaint(tmp_path, log=entry("?.csv"))
+
+
+def test_files_of_a_pattern_are_not_written_over(tmp_path: Path, run: Run) -> None:
+    rows = [dict(zip(("time_ms", "u", "angle_deg"), row)) for row in TABLE]
+    for name in ("a.json", "b.json"):
+        (tmp_path / name).write_text(json.dumps(rows))
+    path = tmp_path / "rig.toml"
+    path.write_text(HEAD + entry("?.json"))
+    assert len(read_description(path).logs) == 2
+    assert set(named_files(path)) == {path, tmp_path / "a.json", tmp_path / "b.json"}
+    code, _, err = run("diagnose", path, "--json", tmp_path / "b.json")
+    assert code == 2
+    assert "b.json" in err
+    assert json.loads((tmp_path / "b.json").read_text()) == rows
+
+
+def test_a_name_with_a_nul_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"logs\[1\].file"):
+        describe(tmp_path, entry("a\0*.csv"))
