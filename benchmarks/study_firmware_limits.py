@@ -29,6 +29,7 @@ import numpy as np
 import servo_models as sm
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
+from servo_models.diagnosis.result import Diagnosis
 
 COUNT_RAD = 2.0 * math.pi / 4096.0
 STEP_S = 5e-3
@@ -123,7 +124,7 @@ def acceleration(values: Mapping[str, float], name: str, supply: float) -> float
     return values["torque_constant"] * current / values["inertia"]
 
 
-def diagnosed(case: Case) -> sm.Diagnosis:
+def diagnosed(case: Case) -> Diagnosis:
     """Diagnose a case with the nominal model."""
     description = sm.describe(
         sm.model("smart_servo", case.variant),
