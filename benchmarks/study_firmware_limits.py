@@ -10,7 +10,9 @@ acceleration time.  *acceleration*: profile whose velocity is that of the motor 
 which no step reaches.  *both*: a trapezoid.  *none*: no limit.
 
 A case is *named* where the effect is in the selection, *alone* where nothing else is; the value
-found stands beside the true one.  Of an acceleration it is velocity over acceleration time.
+found stands beside the true one.  An angle alone tells no amperes: a current, inertia and
+1 / resistance that are all larger move alike.  So the acceleration at the limit stands beside the
+true one as well: k limit / inertia of a current, k supply limit / (resistance inertia) of a duty.
 
 Run: ``python benchmarks/study_firmware_limits.py [--seeds 2] [--seed 0] [--limit current ...]``.
 """
@@ -25,7 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import servo_models as sm
+from servo_models.core.simulate import Model
 from servo_models.core.types import Array
+from servo_models.diagnosis.result import Diagnosis
 
 COUNT_RAD = 2.0 * math.pi / 4096.0
 STEP_S = 5e-3
@@ -91,25 +95,36 @@ def goals(random: np.random.Generator) -> Mapping[str, Array]:
     return {"steps": np.repeat(levels, 70), "sines": np.asarray(sines)}
 
 
-def logs(case: Case) -> dict[str, dict[str, Array]]:
-    """What is measured: goal and reading [rad] every 5 ms."""
-    random = np.random.default_rng(case.seed)
+def rig(case: Case, random: np.random.Generator) -> Model:
+    """The true servo."""
     nominal = sm.model("smart_servo", case.variant)
     off = {
         name: nominal.values[name] * (1.0 + share * random.uniform(-1.0, 1.0))
         for name, share in UNCERTAINTY.items()
     }
-    rig = sm.model("smart_servo", case.variant, {**off, **case.true})
+    return sm.model("smart_servo", case.variant, {**off, **case.true})
+
+
+def logs(case: Case) -> dict[str, dict[str, Array]]:
+    """What is measured: goal and reading [rad] every 5 ms."""
+    random = np.random.default_rng(case.seed)
+    true = rig(case, random)
     found = {}
     for name, goal in goals(random).items():
         times = STEP_S * np.arange(len(goal))
-        angle = sm.simulate(rig, times, {"goal": goal})["angle"] / COUNT_RAD
+        angle = sm.simulate(true, times, {"goal": goal})["angle"] / COUNT_RAD
         noisy = angle + NOISE_COUNTS * random.standard_normal(len(angle))
         found[name] = {"t": times, "goal": goal, "reading": COUNT_RAD * np.round(noisy)}
     return found
 
 
-def diagnosed(case: Case) -> sm.Diagnosis:
+def acceleration(values: Mapping[str, float], name: str, supply: float) -> float:
+    """Acceleration [rad/s2] at standstill by a limit of current or duty."""
+    current = values[name] * (1.0 if name.startswith("current") else supply / values["resistance"])
+    return values["torque_constant"] * current / values["inertia"]
+
+
+def diagnosed(case: Case) -> Diagnosis:
     """Diagnose a case with the nominal model."""
     description = sm.describe(
         sm.model("smart_servo", case.variant),
@@ -129,6 +144,15 @@ def told(case: Case) -> tuple[bool, bool, str]:
         f"{name.partition('.')[2]} {found.fitted.values[name]:.4g} ({true:.4g})"
         for name, true in case.true.items()
         if named
+    ]
+    true = rig(case, np.random.default_rng(case.seed))
+    supply = float(true.plant.wire["supply"].rest)
+    values += [
+        "acceleration {:.4g} ({:.4g}) rad/s2".format(
+            *(acceleration(one.values, name, supply) for one in (found.fitted, true))
+        )
+        for name in case.true
+        if named and name.endswith(".limit")
     ]
     line = f"{found.verdict.kind}: {', '.join(effects) or '-'}; {', '.join(values) or '-'}"
     return named, named and len(effects) <= 1, line
