@@ -53,8 +53,7 @@ SHAFT: Chain = (
     free_shaft,
     no_second_mass,
     *effects_on("shaft_inertia", "load_inertia"),
-    # an FMU has the bounds of a motor without a gearbox, behind which all is far larger
-    place("gear_compliance", resonance_step, "internal_step", params={"inertia": {"high": 2e6}}),
+    place("gear_compliance", resonance_step, "internal_step"),
     *effects_on("travel", "end_stops"),
     motor.shaft_motion,
     shaft_output,
@@ -74,7 +73,7 @@ TORQUES: Chain = (
     *effects_on("load", "viscous_friction", "cogging"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     motor.motor_torque,
-    *effects_on("motor_torque", "thermal_drift", full_scale={"high": 1e3}),
+    *effects_on("motor_torque", "thermal_drift"),
     motor.net_torque,
     shaft_acceleration,
     *effects_on(("angle", "rate"), "backlash"),
