@@ -1,1 +1,0 @@
-"""Validation of the motor on a voltage: independent reference, cases."""
