@@ -197,3 +197,17 @@ def test_blocks_have_no_scales() -> None:
 
     with pytest.raises(ValueError, match="only an effect acts on a signal"):
         block("drag")(drag)
+
+
+@pytest.mark.parametrize("name", all_actuators())
+def test_every_variant_lies_in_the_bounds_of_the_fmu(name: str) -> None:
+    """An FMU has the bounds of the first variant, and is set to the values of any."""
+    chosen = actuator(name)
+    known = chosen.plant_of().parameters
+    for variant in chosen.variants:
+        outside = {
+            key: value
+            for key, value in chosen.values(variant.name).items()
+            if key in known and not known[key].param.low <= value <= known[key].param.high
+        }
+        assert outside == {}

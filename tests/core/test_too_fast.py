@@ -286,13 +286,13 @@ def test_a_refusal_of_many_changes_tries_none_of_them_alone(
     assert len(moved) > MOST_TRIED
     tried = model("linear_drive", None, {**moved, "mass": 0.1, "viscous_coefficient": 1e4})
     runs = []
-    once = Model._ran
+    once = Model.ran
 
     def counted(self: Model, *args: Array) -> Array:
         runs.append(self)
         return once(self, *args)
 
-    monkeypatch.setattr(Model, "_ran", counted)
+    monkeypatch.setattr(Model, "ran", counted)
     with pytest.raises(UserError, match="too fast") as refused:
         simulate(tried, 4e-3 * np.arange(100), {"reference": 0.01})
     assert len(runs) == 1

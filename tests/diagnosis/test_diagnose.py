@@ -377,4 +377,5 @@ def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on(
             wires = [wire for link in placements for wire in link.on]
             wire = plant.main_wire(name)
             assert wire in plant.wire
-            assert not [it for it in wires[: wires.index(wire)] if it in plant.wire]
+            before = {it for it in wires[: wires.index(wire)] if it in plant.wire}
+            assert before <= {"shaft_inertia"}  # a play takes its part of the inertia first

@@ -129,10 +129,10 @@ def test_a_sine_record_without_the_signal_is_one_clear_line() -> None:
     times = DT * np.arange(4000)
     u = np.sin(200.0 * times)
     other = log("rates", times, u, u, signals=("voltage", "rate"))
-    with pytest.raises(UserError, match=r"rates.csv: the log has no output 'angle'"):
+    with pytest.raises(UserError, match=r"log 'rates': the log has no output 'angle'"):
         sweep_of_sines([other] * 4, "voltage", "angle")
     other = log("loads", times, u, u, signals=("load_torque", "angle"))
-    with pytest.raises(UserError, match=r"loads.csv: the log has no input 'voltage'"):
+    with pytest.raises(UserError, match=r"log 'loads': the log has no input 'voltage'"):
         sweep_of_sines([other] * 4, "voltage", "angle")
 
 

@@ -391,7 +391,7 @@ def test_samples_that_are_not_judged_are_refused() -> None:
     times = DT * np.arange(2000)
     u = np.sign(np.sin(60.0 * times))
     skipping = replace(log("rests", times, u, u), skipped=times > 0.1)
-    with pytest.raises(UserError, match=r"rests.csv: .* 'judged' leaves some out: remove it"):
+    with pytest.raises(UserError, match=r"log 'rests': .* 'judged' leaves some out: remove it"):
         identify_transfer([skipping], model=MOTOR)
 
 
