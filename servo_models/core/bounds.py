@@ -32,6 +32,13 @@ def is_outside(values: Array, bounds: Bounded) -> Mask:
     return np.asarray((values < low) | (values > high))
 
 
+def inside(value: float, bounds: Bounded) -> float:
+    """Return ``value`` [SI], or the bound that it is beyond."""
+    low = -math.inf if bounds.low is None else bounds.low
+    high = math.inf if bounds.high is None else bounds.high
+    return min(max(value, low), high)
+
+
 def on_bound(value: float, bounds: Bounded) -> float:
     """Return ``value`` [SI], or the bound that it misses by rounding: 10 us are 9.99...e-6 s."""
     for bound in (bounds.low, bounds.high):

@@ -13,6 +13,7 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
+from servo_models.core.bounds import inside
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid
 from servo_models.core.types import Array
@@ -25,8 +26,10 @@ OFF_AT_FIRST = 0.02  # of the range of an output
 """Error at the beginning from which a log may have begun in another state."""
 OFF_LATER = 5.0  # times the error of the second half
 """Error at the beginning from which it surely has."""
-MAYBE_AT_FIRST, MAYBE_LATER = 0.01, 2.0
-"""The same two, from which it is asked how else the log may begin."""
+MAYBE_AT_FIRST = 0.01  # of the range of an output
+"""Error at the beginning from which it is asked how else a log may begin."""
+MAYBE_LATER = 2.0  # times the error of the second half
+"""The same of a log that was taken as settled."""
 START_STEPS = 6
 """Gauss-Newton steps of the fit of a start."""
 START_PARTS = (1.0, 0.25, 0.05)
@@ -264,7 +267,7 @@ class Beginning:
             known = {
                 it.name: values.get(it.name, now) for it, now in zip(plant.inputs, run.inputs[0])
             }
-            held = [min(max(known[it.name], it.low), it.high) for it in plant.inputs]
+            held = [inside(known[it.name], it) for it in plant.inputs]
             run.model.ran(vector, state, run.times[:2], np.array([held, held]))
         if run.model.shaft:
             run.model.shaft.place(state, values)

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from servo_models.core.bounds import inside
 from servo_models.core.plant import Wire
 from servo_models.core.simulate import Model, Shaft
 from servo_models.core.types import Array
@@ -64,21 +65,22 @@ def _with_start(model: Model, log: Log) -> Log:
     if asked:
         ways = list(_fitted(model, log))
     elif _begins_otherwise(model, log):
-        ways = [log, *_plain(model, log), *_fitted(model, log)]
+        ways = [log, _plain(model, log), *_fitted(model, log)]
     elif log.settle > 0.0 and not _seen(model, log):
-        found = _simplest(model, [*_plain(model, log), log], NO_STEP_SQUARES)
-        ways = [found]
+        ways = [_plain(model, log)]
+        if _squares(model, ways[0]) >= NO_STEP_SQUARES * _squares(model, log):
+            return log
     else:
         return log
-    taken = _simplest(model, ways, SIMPLER_SQUARES)
+    taken = _simplest(model, ways)
     return taken if taken is log else replace(taken, notes=(*log.notes, _words(model, taken)))
 
 
-def _simplest(model: Model, ways: Sequence[Log], factor: float) -> Log:
-    """The first way whose squares of errors are within a factor of the least, else the best."""
+def _simplest(model: Model, ways: Sequence[Log]) -> Log:
+    """The first way, from simple to fitted, that is hardly worse than the best one."""
     squares = [_squares(model, way) for way in ways]
-    near = (way for way, it in zip(ways, squares) if it <= factor * min(squares))
-    return next(near, ways[int(np.argmin(squares))])
+    most = SIMPLER_SQUARES * min(squares)
+    return next(way for way, it in zip(ways, squares) if it <= most)
 
 
 def _squares(model: Model, log: Log) -> float:
@@ -141,10 +143,10 @@ def _first_rate(model: Model, log: Log, output: str, noise: float) -> tuple[floa
 # The ways in which it may begin
 
 
-def _plain(model: Model, log: Log) -> Iterator[Log]:
+def _plain(model: Model, log: Log) -> Log:
     """At rest where it was taken as settled, or the other way round."""
     hold = 0.0 if log.settle > 0.0 else min(model.stop_time, log.duration)
-    yield replace(log, settle=hold, start=None)
+    return replace(log, settle=hold, start=None)
 
 
 def _fitted(model: Model, log: Log) -> Iterator[Log]:
@@ -178,11 +180,7 @@ def _held_before(model: Model, log: Log, shaft: Shaft, hold: float) -> dict[str,
         return {}
     first = float(log.outputs[_seen(model, log)][0])
     value = low + (first - at_low) / (at_high - at_low) * (high - low)
-    return {command: min(max(value, _bound(wire.low, -np.inf)), _bound(wire.high, np.inf))}
-
-
-def _bound(value: float | None, without: float) -> float:
-    return without if value is None else value
+    return {command: inside(value, wire)}
 
 
 def _settled(run: Run, shaft: Shaft, command: str, value: float) -> float | None:

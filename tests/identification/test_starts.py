@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import model
+from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
 from servo_models.data.log import Log, Start
 from servo_models.diagnosis.diagnose import diagnose
@@ -19,6 +19,7 @@ from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
+from servo_models.identification.transfer.measurements import check_signals
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
 from tests.support.logs import log_of
 
@@ -59,7 +60,7 @@ def test_a_start_is_fitted_to_the_exact_decay() -> None:
     # readings of 1e-4 rad of noise; the rate swings the shaft by 1.6e-3 rad for about 20 of them
     assert values["angle"] == pytest.approx(BEGIN[1], abs=2e-4)
     assert values["rate"] == pytest.approx(BEGIN[2], rel=0.05)
-    assert "0.03 rad" in found.notes[0] or "1.7" in found.notes[0]  # 1.72 deg
+    assert "angle 1.7" in found.notes[0]  # deg
 
 
 def test_a_decay_without_any_command_is_identified() -> None:
@@ -140,6 +141,68 @@ def test_what_agrees_is_left_alone() -> None:
     assert found is log
     stated = given_start(decay())
     assert with_starts(nominal(), [stated]) == (stated,)
+
+
+@pytest.mark.parametrize("lag", [0.0, 30e-3])
+def test_a_log_of_a_rate_alone_begins_at_rest_only_where_that_is_far_better(lag: float) -> None:
+    """A step in row 0 shows as a rate; a lag that the model lacks does not make it one."""
+    chosen = model("sg90", "measured")
+    times = np.arange(0.0, 2.0, 5e-3)
+    pulse = np.where(times < 1.0, 1.9e-3, 1.2e-3)
+    held = np.full(len(times), 1.9e-3)
+    true = model("sg90", "measured", {"gyro_lag.time_constant": lag})
+    inputs = {"pulse_width": pulse}
+    stepped = simulate(true, times, inputs)["rate_reading"]
+    settled = simulate(
+        true, np.concatenate([times, 2.0 + times]), {"pulse_width": np.concatenate([held, pulse])}
+    )["rate_reading"][len(times) :]
+    for reading, begins_at_rest in ((stepped, True), (settled, False)):
+        log = assumed(log_of(times, inputs, {"rate_reading": reading}, settle=1.0))
+        (found,) = with_starts(chosen, [log])
+        assert (found.settle == 0.0) == begins_at_rest
+        assert (found is log) == (not begins_at_rest)
+
+
+def test_rest_that_is_hardly_better_is_not_taken() -> None:
+    """Most of the rate is neither: what is left has 0.85 times the squares of a settled start."""
+    chosen = model("sg90", "measured")
+    times = np.arange(0.0, 1.0, 5e-3)
+    pulse = np.where(times < 0.5, 1.52e-3, 1.9e-3)
+    rest = log_of(times, {"pulse_width": pulse}, {"rate_reading": np.zeros(len(times))})
+    settled = replace(rest, settle=1.0)
+    responses = [prepared(chosen, it).outputs({})[:, 0] for it in (rest, settled)]
+    apart = responses[0] - responses[1]
+    other = np.sin(40.0 * times)
+    other -= apart * (apart @ other) / (apart @ apart)
+    other *= np.linalg.norm(apart) / np.linalg.norm(other)
+    reading = 0.6 * responses[0] + 0.4 * responses[1] + other
+    log = assumed(replace(settled, outputs={"rate_reading": reading}))
+    assert with_starts(chosen, [log]) == (log,)
+
+
+def test_an_input_without_bounds_may_have_been_held() -> None:
+    """As one of an own plant: its value before a step is found all the same."""
+    chosen = nominal(**TRUE)
+    free = tuple(replace(wire, low=None, high=None) for wire in chosen.plant.inputs)
+    own = replace(chosen.actuator, plant=replace(chosen.plant, inputs=free))
+    own = replace(own, variants=tuple(replace(it, plant=None) for it in own.variants))
+    unbounded = model(own, "measured", {"end_stops.half_range": 0.0, **TRUE})
+    voltage = prbs(800, 4, hold=100, size=15.0)
+    held = -0.8 * voltage[0]
+    steady = held / TRUE["resistance"] * TRUE["torque_constant"] / TRUE["stiffness"]
+    angle = rig(TRUE, voltage, begin=(held / TRUE["resistance"], steady, 0.0))
+    (found,) = with_starts(unbounded, [replace(assumed(bench_log(voltage, angle)), settle=0.2)])
+    assert found.start
+    assert found.start.before["voltage"] == pytest.approx(held, rel=0.01)
+
+
+@pytest.mark.parametrize("text", ['start = "fit"', 'start = { angle = "1 deg" }'])
+def test_a_transfer_function_refuses_a_start_that_it_would_ignore(
+    tmp_path: Path, text: str
+) -> None:
+    (log,) = read_description(write_decay(tmp_path, text)).logs
+    with pytest.raises(UserError, match=r"log 'log': .* 'start' .* \"rest\" or \"settled\""):
+        check_signals(log, "voltage", "angle")
 
 
 DECAY = """

@@ -73,12 +73,18 @@ class Point:
 
 
 def check_signals(log: Log, source: str, output: str) -> None:
-    """Raise UserError unless a log has this input and this output, and every sample is judged."""
+    """Raise UserError unless a log has this input and this output, begins at rest or settled, and
+    every sample is judged."""
     for kind, name, known in (("input", source, log.inputs), ("output", output, log.outputs)):
         if name not in known:
             raise UserError(
                 f"log '{log.name}': the log has no {kind} '{name}'; {did_you_mean(name, known)}"
             )
+    if log.start is not None:
+        raise UserError(
+            f"log '{log.name}': a transfer function knows no 'start' but \"rest\" or \"settled\":"
+            " give one of these, or cut the log where it rests with 'window'"
+        )
     if log.skipped is not None and np.any(log.skipped):
         raise UserError(
             f"log '{log.name}': a transfer function is fitted to every sample, 'judged' leaves some"
