@@ -103,10 +103,17 @@ def no_second_mass() -> tuple[float, float]:
     return 0.0, 0.0
 
 
-@block("play_twist", "play_slip", "coasting_rate", "coasting_torque", "coasting_acceleration")
-def no_play() -> tuple[float, float, float, float, float]:
+@block(
+    "coasting_inertia",
+    "play_twist",
+    "play_slip",
+    "coasting_rate",
+    "coasting_torque",
+    "coasting_acceleration",
+)
+def no_play() -> tuple[float, float, float, float, float, float]:
     """Nothing coasts behind a play, unless an effect says so."""
-    return 0.0, 0.0, 0.0, 0.0, 0.0
+    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @block("load")

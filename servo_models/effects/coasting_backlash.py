@@ -23,12 +23,14 @@ Contact = Annotated[
 ]
 
 
-@effect("shaft_inertia", source=SOURCE)
-def inertia_before_play(shaft_inertia: float, half_width: HalfWidth, share: Share) -> float:
-    """Inertia [kg m^2] that turns with the motor: the rest is behind the play."""
+@effect("shaft_inertia", "coasting_inertia", source=SOURCE)
+def divided_inertia(
+    shaft_inertia: float, coasting_inertia: float, half_width: HalfWidth, share: Share
+) -> tuple[float, float]:
+    """Inertias [kg m^2] that turn with the motor and behind the play."""
     if half_width <= 0.0:
-        return shaft_inertia
-    return (1.0 - share) * shaft_inertia
+        return shaft_inertia, coasting_inertia
+    return (1.0 - share) * shaft_inertia, share * shaft_inertia
 
 
 @effect("internal_step", source="accuracy of the classical Runge-Kutta method")
@@ -46,27 +48,25 @@ def contact_step(
 def coasting_load(
     load: float,
     coasting_torque: float,
-    shaft_inertia: float,
+    coasting_inertia: float,
     play_twist: float,
     play_slip: float,
     half_width: HalfWidth,
-    share: Share,
     contact: Contact,
     damping: Annotated[float, Param("1", "damping ratio of the output in contact", 0.3, 0.0, 2.0)],
 ) -> tuple[float, float]:
     """The gear pushes the output outside the play and never pulls; the load acts on the output."""
     if half_width <= 0.0:
         return load, coasting_torque
-    inertia = shaft_inertia * share / (1.0 - share)
     frequency = 2.0 * math.pi * contact
     drag = 2.0 * damping * frequency * play_slip
     push = 0.0
     if play_twist > half_width:
-        push = inertia * (frequency * frequency * (play_twist - half_width) + drag)
+        push = coasting_inertia * (frequency * frequency * (play_twist - half_width) + drag)
         if push < 0.0:
             push = 0.0
     if play_twist < -half_width:
-        push = inertia * (frequency * frequency * (play_twist + half_width) + drag)
+        push = coasting_inertia * (frequency * frequency * (play_twist + half_width) + drag)
         if push > 0.0:
             push = 0.0
     return push, push - load
@@ -83,10 +83,9 @@ def coasting_friction(
     coasting_acceleration: float,
     coasting_torque: float,
     start_coasting_speed: float,
-    shaft_inertia: float,
+    coasting_inertia: float,
     internal_step: float,
     half_width: HalfWidth,
-    share: Share,
     friction_share: Annotated[
         float, Param("1", "part of the dry friction behind the play", 0.3, 0.0, 1.0)
     ],
@@ -94,14 +93,13 @@ def coasting_friction(
     """The output's own friction takes what stops it within a step, and at most its level."""
     if half_width <= 0.0:
         return friction, coasting_acceleration
-    inertia = shaft_inertia * share / (1.0 - share)
     level = friction_share * friction
-    brake = inertia * start_coasting_speed / internal_step + coasting_torque
+    brake = coasting_inertia * start_coasting_speed / internal_step + coasting_torque
     if brake > level:
         brake = level
     if brake < -level:
         brake = -level
-    return friction - level, (coasting_torque - brake) / inertia
+    return friction - level, (coasting_torque - brake) / coasting_inertia
 
 
 @effect(
@@ -112,7 +110,7 @@ def coasting_friction(
     "coasting_rate",
     source=SOURCE,
     name="coasting_backlash",
-    parts=(inertia_before_play, contact_step, coasting_load, coasting_friction),
+    parts=(divided_inertia, contact_step, coasting_load, coasting_friction),
     hints=Hints(
         assumed=("contact", "damping"),
         ambiguity=Ambiguity(

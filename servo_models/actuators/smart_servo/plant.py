@@ -29,7 +29,7 @@ from servo_models.effects.coasting_backlash import (
     coasting_load,
     coasting_output,
     contact_step,
-    inertia_before_play,
+    divided_inertia,
 )
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 from servo_models.effects.saturation import saturation
@@ -59,6 +59,7 @@ WIRES = (
     Wire("load", "N.m", "load torque with all its parts", scale=0.5),
     Wire("load_rate", "rad/s", "rate behind the compliance", scale=10.0),
     Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", scale=1e3),
+    Wire("coasting_inertia", "kg.m2", "inertia behind the play", scale=5e-3),
     Wire("play_twist", "rad", "angle of the gear over that behind the play", display="deg"),
     Wire("play_slip", "rad/s", "rate of the gear over that behind the play", scale=10.0),
     Wire("coasting_rate", "rad/s", "rate behind the play", scale=10.0),
@@ -74,7 +75,7 @@ GOAL: tuple[Block | Placement, ...] = (
     no_second_mass,
     no_play,
     *effects_on("shaft_inertia", "load_inertia"),
-    place("coasting_backlash", inertia_before_play, "shaft_inertia"),
+    place("coasting_backlash", divided_inertia, "shaft_inertia", "coasting_inertia"),
     place("coasting_backlash", contact_step, "internal_step"),
     place("gear_compliance", resonance_step, "internal_step"),
     *effects_on("travel", "end_stops", half_range={"typical": 0.05}),
