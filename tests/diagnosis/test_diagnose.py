@@ -378,4 +378,5 @@ def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on(
             wire = plant.main_wire(name)
             assert wire in plant.wire
             before = {it for it in wires[: wires.index(wire)] if it in plant.wire}
-            assert before <= {"shaft_inertia", "coasting_inertia"}  # a play divides the inertia first
+            # a play divides the inertia before its output is another one
+            assert before <= {"shaft_inertia", "coasting_inertia"}

@@ -9,14 +9,15 @@ from servo_models.actuators.shaft import (
     external_load,
     free_shaft,
     no_second_mass,
+    outside_sensor,
     shaft_acceleration,
     shaft_contact,
     shaft_output,
+    turning,
 )
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
-from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
-from servo_models.effects.gain_error import gain_error
+from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 
 HALF_RANGE = math.radians(90.0)
@@ -90,27 +91,11 @@ TORQUES: tuple[Block | Placement, ...] = (
 )
 
 
-def _sensor(name: str, wire: str) -> tuple[Placement, ...]:
-    """What a sensor outside of the servo does to its reading."""
-    return (
-        *effects_on(wire, f"{name}_lag"),
-        place(f"{name}_gain", gain_error, wire),
-        *effects_on(wire, f"{name}_offset", f"{name}_quantisation"),
-    )
-
-
 READINGS: tuple[Block | Placement, ...] = (
     servo.readings,
-    *_sensor("reading", "angle_reading"),
-    *_sensor("gyro", "rate_reading"),
+    *outside_sensor("reading", "angle_reading"),
+    *outside_sensor("gyro", "rate_reading"),
 )
-
-
-def _turning(which: str, rate: str, acceleration: str, owner: str = "") -> tuple[State, State]:
-    """Angle and speed of one mass."""
-    angle = Wire(f"{which}_angle", "rad", f"angle of the {which}", HALF_RANGE, display="deg")
-    speed = Wire(f"{which}_speed", "rad/s", f"speed of the {which}", SPEED)
-    return State(angle, rate, owner=owner), State(speed, acceleration, owner=owner)
 
 
 PLANT = Plant(
@@ -119,8 +104,10 @@ PLANT = Plant(
     constants=internal_step(1e-3),
     chain=(*COMMAND, *LOOP, *TORQUES, *READINGS),
     states=(
-        *_turning("shaft", "shaft_rate", "acceleration"),
-        *_turning("load", "load_rate", "load_acceleration", owner="gear_compliance"),
+        *turning("shaft", "shaft_rate", "acceleration", (HALF_RANGE, SPEED)),
+        *turning(
+            "load", "load_rate", "load_acceleration", (HALF_RANGE, SPEED), owner="gear_compliance"
+        ),
     ),
     projection=shaft_contact,
     outputs=("angle", "rate", "feedback", "drive", "angle_reading", "rate_reading"),

@@ -9,6 +9,7 @@ from servo_models.actuators.shaft import (
     external_load,
     free_shaft,
     no_second_mass,
+    outside_sensor,
     shaft_acceleration,
     shaft_contact,
     shaft_output,
@@ -16,7 +17,6 @@ from servo_models.actuators.shaft import (
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
-from servo_models.effects.gain_error import gain_error
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 
 HALF_RANGE = math.radians(90.0)
@@ -115,19 +115,10 @@ SHAFT: tuple[Block | Placement, ...] = (
 )
 
 
-def _sensor(name: str, wire: str) -> tuple[Placement, ...]:
-    """What a sensor outside the loop does to its reading."""
-    return (
-        *effects_on(wire, f"{name}_lag"),
-        place(f"{name}_gain", gain_error, wire),
-        *effects_on(wire, f"{name}_offset", f"{name}_quantisation"),
-    )
-
-
 READINGS: tuple[Block | Placement, ...] = (
     servo.readings,
-    *_sensor("reading", "angle_reading"),
-    *_sensor("gyro", "rate_reading"),
+    *outside_sensor("reading", "angle_reading"),
+    *outside_sensor("gyro", "rate_reading"),
 )
 SECOND_MASS = (
     State(

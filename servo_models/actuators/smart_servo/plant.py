@@ -19,11 +19,12 @@ from servo_models.actuators.shaft import (
     shaft_acceleration,
     shaft_contact,
     shaft_output,
+    turning,
 )
 from servo_models.actuators.smart_servo import physics as servo
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
-from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
+from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
 from servo_models.effects.coasting_backlash import (
     coasting_friction,
     coasting_load,
@@ -129,14 +130,7 @@ TORQUES: tuple[Block | Placement, ...] = (
 )
 
 
-def _turning(
-    which: str, rate: str, acceleration: str, owner: str = "", mass: str = ""
-) -> tuple[State, State]:
-    """Angle and speed of one mass."""
-    angle = Wire(f"{which}_angle", "rad", f"angle of the {mass or which}", display="deg")
-    speed = Wire(f"{which}_speed", "rad/s", f"speed of the {mass or which}", scale=10.0)
-    return State(angle, rate, owner=owner), State(speed, acceleration, owner=owner)
-
+SCALES = (1.0, 10.0)  # rad, rad/s
 
 PLANT = Plant(
     inputs=INPUTS,
@@ -144,12 +138,13 @@ PLANT = Plant(
     constants=internal_step(1e-3),
     chain=(*GOAL, *LOOP, *TORQUES),
     states=(
-        *_turning("shaft", "shaft_rate", "acceleration"),
-        *_turning("load", "load_rate", "load_acceleration", owner="gear_compliance"),
-        *_turning(
+        *turning("shaft", "shaft_rate", "acceleration", SCALES),
+        *turning("load", "load_rate", "load_acceleration", SCALES, owner="gear_compliance"),
+        *turning(
             "coasting",
             "coasting_rate",
             "coasting_acceleration",
+            SCALES,
             owner="coasting_backlash",
             mass="mass behind the play",
         ),
