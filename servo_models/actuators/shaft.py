@@ -12,36 +12,6 @@ from __future__ import annotations
 from typing import Annotated
 
 from servo_models.core.block import Mode, block
-from servo_models.core.catalogue import effects_on
-from servo_models.core.plant import Placement, State, Wire, place
-from servo_models.effects.gain_error import gain_error
-
-
-def turning(
-    which: str,
-    rate: str,
-    acceleration: str,
-    scales: tuple[float, float],
-    owner: str = "",
-    mass: str = "",
-) -> tuple[State, State]:
-    """Return angle and speed of one mass as states, with full scales [rad] and [rad/s].
-
-    They are called after ``which``, and are those of the ``mass`` in words.
-    """
-    of = mass or which
-    angle = Wire(f"{which}_angle", "rad", f"angle of the {of}", scales[0], display="deg")
-    speed = Wire(f"{which}_speed", "rad/s", f"speed of the {of}", scales[1])
-    return State(angle, rate, owner=owner), State(speed, acceleration, owner=owner)
-
-
-def outside_sensor(name: str, wire: str) -> tuple[Placement, ...]:
-    """Return what a sensor outside the loop does to its reading of the shaft."""
-    return (
-        *effects_on(wire, f"{name}_lag"),
-        place(f"{name}_gain", gain_error, wire),
-        *effects_on(wire, f"{name}_offset", f"{name}_quantisation"),
-    )
 
 
 @block("acceleration")

@@ -9,12 +9,11 @@ from servo_models.actuators.shaft import (
     external_load,
     free_shaft,
     no_second_mass,
-    outside_sensor,
     shaft_acceleration,
     shaft_contact,
     shaft_output,
-    turning,
 )
+from servo_models.actuators.wiring import outside_sensor, turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place

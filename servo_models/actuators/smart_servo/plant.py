@@ -19,9 +19,9 @@ from servo_models.actuators.shaft import (
     shaft_acceleration,
     shaft_contact,
     shaft_output,
-    turning,
 )
 from servo_models.actuators.smart_servo import physics as servo
+from servo_models.actuators.wiring import turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
