@@ -103,6 +103,12 @@ def no_second_mass() -> tuple[float, float]:
     return 0.0, 0.0
 
 
+@block("residual", "since_reversal")
+def no_residual() -> tuple[float, float]:
+    """Nothing is learnt, unless a residual map says so."""
+    return 0.0, 0.0
+
+
 @block(
     "coasting_inertia",
     "play_twist",

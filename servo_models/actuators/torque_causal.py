@@ -11,7 +11,8 @@ law of motion, contact         dropped: the engine integrates, and its solver ho
 ``shaft_inertia``              output: geared rotor, for the joint's armature
 ``travel``                     output: half of the joint's range, 0 for none
 load inertia, constant load,   dropped: the engine's bodies and forces are the load; friction
-gravity, load friction         that grows with it is the engine's too
+gravity, load friction,        that grows with it is the engine's too
+residual map of the load
 gear compliance                dropped: its second mass is a second joint of the engine
 backlash                       stays: it is in the reading of the loop and carries no inertia
 =============================  ===============================================================
@@ -33,6 +34,7 @@ from servo_models.effects.gear_compliance import compliant_load, compliant_outpu
 from servo_models.effects.gravity_load import gravity_load
 from servo_models.effects.load_friction import load_friction
 from servo_models.effects.load_inertia import load_inertia
+from servo_models.effects.residual_map import CURVES
 from servo_models.errors import UserError
 
 OF_THE_ENGINE = (
@@ -43,6 +45,7 @@ OF_THE_ENGINE = (
     compliant_load,
     compliant_output,
     resonance_step,
+    CURVES["load"],
 )
 FOR_THE_JOINT = {"friction": "friction loss", "shaft_inertia": "armature", "travel": "half range"}
 UNIT_OF_ANGLE = "angle_unit"
@@ -110,6 +113,7 @@ def _plant(plant: Plant) -> Plant:
     kept = [_for_engine(link) for link in plant.chain if not _is_of_the_engine(link)]
     read = {wire for link in kept for wire in _reads(link)}
     joint = _joint(plant)
+    shaft = [state.wire for state in plant.states if state.name in driven_shaft.gives]
     torque = replace(plant.wire["friction"], name="torque", about="for the joint, friction apart")
     momentum = plant.wire["shaft_inertia"].scale * plant.wire["shaft_speed"].scale
     impulse = Wire("impulse", f"{torque.unit}.s", "integral of the torque", momentum)
@@ -121,7 +125,7 @@ def _plant(plant: Plant) -> Plant:
     return replace(
         plant,
         inputs=(*(wire for wire in plant.inputs if wire.name in read), *joint),
-        wires=(*(_named_for_the_joint(wire) for wire in plant.wires), torque),
+        wires=(*(_named_for_the_joint(wire) for wire in plant.wires), *shaft, torque),
         chain=(driven_shaft, *kept),
         states=(*states, State(impulse, rate="torque")),
         projection=None,

@@ -5,9 +5,19 @@ The blocks of a shaft are in ``shaft.py``.
 
 from __future__ import annotations
 
+from servo_models.actuators.shaft import no_residual
+from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, State, Wire, place
 from servo_models.effects.gain_error import gain_error
+from servo_models.effects.residual_map import CURVES, since_reversal
+
+RESIDUAL_MAP = "residual_map"
+LEARNT = (
+    Wire("residual", "1", "curves of the residual map, over its sizes"),
+    Wire("since_reversal", "s", "time since the motion turned, negative while it is"),
+)
+"""Wires of the residual map."""
 
 
 def turning(
@@ -34,4 +44,26 @@ def outside_sensor(name: str, wire: str) -> tuple[Placement, ...]:
         *effects_on(wire, f"{name}_lag"),
         place(f"{name}_gain", gain_error, wire),
         *effects_on(wire, f"{name}_offset", f"{name}_quantisation"),
+    )
+
+
+def residual_curves(command: str, load: str = "load_torque") -> tuple[Block | Placement, ...]:
+    """Return the curves of a residual map of what the shaft does, of the command and of the load.
+
+    They stand before the first wire on which the map acts.
+    """
+    wires = {
+        "rate": "shaft_speed",
+        "position": "shaft_angle",
+        "command": command,
+        "load": load,
+        "reversal": "since_reversal",
+    }
+    return (
+        no_residual,
+        place(RESIDUAL_MAP, since_reversal, "since_reversal"),
+        *(
+            place(RESIDUAL_MAP, CURVES[key], "residual", regressor=wire)
+            for key, wire in wires.items()
+        ),
     )

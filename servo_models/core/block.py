@@ -33,8 +33,8 @@ import inspect
 import keyword
 import re
 import typing
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 SIGNAL = "signal"
@@ -234,6 +234,7 @@ class Hints:
         parameter_units: units of plant parameters whose error looks like it.
         family: what it is in a word that effects share which exchange for each other, such as
             "friction".
+        learnt: it has whatever form a log shows, so it is never searched for as a cause.
     """
 
     trial_values: tuple[float, ...] = ()
@@ -249,6 +250,7 @@ class Hints:
     ambiguity: Ambiguity | None = None
     parameter_units: tuple[str, ...] = ()
     family: str = ""
+    learnt: bool = False
 
 
 Meta = Param | Memory | Queue
@@ -271,6 +273,7 @@ class Block:
         source: paper, equation or book behind it.
         parts: of an effect that acts at several places of a chain, its other functions.
         hints: what else is known of an effect.
+        keys: of parameters that are not called as the function's argument: that argument, by name.
     """
 
     function: Function
@@ -285,9 +288,21 @@ class Block:
     about: str = field(default="", compare=False)
     parts: tuple[Block, ...] = ()
     hints: Hints = Hints()
+    keys: Mapping[str, str] = field(default_factory=dict)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
+
+    def keyed(self, keys: Mapping[str, str]) -> Block:
+        """Return the same block with other names of parameters, by its arguments.
+
+        So one equation stands at several places of one effect, each time with values of its own.
+
+        Example:
+            ``curve.keyed({"low": "rate_low", "high": "rate_high"})``
+        """
+        params = {keys.get(name, name): param for name, param in self.params.items()}
+        return replace(self, params=params, keys={key: name for name, key in keys.items()})
 
     @property
     def switches(self) -> tuple[str, ...]:

@@ -222,7 +222,7 @@ class _Flattener:
         names = {arg: self.text(wire, self.now[wire]) for arg, wire in link.reads.items()}
         for wire, arg in zip(link.writes, link.block.acts_on):
             names[arg] = self.text(wire, max(level, self.now[wire]))
-        names |= {p: link.param(p) for p in link.block.params}
+        names |= {link.block.keys.get(p, p): link.param(p) for p in link.block.params}
         names |= {m: link.memory(m) for m in link.block.memory}
         names |= {q: str(self.queue_at[link.memory(q)]) for q in link.block.queues}
         for wire in link.writes:

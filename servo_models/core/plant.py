@@ -360,7 +360,8 @@ class Plant:
         """Return the wire whose full scale is meant: an argument's, None for the main wire."""
         if argument == TIME:
             return Wire(TIME, "s", "full scale of time", self.time_scale)
-        reading = (one for one in self.placements[link.name] if argument in one.effect.wires)
+        placed = (link, *self.placements[link.name])
+        reading = (one for one in placed if argument in one.effect.wires)
         on = next((one.wire_of(str(argument)) for one in reading), argument) or link.on[0]
         if argument and on not in self.wire:
             raise ValueError(

@@ -10,11 +10,13 @@ import math
 
 from servo_models.actuators.linear_drive import physics as drive
 from servo_models.actuators.shaft import free_shaft, shaft_acceleration, shaft_contact
+from servo_models.actuators.wiring import LEARNT, residual_curves
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gain_error import gain_error
 from servo_models.effects.load_inertia import load_inertia
+from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 STROKE = 0.25
 
@@ -34,6 +36,7 @@ WIRES = (
     Wire("load", "N", "load force with all its parts", scale=100.0),
     Wire("shaft_inertia", "kg", "accelerated mass", scale=100.0),
     Wire("travel", "m", "half range of the carriage", scale=STROKE, display="mm"),
+    *LEARNT,
 )
 RIPPLE = {
     "unit": "1/m",
@@ -52,10 +55,12 @@ BEFORE: tuple[Block | Placement, ...] = (
     *effects_on(("position", "speed"), "backlash"),
 )
 LOOP: tuple[Block | Placement, ...] = (
+    *residual_curves("reference", "load_force"),
     drive.encoder,
     *effects_on("reading", "sensor_lag", "sensor_nonlinearity"),
     place("sensor_gain", gain_error, "reading"),
     *effects_on("reading", "sensor_offset", "sensor_quantisation"),
+    place("residual_map", residual_reading, "reading"),
     drive.position_controller,
     *effects_on("controller_voltage", "transport_delay", time={"high": 0.02, "typical": 0.001}),
     drive.amplifier,
@@ -71,12 +76,14 @@ LOOP: tuple[Block | Placement, ...] = (
         "drive_lag",
         "thermal_drift",
     ),
+    place("residual_map", residual_drive, "motor_voltage"),
 )
 FORCES: tuple[Block | Placement, ...] = (
     drive.external_force,
     *effects_on("friction", "load_friction"),
     *effects_on("load", "cogging", count=RIPPLE),
     *effects_on("friction", "coulomb_friction", "stribeck_friction", excess={"typical": 0.3}),
+    place("residual_map", residual_torque, "load"),
     drive.net_force,
     shaft_acceleration,
 )

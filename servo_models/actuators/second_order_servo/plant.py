@@ -13,11 +13,12 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import outside_sensor, turning
+from servo_models.actuators.wiring import LEARNT, outside_sensor, residual_curves, turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
+from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 HALF_RANGE = math.radians(90.0)
 SPEED = 10.0  # rad/s, 60 degrees in 0.1 s
@@ -44,6 +45,7 @@ WIRES = (
     Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", ACCELERATION),
     Wire("shaft_inertia", "kg.m2", "accelerated inertia", TORQUE / ACCELERATION),
     Wire("travel", "rad", "half range of the output", HALF_RANGE, display="deg"),
+    *LEARNT,
 )
 
 COMMAND: tuple[Block | Placement, ...] = (
@@ -65,6 +67,7 @@ COMMAND: tuple[Block | Placement, ...] = (
     ),
 )
 LOOP: tuple[Block | Placement, ...] = (
+    *residual_curves("reference"),
     servo.shaft_motion,
     shaft_output,
     place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
@@ -73,10 +76,12 @@ LOOP: tuple[Block | Placement, ...] = (
     *effects_on(
         "feedback", "sensor_lag", "sensor_nonlinearity", "sensor_offset", "sensor_quantisation"
     ),
+    place("residual_map", residual_reading, "feedback"),
     servo.comparator,
     *effects_on("error", "error_dead_zone", half_width={"typical": 0.01}),
     servo.position_loop,
     *effects_on("drive", "direction_asymmetry", "hysteresis", "drive_lag", "thermal_drift"),
+    place("residual_map", residual_drive, "drive"),
 )
 TORQUES: tuple[Block | Placement, ...] = (
     external_load,
@@ -84,6 +89,7 @@ TORQUES: tuple[Block | Placement, ...] = (
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
     *effects_on("load", "viscous_friction", "cogging"),
+    place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     servo.net_torque,
     shaft_acceleration,

@@ -13,11 +13,12 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import outside_sensor
+from servo_models.actuators.wiring import LEARNT, outside_sensor, residual_curves
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
+from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 HALF_RANGE = math.radians(90.0)
 RATE = 10.0  # rad/s, of a real SG90: 60 degrees in 0.1 s
@@ -48,6 +49,7 @@ WIRES = (
     Wire("load_acceleration", "rad/s2", "acceleration behind the compliance", scale=1e3),
     Wire("shaft_inertia", "kg.m2", "accelerated inertia", scale=5e-3),
     Wire("travel", "rad", "half range of the output", scale=HALF_RANGE, display="deg"),
+    *LEARNT,
 )
 
 COMMAND: tuple[Block | Placement, ...] = (
@@ -71,6 +73,7 @@ COMMAND: tuple[Block | Placement, ...] = (
     ),
 )
 LOOP: tuple[Block | Placement, ...] = (
+    *residual_curves("pulse_width"),
     servo.shaft_rate,
     shaft_output,
     place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
@@ -83,6 +86,7 @@ LOOP: tuple[Block | Placement, ...] = (
         "sensor_offset",
         "sensor_quantisation",
     ),
+    place("residual_map", residual_reading, "feedback_voltage"),
     servo.error,
     servo.amplifier,
     *effects_on(
@@ -93,6 +97,7 @@ LOOP: tuple[Block | Placement, ...] = (
         "drive_saturation",
         limit={"typical": 0.3},
     ),
+    place("residual_map", residual_drive, "motor_voltage"),
     servo.motor_shaft,
     servo.stiff_supply,
     servo.supply_load,
@@ -103,6 +108,7 @@ LOOP: tuple[Block | Placement, ...] = (
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
     *effects_on("load", "viscous_friction", "cogging"),
+    place("residual_map", residual_torque, "load"),
     servo.load_voltage,
     *effects_on("loaded_voltage", "thermal_drift"),
     servo.motor_curve,

@@ -21,7 +21,7 @@ from servo_models.actuators.shaft import (
     shaft_output,
 )
 from servo_models.actuators.smart_servo import physics as servo
-from servo_models.actuators.wiring import turning
+from servo_models.actuators.wiring import LEARNT, residual_curves, turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
@@ -33,6 +33,7 @@ from servo_models.effects.coasting_backlash import (
     divided_inertia,
 )
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
+from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 from servo_models.effects.saturation import saturation
 
 COUNT = 2.0 * math.pi / 4096.0
@@ -68,6 +69,7 @@ WIRES = (
     Wire("coasting_acceleration", "rad/s2", "acceleration behind the play", scale=1e3),
     Wire("shaft_inertia", "kg.m2", "accelerated inertia", scale=5e-3),
     Wire("travel", "rad", "half range of the output", scale=math.pi, display="deg"),
+    *LEARNT,
 )
 
 GOAL: tuple[Block | Placement, ...] = (
@@ -83,6 +85,7 @@ GOAL: tuple[Block | Placement, ...] = (
     *effects_on("goal", "transport_delay", "motion_profile"),
 )
 LOOP: tuple[Block | Placement, ...] = (
+    *residual_curves("goal"),
     servo.arm_motion,
     shaft_output,
     place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
@@ -100,6 +103,7 @@ LOOP: tuple[Block | Placement, ...] = (
     *effects_on(
         "angle_reading", "sensor_lag", "sensor_nonlinearity", "sensor_offset", "sensor_quantisation"
     ),
+    place("residual_map", residual_reading, "angle_reading"),
     servo.comparator,
     *effects_on("error", "error_dead_zone", half_width={"typical": 0.01}),
     servo.position_loop,
@@ -113,6 +117,7 @@ LOOP: tuple[Block | Placement, ...] = (
     *effects_on(
         "motor_voltage", "direction_asymmetry", "drive_dead_zone", "drive_lag", "thermal_drift"
     ),
+    place("residual_map", residual_drive, "motor_voltage"),
     servo.winding,
     place("current_limit", saturation, "current", params={"limit": CURRENT_LIMIT}),
 )
@@ -123,6 +128,7 @@ TORQUES: tuple[Block | Placement, ...] = (
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
     *effects_on("load", "viscous_friction", "cogging"),
+    place("residual_map", residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     place("coasting_backlash", coasting_friction, "friction", "coasting_acceleration"),
     servo.net_torque,

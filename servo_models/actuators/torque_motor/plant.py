@@ -17,9 +17,11 @@ from servo_models.actuators.shaft import (
     shaft_output,
 )
 from servo_models.actuators.torque_motor import physics as motor
+from servo_models.actuators.wiring import LEARNT, residual_curves
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
+from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 STOP = math.radians(3.0)
 SECOND_MASS = {
@@ -50,6 +52,7 @@ PLANT = Plant(
         Wire("spring_angle", "rad", "angle from the magnetic null", scale=STOP, display="deg"),
         Wire("effective_current", "A", "current that makes the torque", scale=0.011),
         Wire("travel", "rad", "half range of the shaft", scale=STOP, display="deg"),
+        *LEARNT,
     ),
     constants=internal_step(1e-4, low=1e-6, high=5e-4),
     chain=(
@@ -79,6 +82,8 @@ PLANT = Plant(
             "rate_limit",
             "thermal_drift",
         ),
+        *residual_curves("voltage"),
+        place("residual_map", residual_drive, "voltage"),
         motor.supply_load,
         *effects_on(
             "voltage", "supply_sag", resistance={"unit": "Ohm", "high": 1e3, "typical": 100.0}
@@ -91,6 +96,7 @@ PLANT = Plant(
         place("gear_compliance", compliant_load, "load", "load_acceleration"),
         *effects_on("friction", "load_friction"),
         *effects_on("load", "viscous_friction", "cogging"),
+        place("residual_map", residual_torque, "load"),
         *effects_on("friction", "coulomb_friction", "stribeck_friction"),
         motor.flux_linkage,
         *effects_on(
@@ -119,6 +125,7 @@ PLANT = Plant(
         *effects_on(
             "angle", "sensor_lag", "sensor_nonlinearity", "sensor_offset", "sensor_quantisation"
         ),
+        place("residual_map", residual_reading, "angle"),
     ),
     states=(
         State(Wire("current", "A", "coil current", scale=0.011, display="mA"), "current_rate"),

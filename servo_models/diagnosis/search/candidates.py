@@ -128,7 +128,8 @@ def candidates(
     for name, parameters in owned.items():
         switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
-        if switches and not on and name not in skipped:
+        learnt = model.plant.main(name).effect.hints.learnt
+        if switches and not on and not learnt and name not in skipped:
             found.append(_Off(model, logs, name, switches, parameters).candidate())
     return tuple(found)
 

@@ -1,0 +1,125 @@
+"""Residual map: a term without a name, learnt from a log where no effect explains what is left.
+
+It is a sum of broken lines, each of one thing that the actuator does.  Three sizes say where it
+acts: on the load torque, on the drive, or on the reading in the loop.  No law of physics is
+claimed, so no search tries it as a cause; ``diagnosis.residual_map`` learns it.
+"""
+
+import math
+from typing import Annotated
+
+from servo_models.core.block import Hints, Memory, Param, effect
+
+SOURCE = "Hastie, Tibshirani, Generalized Additive Models, 1990, ch. 4 (additive curves)"
+KNOTS = 9
+"""Of each curve, evenly spaced from its low to its high end."""
+LAST = KNOTS - 1.0
+"""Place of the last knot, where the first one is at 0."""
+
+Weight = Annotated[
+    float, Param("1", "weight of the curve", low=0.0, high=1.0, switch=True, typical=1.0)
+]
+
+
+def _value(where: str, default: float) -> Param:
+    return Param("1", f"value at {where}", default, low=-1.0, high=1.0)
+
+
+@effect("since_reversal", source="definition")
+def time_since_reversal(
+    since_reversal: float,
+    shaft_speed: float,
+    now: float,
+    weight: Weight,
+    reversed_at: Annotated[float, Memory()],
+    direction: Annotated[float, Memory()],
+) -> tuple[float, float, float]:
+    """Time [s] since the motion turned, negative while it is negative."""
+    if weight <= 0.0:
+        return since_reversal, reversed_at, direction
+    if shaft_speed != 0.0 and shaft_speed * direction <= 0.0:
+        reversed_at = now
+        direction = math.copysign(1.0, shaft_speed)
+    return direction * (now - reversed_at), reversed_at, direction
+
+
+@effect("residual", source=SOURCE)
+def curve(
+    residual: float,
+    regressor: float,
+    weight: Weight,
+    low: Annotated[float, Param("{regressor}", "low end", -1.0, -1e3, 1e3)],
+    high: Annotated[float, Param("{regressor}", "high end", 1.0, -1e3, 1e3)],
+    knot_1: Annotated[float, _value("the low end", -1.0)],
+    knot_2: Annotated[float, _value("knot 2", -0.75)],
+    knot_3: Annotated[float, _value("knot 3", -0.5)],
+    knot_4: Annotated[float, _value("knot 4", -0.25)],
+    knot_5: Annotated[float, _value("the middle", 0.0)],
+    knot_6: Annotated[float, _value("knot 6", 0.25)],
+    knot_7: Annotated[float, _value("knot 7", 0.5)],
+    knot_8: Annotated[float, _value("knot 8", 0.75)],
+    knot_9: Annotated[float, _value("the high end", 1.0)],
+) -> float:
+    """Adds a broken line through values at evenly spaced knots, held at both ends.
+
+    It is written as a sum of distances to the knots, each times the bend of the line there.
+    """
+    if weight <= 0.0 or high <= low:
+        return residual
+    at = LAST * (regressor - low) / (high - low)
+    bent = (knot_2 - knot_1) * abs(at)
+    bent += (knot_3 - 2.0 * knot_2 + knot_1) * abs(at - 1.0)
+    bent += (knot_4 - 2.0 * knot_3 + knot_2) * abs(at - 2.0)
+    bent += (knot_5 - 2.0 * knot_4 + knot_3) * abs(at - 3.0)
+    bent += (knot_6 - 2.0 * knot_5 + knot_4) * abs(at - 4.0)
+    bent += (knot_7 - 2.0 * knot_6 + knot_5) * abs(at - 5.0)
+    bent += (knot_8 - 2.0 * knot_7 + knot_6) * abs(at - 6.0)
+    bent += (knot_9 - 2.0 * knot_8 + knot_7) * abs(at - 7.0)
+    bent += (knot_8 - knot_9) * abs(at - LAST)
+    return residual + weight * 0.5 * (knot_1 + knot_9 + bent)
+
+
+@effect("driven", source=SOURCE)
+def residual_drive(
+    driven: float,
+    residual: float,
+    drive: Annotated[float, Param("{driven}", "size on the drive", high=1.0, switch=True)],
+) -> float:
+    """Adds the curves to the drive."""
+    return driven + drive * residual
+
+
+@effect("sensed", source=SOURCE)
+def residual_reading(
+    sensed: float,
+    residual: float,
+    reading: Annotated[float, Param("{sensed}", "size on the reading", high=1.0, switch=True)],
+) -> float:
+    """Adds the curves to what the loop reads."""
+    return sensed + reading * residual
+
+
+CURVES = {
+    key: curve.keyed({**{name: f"{key}_{name}" for name in curve.params}, "weight": key})
+    for key in ("rate", "position", "command", "load", "reversal")
+}
+"""The curve of each thing that the map may be of, by the key of its weight."""
+since_reversal = time_since_reversal.keyed({"weight": "reversal"})
+
+
+@effect(
+    "load",
+    source=SOURCE,
+    name="residual_map",
+    parts=(since_reversal, *CURVES.values(), residual_drive, residual_reading),
+    hints=Hints(learnt=True),
+)
+def residual_torque(
+    load: float,
+    residual: float,
+    torque: Annotated[
+        float, Param("{load}", "size on the load torque", high=1.0, switch=True, typical=0.05)
+    ],
+) -> float:
+    """Adds the curves to the load torque."""
+    return load + torque * residual
