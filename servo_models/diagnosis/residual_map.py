@@ -1,0 +1,408 @@
+"""What is left outside the catalogue, learnt as a shape.
+
+The term is a sum of curves (``effects.residual_map``) on one wire: the load torque, the drive or
+the reading in the loop.  Each curve is of one thing that the actuator does.  What a knot of any
+curve would do to the errors is simulated once.  On these slopes every curve is judged by blocks of
+time that are held out, so one that is not needed does not come in.  The chosen curves are then
+fitted to the whole response, together with all parameters of the diagnosed model.
+
+A map is no evidence for a named effect: it takes any form, so it fits where the effect would.
+What the fitted parameters can do as well, such as a straight line of the rate, goes to them.
+Sources: Hastie, Tibshirani, Generalized Additive Models, 1990 (additive curves, forward choice);
+Eilers, Marx, Statistical Science 11 (1996) 89 (penalty on differences of neighbouring values).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.actuators.torque_causal import UNIT_OF_ANGLE
+from servo_models.core.types import Array
+from servo_models.diagnosis.localisation.samples import signed_time_since_turn, speed_of
+from servo_models.diagnosis.search.crossval import (
+    CrossValidation,
+    blocks,
+    consistency,
+    cross_validate,
+)
+from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
+from servo_models.diagnosis.search.linearisation import Linearisation, linearised
+from servo_models.effects.residual_map import CURVES, KNOTS
+from servo_models.identification.optimise import descend
+from servo_models.identification.problem import DIFFERENCE, Free, Problem
+from servo_models.identification.simulation import Run
+
+SIZES = ("torque", "drive", "reading")
+"""Keys of the sizes that say on which wire the map acts."""
+PROBE_IN_FULL_SCALES = 1e-3
+"""First size of which the response is simulated."""
+PROBE_IN_FLOORS = 1.0
+"""RMS change of the response by the size over which slopes are taken."""
+LARGEST_PROBE_IN_FULL_SCALES = 0.1
+PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+"""On squared second differences, tried in turn, over the mean square of what a knot does."""
+DEPENDENT = 1e-10
+"""Singular value over the largest, below which slopes are alike."""
+LEVEL_PENALTY = 1e-3
+"""Weight of squared first differences, over that of second ones: a curve is level without data."""
+SMALL_PENALTY = 1e-4
+"""The same of squared values: what parameters can do as well goes to them."""
+LEAST_RANGE = 1e-6
+"""Of what a curve is of, in full scales: below it does not move."""
+LEAST_GAIN = 0.05
+"""Share of the unseen squared errors that one more curve has to take away."""
+LEAST_CLOSED = 0.2
+"""Share of the unseen squared errors that the map has to take away."""
+SURE = 0.02
+"""Probability by chance of so many blocks in favour, at most."""
+FIT_TOLERANCE = 1e-4  # of the cost
+FIT_STEPS = 10
+KNOT_WIDTH_IN_PROBES = 0.5
+"""Over which slopes of a fit are taken."""
+ROOM_OVER_FIRST_STEP = 4.0
+"""Largest value of a knot in a fit, over that which slopes promise."""
+FIRST_STEPS = (0.0, 0.25, 0.5, 1.0)
+"""Parts of the step that slopes promise, the best of which begins a fit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of the map.
+
+    Attributes:
+        regressor: what it is of: a key of ``effects.residual_map.CURVES``.
+        wire: of the regressor.
+        knots: its values at the knots [SI], shape (n,).
+        values: of the curve [SI of the wire that the map acts on], shape (n,).
+        errors: their standard errors, shape (n,).
+        samples: of the logs that are nearest to each knot, shape (n,); 0 where a log tells nothing.
+    """
+
+    regressor: str
+    wire: str
+    knots: Array
+    values: Array
+    errors: Array
+    samples: NDArray[np.int64]
+
+    def at(self, points: Array) -> Array:
+        """Return the curve at some points [SI], held at its ends."""
+        return np.interp(points, self.knots, self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualMap:
+    """What was learnt.
+
+    Attributes:
+        name: of the effect that it is.
+        size: key of the size that says where it acts, one of ``SIZES``.
+        wire: on which it acts.
+        curves: in the order in which they were taken in.
+        fitted: the diagnosed model with the map, all parameters fitted together.
+        before, after: RMS [noise floors] of errors on unseen blocks without it and with it.
+    """
+
+    name: str
+    size: str
+    wire: str
+    curves: tuple[Curve, ...]
+    fitted: FittedModel
+    before: float
+    after: float
+
+    @property
+    def closed(self) -> float:
+        """Share of the squared errors on unseen blocks that it takes away."""
+        return 1.0 - (self.after / self.before) ** 2
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Parameters [SI] of the diagnosed model and of the map, by name."""
+        largest = max(float(np.abs(curve.values).max()) for curve in self.curves)
+        own = _settings(self.name, self.size, largest, {it.regressor: it for it in self.curves})
+        fitted = {n: v for n, v in self.fitted.values.items() if not n.startswith(f"{self.name}.")}
+        return {**fitted, **own}
+
+
+def learn(taken: FittedModel) -> ResidualMap | None:
+    """Return what a fitted model leaves, as a residual map.
+
+    None where no map holds on unseen blocks, or where the plant has no place for one.
+    """
+    plant = taken.problem.model.plant
+    name = next((it for it in plant.placements if plant.main(it).effect.hints.learnt), None)
+    if name is None:
+        return None
+    ranges = dict(_ranges(taken, name))
+    wires = [_OnWire(taken, name, size, ranges) for size in SIZES]
+    best = min((wire.chosen() for wire in wires), key=lambda it: float(it.evidence.losses.sum()))
+    if not best.curves:
+        return None
+    fitted = best.wire.fitted(best.curves, best.penalty)
+    if not _better(fitted.evidence, taken.evidence, LEAST_CLOSED):
+        return None
+    return best.wire.told(best.curves, fitted)
+
+
+def _better(one: CrossValidation, other: CrossValidation, least: float) -> bool:
+    """Whether unseen errors are smaller by a share of their squares at least, and surely."""
+    gain = 1.0 - float(one.losses.sum() / other.losses.sum())
+    return gain >= least and consistency(one, other) <= SURE
+
+
+@dataclass(frozen=True, eq=False)
+class _Range:
+    """Where the logs go in what a curve is of: its wire, its knots [SI] and samples near each."""
+
+    wire: str
+    knots: Array
+    samples: NDArray[np.int64]
+
+
+def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
+    """Range of every curve of which the logs tell anything, by its key."""
+    plant = taken.problem.model.plant
+    for link in plant.placements[name]:
+        key = next((it for it, block in CURVES.items() if block == link.effect), None)
+        if key is None:
+            continue
+        wire = link.wire_of("regressor")
+        parts = [_regressor(run, taken.values, key, wire) for run in taken.problem.runs]
+        values = np.concatenate(parts)
+        if np.ptp(values) > LEAST_RANGE * plant.wire[wire].scale:
+            knots = np.linspace(values.min(), values.max(), KNOTS)
+            nearest = np.abs(values[:, None] - knots).argmin(axis=1)
+            yield key, _Range(wire, knots, np.bincount(nearest, minlength=KNOTS))
+
+
+def _regressor(run: Run, values: Mapping[str, float], key: str, wire: str) -> Array:
+    """What a curve is of [SI], at the samples that a fit may see."""
+    log = run.log
+    inputs = [it.name for it in run.model.plant.inputs]
+    if wire in inputs:
+        found = run.inputs[-len(log.times) :, inputs.index(wire)]
+    else:
+        unit = run.with_constants(values).get(UNIT_OF_ANGLE, 1.0)
+        position = run.simulate(values)[:, 0] / unit
+        if key == "position":
+            found = position
+        elif key == "rate":
+            found = np.gradient(position, log.times)
+        else:
+            found = signed_time_since_turn(log.times, speed_of(log.times, position))
+    return np.asarray(found[log.fitted])
+
+
+def _settings(
+    name: str, size_key: str, size: float, curves: Mapping[str, Curve | tuple[_Range, Array]]
+) -> dict[str, float]:
+    """All parameters [SI] of a map; ``curves`` are in the unit of the wire."""
+    found = {f"{name}.{it}": size if it == size_key else 0.0 for it in SIZES}
+    for key in CURVES:
+        found[f"{name}.{key}"] = float(key in curves)
+    for key, curve in curves.items():
+        knots, values = (
+            (curve.knots, curve.values) if isinstance(curve, Curve) else (curve[0].knots, curve[1])
+        )
+        found[f"{name}.{key}_low"], found[f"{name}.{key}_high"] = float(knots[0]), float(knots[-1])
+        found |= dict(zip(_knots(name, key), (values / size).tolist()))
+    return found
+
+
+def _knots(name: str, key: str) -> list[str]:
+    """Parameters of the values at the knots of a curve."""
+    return [f"{name}.{key}_knot_{k + 1}" for k in range(KNOTS)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Penalised(Problem):
+    """A problem with a penalty among its squared errors.
+
+    Attributes:
+        names: of the parameters that it is on.
+        rows: which weigh their values [SI], shape (k, len(names)).
+    """
+
+    names: tuple[str, ...] = ()
+    rows: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def errors_with(self, values: Mapping[str, float], strict: bool = False) -> Array:
+        own = super().errors_with(values, strict)
+        return np.concatenate([own, self.rows @ np.array([values[it] for it in self.names])])
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """Curves on one wire, their penalty, and how they hold on unseen blocks by slopes alone."""
+
+    wire: _OnWire
+    curves: tuple[str, ...]
+    penalty: float
+    evidence: CrossValidation
+
+
+@dataclass(frozen=True, eq=False)
+class _OnWire:
+    """A wire on which a map may act, with what every knot of every curve would do to the errors."""
+
+    taken: FittedModel
+    name: str
+    size: str
+    ranges: dict[str, _Range]
+
+    @property
+    def problem(self) -> Problem:
+        return self.taken.problem
+
+    @cached_property
+    def full_scale(self) -> float:
+        """Largest size [SI]."""
+        return self.problem.model.plant.parameters[f"{self.name}.{self.size}"].param.high
+
+    def settings(self, size: float, curves: Mapping[str, Array]) -> dict[str, float]:
+        """All parameters [SI] of a map with curves in the unit of the wire."""
+        both = {key: (self.ranges[key], values) for key, values in curves.items()}
+        return _settings(self.name, self.size, size, both)
+
+    def change(self, size: float, key: str, knots: Array) -> Array:
+        """Change of the errors [noise floors] by a curve of this size, shape (m,)."""
+        values = {**self.taken.values, **self.settings(size, {key: size * knots})}
+        changed = self.problem.errors_with(values) - self.taken.linearised.errors
+        return np.asarray(changed[: self.problem.samples])
+
+    @cached_property
+    def probe(self) -> float:
+        """Size [SI] that changes the response by about a noise floor."""
+        first = PROBE_IN_FULL_SCALES * self.full_scale
+        moved = np.sqrt(np.mean(self.change(first, next(iter(self.ranges)), np.ones(KNOTS)) ** 2))
+        most = LARGEST_PROBE_IN_FULL_SCALES * self.full_scale
+        return min(first * PROBE_IN_FLOORS / max(float(moved), 1e-12), most)
+
+    @cached_property
+    def slopes(self) -> dict[str, Array]:
+        """What a probe at each knot does to the errors, shape (m, KNOTS), by key."""
+        tasks = [(key, unit) for key in self.ranges for unit in np.eye(KNOTS)]
+        found = iter(self.problem.workers.map(lambda it: self.change(self.probe, *it), tasks))
+        return {key: np.column_stack([next(found) for _ in range(KNOTS)]) for key in self.ranges}
+
+    def penalty_rows(self, keys: Sequence[str], penalty: float) -> Array:
+        """Rows the squares of which are the penalty on knots in probes, shape (k, KNOTS * n)."""
+        unit = np.eye(KNOTS)
+        shape = np.vstack(
+            [
+                np.diff(unit, 2, axis=0),
+                np.sqrt(LEVEL_PENALTY) * np.diff(unit, 1, axis=0),
+                np.sqrt(SMALL_PENALTY) * unit,
+            ]
+        )
+        rows = np.zeros((len(shape) * len(keys), KNOTS * len(keys)))
+        for i, key in enumerate(keys):
+            usual = np.sqrt(penalty * np.sum(self.slopes[key] ** 2) / KNOTS)
+            down, across = slice(i * len(shape), None), slice(i * KNOTS, (i + 1) * KNOTS)
+            rows[down][: len(shape), across] = usual * shape
+        return rows
+
+    def linear(self, keys: Sequence[str], penalty: float) -> Linearisation:
+        """The diagnosed model with curves, at the best fit that slopes promise."""
+        old, n = self.taken.linearised, self.problem.samples
+        rows = self.penalty_rows(keys, penalty)
+        p, priors = old.slopes.shape[1], len(old.errors) - n
+        slopes = np.zeros((len(old.errors) + len(rows), p + rows.shape[1]))
+        slopes[: len(old.errors), :p] = old.slopes
+        slopes[:n, p:] = np.hstack([np.empty((n, 0)), *(self.slopes[key] for key in keys)])
+        slopes[n + priors :, p:] = rows
+        slopes[:, discontinuous_of(self.problem)] = 0.0
+        errors = np.concatenate([old.errors, np.zeros(len(rows))])
+        step = -np.linalg.lstsq(slopes, errors, rcond=DEPENDENT)[0]
+        vector = np.concatenate([old.vector, np.zeros(rows.shape[1])]) + step
+        return Linearisation(self.problem, vector, errors + slopes @ step, slopes)
+
+    def judged(self, keys: Sequence[str], penalty: float) -> CrossValidation:
+        """How the model with curves predicts unseen blocks, by one step along slopes."""
+        linear = self.linear(keys, penalty)
+        held = discontinuous_of(self.problem)
+        return cross_validate(self.problem, linear, blocks(self.problem), held)
+
+    def chosen(self) -> _Choice:
+        """The curves that hold best on unseen blocks, taken in one by one."""
+        best = _Choice(self, (), 0.0, self.judged((), 0.0))
+        while True:
+            trials = [
+                _Choice(self, (*best.curves, key), weight, self.judged((*best.curves, key), weight))
+                for key in self.ranges
+                if key not in best.curves
+                for weight in PENALTIES
+            ]
+            if not trials:
+                return best
+            next_ = min(trials, key=lambda it: float(it.evidence.losses.sum()))
+            if not _better(next_.evidence, best.evidence, LEAST_GAIN):
+                return best
+            best = next_
+
+    def fitted(self, keys: Sequence[str], penalty: float) -> FittedModel:
+        """The diagnosed model and curves, fitted together to the whole response."""
+        linear = self.linear(keys, penalty)
+        old = self.taken.linearised.vector
+        p = len(old)
+        start = np.concatenate([old, np.zeros(len(linear.vector) - p)])
+        step = linear.vector - start
+        problem = self.penalised(keys, penalty, largest_in_probes=float(np.abs(step[p:]).max()))
+        trials = [np.clip(start + part * step, *problem.bounds) for part in FIRST_STEPS]
+        begin = trials[int(np.argmin(problem.costs(trials)))]
+        usual = np.full(p, DIFFERENCE) if self.taken.widths is None else self.taken.widths
+        widths = np.concatenate([usual, np.full(len(begin) - p, KNOT_WIDTH_IN_PROBES)])
+        vector, met, _ = descend(problem, begin, FIT_TOLERANCE, FIT_STEPS, widths)
+        found = linearised(problem, vector, widths)
+        evidence = cross_validate(problem, found, blocks(problem), discontinuous_of(problem))
+        return FittedModel(self.taken.effects, problem, found, evidence, met, 0.0, widths)
+
+    def penalised(
+        self, keys: Sequence[str], penalty: float, largest_in_probes: float
+    ) -> _Penalised:
+        """The problem of that fit, with a size that leaves its knots room to grow."""
+        old = self.problem
+        size = min(ROOM_OVER_FIRST_STEP * largest_in_probes * self.probe, self.full_scale)
+        unit = self.probe / size
+        names = [knot for key in keys for knot in _knots(self.name, key)]
+        settings = self.settings(size, {key: np.zeros(KNOTS) for key in keys})
+        free = [*old.free, *(Free(it, -1.0, 1.0, 0.0, unit, 0.0) for it in names)]
+        return _Penalised(
+            replace(old.model, values={**old.model.values, **settings}),
+            old.logs,
+            free,
+            old.sigma,
+            old.workers,
+            np.concatenate([self.taken.linearised.vector, np.zeros(len(names))]),
+            old.steps,
+            names=tuple(names),
+            rows=self.penalty_rows(keys, penalty) / unit,
+        )
+
+    def told(self, keys: Sequence[str], fitted: FittedModel) -> ResidualMap:
+        """The map in SI; every curve but the first one is 0 on average, as only sums are known."""
+        plant, problem = self.problem.model.plant, fitted.problem
+        size = problem.model.values[f"{self.name}.{self.size}"]
+        slopes = fitted.linearised.slopes / problem.scales
+        spread = fitted.evidence.dispersion * np.linalg.pinv(slopes.T @ slopes, hermitian=True)
+        errors = dict(zip((it.name for it in problem.free), np.sqrt(np.diag(spread))))
+        curves, shift = [], 0.0
+        for key in keys:
+            range_, names = self.ranges[key], _knots(self.name, key)
+            values = size * np.array([fitted.values[it] for it in names])
+            deviations = size * np.array([errors[it] for it in names])
+            curves.append(Curve(key, range_.wire, range_.knots, values, deviations, range_.samples))
+        for i, curve in enumerate(curves[1:], 1):
+            mean = float(np.average(curve.values, weights=curve.samples))
+            curves[i], shift = replace(curve, values=curve.values - mean), shift + mean
+        curves[0] = replace(curves[0], values=curves[0].values + shift)
+        links = plant.placements[self.name]
+        wire = next(link.on[0] for link in links if self.size in link.effect.params)
+        before, after = self.taken.evidence.rms, fitted.evidence.rms
+        return ResidualMap(self.name, self.size, wire, tuple(curves), fitted, before, after)
