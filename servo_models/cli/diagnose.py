@@ -37,6 +37,14 @@ def diagnose(
         Path | None,
         typer.Option(metavar="FILE", help="Write the diagnosed model as a parameter file (.toml)."),
     ] = None,
+    map_: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Write the diagnosed model with its residual map, where one is learnt (.toml).",
+        ),
+    ] = None,
     format_: Annotated[
         Format, typer.Option("--format", help="How the result is printed.")
     ] = Format.TEXT,
@@ -75,7 +83,8 @@ def diagnose(
     from servo_models.diagnosis.search.selection import TOLERANCE
     from servo_models.files import write_whole
 
-    check_outputs((json, ".json"), (report, ".html"), (out, ".toml"), description=description)
+    toml = ((out, ".toml"), (map_, ".toml"))
+    check_outputs((json, ".json"), (report, ".html"), *toml, description=description)
     allowed = TOLERANCE if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
@@ -92,6 +101,8 @@ def diagnose(
         found.write_report(report, today.isoformat())
     if out:
         write_parameters(found.parameter_set(today), out)
+    if map_ and found.residual_map:
+        write_parameters(found.map_parameter_set(today), map_)
     if format_ is Format.JSON:
         print(found.to_json())
     elif format_ is Format.GITHUB:

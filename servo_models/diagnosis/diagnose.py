@@ -15,11 +15,12 @@ from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
 from servo_models.diagnosis.preconditions import check_duration, without_flags
 from servo_models.diagnosis.ranking import estimates, ranked_effects
+from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
-from servo_models.diagnosis.verdict import decide
+from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.internal_step import InternalSteps
 from servo_models.identification.preconditions import checked_logs
@@ -105,6 +106,8 @@ def _diagnose(
     fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers, steps=steps)
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
+    if tell and verdict.kind == OUTSIDE:
+        tell("learning the shape of what is left")
     return Diagnosis(
         name=told.path.stem,
         file=told.path.name if told.path.suffix == ".toml" else "",
@@ -118,6 +121,7 @@ def _diagnose(
         gaps=gaps(selection, floors, origins, seed),
         ranking=ranked_effects(selection, verdict),
         moved=estimates(selection.retuned),
+        residual_map=learn(selection.taken) if verdict.kind == OUTSIDE else None,
         tolerance=tolerance,
         seed=seed,
     )

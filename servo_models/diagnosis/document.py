@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import permutations
 from typing import Any
 
@@ -22,6 +22,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
 from servo_models.diagnosis.verdict import weights_by_effects
+from servo_models.errors import UserError
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
@@ -49,6 +50,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "masked": [_masked_effect(diagnosis, one) for one in diagnosis.masked],
         "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
+        "residual_map": _residual_map(diagnosis),
         "held_out": [asdict(one) for one in diagnosis.held_out],
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
         "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
@@ -128,6 +130,32 @@ def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
         "detectability": effect.detectability,
         "beside": list(effect.beside),
         "detected": None if effect.detected is None else _detected(effect.detected),
+    }
+
+
+def _residual_map(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    found, wires = diagnosis.residual_map, diagnosis.model.plant.wire
+    if found is None:
+        return None
+    return {
+        "block": found.wire,
+        "unit": wires[found.wire].unit,
+        "text": found.sentence,
+        "before": found.before,
+        "after": found.after,
+        "curves": [
+            {
+                "of": curve.regressor,
+                "wire": curve.wire,
+                "unit": wires[curve.wire].unit,
+                "knots": curve.knots.tolist(),
+                "values": curve.values.tolist(),
+                "standard_errors": curve.errors.tolist(),
+                "samples": curve.samples.tolist(),
+            }
+            for curve in found.curves
+        ],
+        "parameters": found.values,
     }
 
 
@@ -255,6 +283,31 @@ def parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> Pa
             for gap in diagnosis.gaps
         },
         warnings=summary.warnings(diagnosis),
+    )
+
+
+def map_parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
+    """Return ``diagnosis.with_map`` with what it is known from.
+
+    Raises:
+        UserError: there is no map.
+    """
+    found = diagnosis.residual_map
+    if found is None:
+        raise UserError(
+            "no residual map: it is learnt where something is left outside the catalogue, and only"
+            " if it holds on stretches that no fit has seen"
+        )
+    own, model = parameter_set(diagnosis, date), diagnosis.with_map
+    estimated = {
+        name: Estimate(name, value, None, "diagnosed with a residual map")
+        for name, value in found.values.items()
+    }
+    return replace(
+        own,
+        estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
+        method=f"{own.method}; {found.sentence}",
+        figures={"noise_floors_unseen_blocks": Figure(found.after, "1")},
     )
 
 

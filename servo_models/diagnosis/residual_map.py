@@ -60,6 +60,26 @@ LEAST_CLOSED = 0.2
 """Share of the unseen squared errors that the map has to take away."""
 SURE = 0.02
 """Probability by chance of so many blocks in favour, at most."""
+BOTH_SIDES = 0.2
+"""Of the largest value, up to which a curve goes on both sides of 0 at least."""
+POWERS = {
+    1.0: "grows in proportion to",
+    2.0: "grows with the square of",
+    3.0: "grows with the cube of",
+}
+WORDS = {
+    "rate": "the rate",
+    "position": "the position",
+    "command": "the command",
+    "load": "the load",
+    "reversal": "the time since reversal",
+}
+SIMPLE = 0.97
+"""Share of the variance of a curve from which a simple function is named."""
+NOTHING = 0.1
+"""Slope over that of the other side up to which it is none."""
+EQUAL = 0.2
+"""Relative difference of two slopes up to which they are the same."""
 FIT_TOLERANCE = 1e-4  # of the cost
 FIT_STEPS = 10
 KNOT_WIDTH_IN_PROBES = 0.5
@@ -117,9 +137,11 @@ class ResidualMap:
     after: float
 
     @property
-    def closed(self) -> float:
-        """Share of the squared errors on unseen blocks that it takes away."""
-        return 1.0 - (self.after / self.before) ** 2
+    def sentence(self) -> str:
+        """What it looks like, as a clause: "a torque on 'load' that grows with ..."."""
+        kind = {"torque": "a torque on", "drive": "a drive on", "reading": "a reading on"}
+        forms = [form(curve) for curve in self.curves]
+        return f"{kind[self.size]} '{self.wire}' that {', and '.join(forms)}"
 
     @cached_property
     def values(self) -> dict[str, float]:
@@ -128,6 +150,53 @@ class ResidualMap:
         own = _settings(self.name, self.size, largest, {it.regressor: it for it in self.curves})
         fitted = {n: v for n, v in self.fitted.values.items() if not n.startswith(f"{self.name}.")}
         return {**fitted, **own}
+
+
+def form(curve: Curve) -> str:
+    """Return in a clause which simple function a curve is, beside a constant.
+
+    Powers with a size of their own on each side are tried first, then a kink.
+    """
+    seen = curve.samples > 0
+    x, y = curve.knots[seen], curve.values[seen]
+    weights = np.sqrt(curve.samples[seen])
+    scale, of = float(np.abs(x).max()), WORDS[curve.regressor]
+    if x.min() < -BOTH_SIDES * scale and x.max() > BOTH_SIDES * scale:
+        for power, words in POWERS.items():
+            sides = [np.maximum(x / scale, 0.0) ** power, np.maximum(-x / scale, 0.0) ** power]
+            (_, up, down), share = _explained([np.ones(len(x)), *sides], y, weights)
+            if share >= SIMPLE:
+                return f"{words} {of}{_one_way(up, -down, of)}"
+    for bend in x[1:-1]:
+        basis = [np.ones(len(x)), x / scale, np.maximum(x - bend, 0.0) / scale]
+        (_, before, more), share = _explained(basis, y, weights)
+        if share >= SIMPLE:
+            if abs(more) < EQUAL * abs(before):
+                return f"changes in proportion to {of}"
+            return f"has a kink in {of}"
+    return f"depends on {of} in no simple way"
+
+
+def _one_way(up: float, down: float, of: str) -> str:
+    """How far two slopes differ, one for positive values and one for negative ones."""
+    strong, weak = max((up, down), key=abs), min((up, down), key=abs)
+    side = "positive" if abs(up) > abs(down) else "negative"
+    if abs(weak) < NOTHING * abs(strong):
+        return f", where that is {side} only"
+    if up * down < 0.0:
+        return ", the same way whichever its sign"
+    if abs(strong) < (1.0 + EQUAL) * abs(weak):
+        return ""
+    return f", {strong / weak:.2g} times as much where that is {side}"
+
+
+def _explained(basis: Sequence[Array], y: Array, weights: Array) -> tuple[Array, float]:
+    """Coefficients of a weighted fit, and the share of the variance that it explains."""
+    columns = np.column_stack(basis)
+    found = np.linalg.lstsq(columns * weights[:, None], y * weights, rcond=None)[0]
+    left = (y - columns @ found) * weights
+    whole = (y - np.average(y, weights=weights**2)) * weights
+    return np.asarray(found), 1.0 - float(left @ left) / max(float(whole @ whole), 1e-300)
 
 
 def learn(taken: FittedModel) -> ResidualMap | None:

@@ -18,6 +18,7 @@ from servo_models.diagnosis.ambiguity import Slot, alternatives
 from servo_models.diagnosis.gap import Gap, GapSummary
 from servo_models.diagnosis.held_out import HeldOut, held_out_scores
 from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
+from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
@@ -63,6 +64,8 @@ class Diagnosis(Result):
         ranking: effects, most likely first.
         moved: nominal parameters after re-tuning.
         tolerance: gap [noise floors] that counts as none.
+        residual_map: what is left outside the catalogue, learnt as a shape; None where nothing is,
+            or no shape holds on unseen blocks.
         flags: outputs of the logs that say yes or no, which are not judged.
         seed: of intervals and random commands.
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
@@ -83,6 +86,7 @@ class Diagnosis(Result):
     ranking: tuple[RankedEffect, ...]
     moved: tuple[Value, ...]
     tolerance: float
+    residual_map: ResidualMap | None = None
     flags: tuple[str, ...] = ()
     seed: int = 0
     confirmation: Confirmation | None = None
@@ -102,6 +106,14 @@ class Diagnosis(Result):
     def fitted(self) -> Model:
         """The model with nominal parameters re-tuned and the diagnosed effects switched on."""
         return replace(self.model, values={**self.model.values, **self.selection.taken.values})
+
+    @property
+    def with_map(self) -> Model:
+        """``fitted`` with the residual map switched on and all parameters fitted beside it; without
+        a map the same model."""
+        if self.residual_map is None:
+            return self.fitted
+        return replace(self.model, values={**self.model.values, **self.residual_map.values})
 
     @cached_property
     def found(self) -> tuple[Value, ...]:
@@ -254,3 +266,13 @@ class Diagnosis(Result):
         from servo_models.diagnosis.document import parameter_set
 
         return parameter_set(self, date)
+
+    def map_parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
+        """Return ``with_map`` likewise.
+
+        Raises:
+            UserError: there is no map.
+        """
+        from servo_models.diagnosis.document import map_parameter_set
+
+        return map_parameter_set(self, date)

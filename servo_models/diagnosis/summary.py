@@ -50,7 +50,7 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"{said}: the model leaves {before:.3g} noise floors, {allowed}{elsewhere(diagnosis)}."
         )
     if kind in (NOT_IDENTIFIABLE, OUTSIDE):
-        return f"{said}; {change(diagnosis)}{elsewhere(diagnosis)}."
+        return f"{said}; {change(diagnosis)}{elsewhere(diagnosis)}{shape(diagnosis)}."
     alone = (
         f", parameters alone leave {retuned:.3g}" if diagnosis.moved and kind != PARAMETERS else ""
     )
@@ -67,6 +67,12 @@ def rest(diagnosis: Diagnosis) -> str:
         diagnosis.verdict.rest if diagnosis.verdict.kind not in (NOT_IDENTIFIABLE, OUTSIDE) else 0.0
     )
     return f"; {left:.3g} noise floors of what is left are no noise" if left else ""
+
+
+def shape(diagnosis: Diagnosis) -> str:
+    """Return a clause on the residual map, "" without one."""
+    found = diagnosis.residual_map
+    return f"; {found.sentence} leaves {found.after:.3g} noise floors" if found else ""
 
 
 def not_shown(diagnosis: Diagnosis) -> str:

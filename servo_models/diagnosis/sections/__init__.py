@@ -8,6 +8,7 @@ from servo_models.analysis.explain import display_scale
 from servo_models.data.parameters import installed_version
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.ranking import RankedEffect, Value
+from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
@@ -19,6 +20,7 @@ from servo_models.report.sections import Card, Report, Section
 
 ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
+SHAPE = "What is left, as a shape"
 
 
 def report(diagnosis: Diagnosis, date: str = "") -> Report:
@@ -34,6 +36,7 @@ def report(diagnosis: Diagnosis, date: str = "") -> Report:
             Section(WARNINGS, items=tuple(_sentences(summary.warnings(diagnosis))), folded=True),
             _errors(diagnosis),
             _where(diagnosis),
+            _shape(diagnosis),
             _effects(diagnosis),
             _signatures(diagnosis),
             _ruled_out(diagnosis),
@@ -58,6 +61,8 @@ def _cards(diagnosis: Diagnosis) -> Iterator[Card]:
         yield from _causes(diagnosis)
         yield Card("before", "\n".join(_before(diagnosis)), None, ANSWER)
     yield Card("left", "\n".join(_left(diagnosis)), None, ERRORS)
+    if diagnosis.residual_map:
+        yield Card("its shape", "\n".join(_shape_in_short(diagnosis.residual_map)), None, SHAPE)
     asked = diagnosis.next_experiments or diagnosis.repeats_wanted
     yield Card("do next", _to_do(diagnosis), None, NEXT if asked else "")
     count = len(summary.warnings(diagnosis))
@@ -121,6 +126,11 @@ def _left(diagnosis: Diagnosis) -> Iterator[str]:
             yield clause.removeprefix("; ")
 
 
+def _shape_in_short(found: ResidualMap) -> Iterator[str]:
+    yield found.sentence
+    yield f"{number(found.after, 3)} noise floors with it, {number(found.before, 3)} without"
+
+
 def _to_do(diagnosis: Diagnosis) -> str:
     planned = [one for one in diagnosis.next_experiments if one.telling]
     if diagnosis.within_tolerance:
@@ -130,18 +140,25 @@ def _to_do(diagnosis: Diagnosis) -> str:
         return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
     if diagnosis.repeats_wanted:
         return diagnosis.repeats_wanted
+    if diagnosis.residual_map:
+        return f"{_use(diagnosis, '--map')}; its residual map stands for what has no name yet."
     if diagnosis.verdict.kind == OUTSIDE:
         return (
             "Look where the rest lies, below; what acts there has no effect in the catalogue yet."
         )
     if diagnosis.verdict.kind == NOT_IDENTIFIABLE:
         return "Record a log with other commands: more amplitudes, speeds and reversals."
-    build = "then servo-models build --params PARAMS.toml."
-    if not diagnosis.file:
-        write = "sm.write_parameters(result.parameter_set(), 'PARAMS.toml')"
+    return f"{_use(diagnosis, '--out')}."
+
+
+def _use(diagnosis: Diagnosis, option: str) -> str:
+    """How an FMU is made of what was found."""
+    if diagnosis.file:
+        write = f"servo-models diagnose {diagnosis.file} {option} PARAMS.toml"
     else:
-        write = f"servo-models diagnose {diagnosis.file} --out PARAMS.toml"
-    return f"Use the diagnosed model: {write}, {build}"
+        method = "map_parameter_set" if option == "--map" else "parameter_set"
+        write = f"sm.write_parameters(result.{method}(), 'PARAMS.toml')"
+    return f"Use the diagnosed model: {write}, then servo-models build --params PARAMS.toml"
 
 
 def _answer(diagnosis: Diagnosis) -> Section:
@@ -173,6 +190,22 @@ def _where(diagnosis: Diagnosis) -> Section:
         tables=(tables.places(diagnosis), *(tables.place(one) for one in diagnosis.localisation)),
         pictures=tuple(pictures.place(one) for one in diagnosis.localisation if len(one.bins) > 1),
         folded=True,
+    )
+
+
+def _shape(diagnosis: Diagnosis) -> Section:
+    found = diagnosis.residual_map
+    if found is None:
+        return Section(SHAPE)
+    return Section(
+        SHAPE,
+        f"{found.sentence[0].upper()}{found.sentence[1:]}. It was learnt from the errors that the diagnosed model"
+        f" leaves: {number(found.before, 3)} noise floors on stretches that no fit has seen,"
+        f" {number(found.after, 3)} with it. It takes any form, so it speaks for no effect and"
+        " against none. What the parameters can do as well, such as a straight line of the rate, is"
+        " in them.",
+        tables=tuple(tables.curve(diagnosis, curve) for curve in found.curves),
+        pictures=tuple(pictures.curve(diagnosis, curve) for curve in found.curves),
     )
 
 

@@ -12,6 +12,7 @@ from servo_models.analysis.experiment import display
 from servo_models.diagnosis.design import Experiment, played
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import Value
+from servo_models.diagnosis.residual_map import Curve
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.priors import PRIOR_BOUND_SIGMAS
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 
 ROW, MARGIN = 0.44, 0.85
 """Height of a row of a chart, and of everything else [inch]."""
+CURVE = 2.4
+"""Height of a curve of the residual map [inch]."""
+SIGMAS_95 = 1.96
 PANEL = 1.45
 """Height of a panel [inch]."""
 EXPLANATIONS = (curves.JUDGED, curves.NOMINAL, curves.BETWEEN)
@@ -86,6 +90,32 @@ def _draw_response(
             curves.draw_frame(panel, times[window])
     curves.draw_legend(axes[0], 1 + len(simulated))
     axes[-1].set_xlabel("time [s]")
+
+
+def curve(diagnosis: Diagnosis, one: Curve) -> Picture:
+    """Return a curve of the residual map with its band."""
+    return Picture(
+        f"Residual map of '{one.wire}'",
+        partial(_draw_curve, diagnosis, one),
+        "Line: what was learnt; band: its 95 % interval; dots: knots with data. Dotted: no sample"
+        " is near, so nothing is known there.",
+        height=CURVE,
+    )
+
+
+def _draw_curve(diagnosis: Diagnosis, one: Curve, axes: Sequence[Axes]) -> None:
+    assert diagnosis.residual_map is not None
+    (panel,) = axes
+    (of, of_unit), (unit, to_unit) = tables.curve_units(diagnosis, one)
+    x, y, band = of * one.knots, unit * one.values, unit * SIGMAS_95 * one.errors
+    seen = one.samples > 0
+    panel.axhline(0.0, color=colour("muted"), lw=0.6)
+    panel.plot(x, y, color=colour("muted"), lw=1.0, ls=DOTTED)
+    known, low, high = (np.where(seen, it, np.nan) for it in (y, y - band, y + band))
+    panel.fill_between(x, low, high, color=colour("blue"), alpha=0.2, lw=0)
+    panel.plot(x, known, color=colour("blue"), lw=1.6, marker=".")
+    panel.set_xlabel(axis_label(one.wire, of_unit), parse_math=False)
+    panel.set_ylabel(axis_label(diagnosis.residual_map.wire, to_unit), parse_math=False)
 
 
 def place(one: Breakdown) -> Picture:

@@ -14,6 +14,7 @@ from servo_models.diagnosis import summary
 from servo_models.diagnosis.gap import DRAWS, Gap
 from servo_models.diagnosis.localisation import Bin, Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
+from servo_models.diagnosis.residual_map import Curve
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.signatures import sentence
@@ -129,6 +130,32 @@ def held_out(diagnosis: Diagnosis) -> Table:
 
 def _left(rms: float) -> Cell:
     return "cannot be simulated" if math.isnan(rms) else Quantity(rms, digits=3)
+
+
+def curve(diagnosis: Diagnosis, one: Curve) -> Table:
+    """A curve of the residual map at its knots."""
+    (of, of_unit), (unit, to_unit) = curve_units(diagnosis, one)
+    rows = tuple(
+        (
+            Quantity(of * knot, of_unit, digits=3),
+            Quantity(unit * value, to_unit, unit * error) if samples else "no data",
+            int(samples),
+        )
+        for knot, value, error, samples in zip(one.knots, one.values, one.errors, one.samples)
+    )
+    return Table(f"Residual map of '{one.wire}'", (one.wire, "value", "samples nearest"), rows)
+
+
+def curve_units(diagnosis: Diagnosis, one: Curve) -> tuple[tuple[float, str], tuple[float, str]]:
+    """Return factor from SI and unit for people: of what a curve is of, and of its values."""
+    assert diagnosis.residual_map is not None
+    wires = diagnosis.model.plant.wire
+    (of, of_unit), (scale, unit) = (
+        display(wires[one.wire]),
+        display(wires[diagnosis.residual_map.wire]),
+    )
+    own, unit = prefix(scale * float(np.abs(one.values).max()), unit)
+    return (of, of_unit), (scale * own, unit)
 
 
 def places(diagnosis: Diagnosis) -> Table:
