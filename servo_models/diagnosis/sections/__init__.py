@@ -199,8 +199,8 @@ def _shape(diagnosis: Diagnosis) -> Section:
         return Section(SHAPE)
     return Section(
         SHAPE,
-        f"{found.sentence[0].upper()}{found.sentence[1:]}. It was learnt from the errors that the diagnosed model"
-        f" leaves: {number(found.before, 3)} noise floors on stretches that no fit has seen,"
+        f"{found.sentence[0].upper()}{found.sentence[1:]}. It was learnt from the errors that the"
+        f" diagnosed model leaves: {number(found.before, 3)} noise floors on stretches that no fit has seen,"
         f" {number(found.after, 3)} with it. It takes any form, so it speaks for no effect and"
         " against none. What the parameters can do as well, such as a straight line of the rate, is"
         " in them.",
