@@ -200,10 +200,10 @@ def _shape(diagnosis: Diagnosis) -> Section:
     return Section(
         SHAPE,
         f"{found.sentence[0].upper()}{found.sentence[1:]}. It was learnt from the errors that the"
-        f" diagnosed model leaves: {number(found.before, 3)} noise floors on stretches that no fit has seen,"
-        f" {number(found.after, 3)} with it. It takes any form, so it speaks for no effect and"
-        " against none. What the parameters can do as well, such as a straight line of the rate, is"
-        " in them.",
+        f" diagnosed model leaves: {number(found.before, 3)} noise floors on stretches that no fit"
+        f" has seen, {number(found.after, 3)} with it. It takes any form, so it speaks for no"
+        " effect and against none. What the parameters can do as well, such as a straight line of"
+        " the rate, is in them.",
         tables=tuple(tables.curve(diagnosis, curve) for curve in found.curves),
         pictures=tuple(pictures.curve(diagnosis, curve) for curve in found.curves),
     )
