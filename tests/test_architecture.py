@@ -188,9 +188,15 @@ EFFECTS = {
 THEIR_OWN = ("effects", "actuators", "validation", "withheld/generator")
 """Folders that may name effects: who defines and places them, and who writes an actuator's truth
 down a second time, on purpose."""
-OTHER_THINGS = {"offset": "a key of a log", "lag": "a column of a table"}
+OTHER_THINGS = {
+    "offset": "a key of a log",
+    "lag": "a column of a table",
+    "curve": "a part of a residual map",
+    "residual_map": "a key of a diagnosis",
+}
 """Words that are more than the name of an effect."""
 NAMED = {
+    "diagnosis/residual_map.py": "it learns the one effect that has any form",
     "withheld/score.py": "the share of quantisers that are found is a figure of its own",
     "identification/elements/identify.py": "the table of a hysteresis loop is one of the elements",
 }

@@ -10,7 +10,7 @@ from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, State, Wire, place
 from servo_models.effects.gain_error import gain_error
-from servo_models.effects.residual_map import CURVES, since_reversal
+from servo_models.effects.residual_map import CURVES, time_since_reversal
 
 RESIDUAL_MAP = "residual_map"
 LEARNT = (
@@ -61,7 +61,7 @@ def residual_curves(command: str, load: str = "load_torque") -> tuple[Block | Pl
     }
     return (
         no_residual,
-        place(RESIDUAL_MAP, since_reversal, "since_reversal"),
+        place(RESIDUAL_MAP, time_since_reversal, "since_reversal"),
         *(
             place(RESIDUAL_MAP, CURVES[key], "residual", regressor=wire)
             for key, wire in wires.items()

@@ -291,7 +291,7 @@ class Block:
     keys: Mapping[str, str] = field(default_factory=dict)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return self.function(*args, **kwargs)
+        return self.function(*args, **{self.keys.get(key, key): it for key, it in kwargs.items()})
 
     def keyed(self, keys: Mapping[str, str]) -> Block:
         """Return the same block with other names of parameters, by its arguments.

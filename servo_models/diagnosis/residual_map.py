@@ -84,8 +84,6 @@ FIT_TOLERANCE = 1e-4  # of the cost
 FIT_STEPS = 10
 KNOT_WIDTH_IN_PROBES = 0.5
 """Over which slopes of a fit are taken."""
-ROOM_OVER_FIRST_STEP = 4.0
-"""Largest value of a knot in a fit, over that which slopes promise."""
 FIRST_STEPS = (0.0, 0.25, 0.5, 1.0)
 """Parts of the step that slopes promise, the best of which begins a fit."""
 
@@ -422,7 +420,7 @@ class _OnWire:
         p = len(old)
         start = np.concatenate([old, np.zeros(len(linear.vector) - p)])
         step = linear.vector - start
-        problem = self.penalised(keys, penalty, largest_in_probes=float(np.abs(step[p:]).max()))
+        problem = self.penalised(keys, penalty)
         trials = [np.clip(start + part * step, *problem.bounds) for part in FIRST_STEPS]
         begin = trials[int(np.argmin(problem.costs(trials)))]
         usual = np.full(p, DIFFERENCE) if self.taken.widths is None else self.taken.widths
@@ -432,12 +430,9 @@ class _OnWire:
         evidence = cross_validate(problem, found, blocks(problem), discontinuous_of(problem))
         return FittedModel(self.taken.effects, problem, found, evidence, met, 0.0, widths)
 
-    def penalised(
-        self, keys: Sequence[str], penalty: float, largest_in_probes: float
-    ) -> _Penalised:
-        """The problem of that fit, with a size that leaves its knots room to grow."""
-        old = self.problem
-        size = min(ROOM_OVER_FIRST_STEP * largest_in_probes * self.probe, self.full_scale)
+    def penalised(self, keys: Sequence[str], penalty: float) -> _Penalised:
+        """The problem of that fit; its knots may go up to full scale."""
+        old, size = self.problem, self.full_scale
         unit = self.probe / size
         names = [knot for key in keys for knot in _knots(self.name, key)]
         settings = self.settings(size, {key: np.zeros(KNOTS) for key in keys})

@@ -29,18 +29,19 @@ def _value(where: str, default: float) -> Param:
 def time_since_reversal(
     since_reversal: float,
     shaft_speed: float,
-    now: float,
-    weight: Weight,
-    reversed_at: Annotated[float, Memory()],
+    elapsed: float,
+    reversal: Weight,
+    lasted: Annotated[float, Memory()],
     direction: Annotated[float, Memory()],
 ) -> tuple[float, float, float]:
     """Time [s] since the motion turned, negative while it is negative."""
-    if weight <= 0.0:
-        return since_reversal, reversed_at, direction
+    if reversal <= 0.0:
+        return since_reversal, lasted, direction
+    lasted = lasted + elapsed
     if shaft_speed != 0.0 and shaft_speed * direction <= 0.0:
-        reversed_at = now
+        lasted = 0.0
         direction = math.copysign(1.0, shaft_speed)
-    return direction * (now - reversed_at), reversed_at, direction
+    return direction * lasted, lasted, direction
 
 
 @effect("residual", source=SOURCE)
@@ -83,7 +84,9 @@ def curve(
 def residual_drive(
     driven: float,
     residual: float,
-    drive: Annotated[float, Param("{driven}", "size on the drive", high=1.0, switch=True)],
+    drive: Annotated[
+        float, Param("{driven}", "size on the drive", high=1.0, switch=True, typical=0.05)
+    ],
 ) -> float:
     """Adds the curves to the drive."""
     return driven + drive * residual
@@ -93,7 +96,9 @@ def residual_drive(
 def residual_reading(
     sensed: float,
     residual: float,
-    reading: Annotated[float, Param("{sensed}", "size on the reading", high=1.0, switch=True)],
+    reading: Annotated[
+        float, Param("{sensed}", "size on the reading", high=1.0, switch=True, typical=0.05)
+    ],
 ) -> float:
     """Adds the curves to what the loop reads."""
     return sensed + reading * residual
@@ -104,14 +109,13 @@ CURVES = {
     for key in ("rate", "position", "command", "load", "reversal")
 }
 """The curve of each thing that the map may be of, by the key of its weight."""
-since_reversal = time_since_reversal.keyed({"weight": "reversal"})
 
 
 @effect(
     "load",
     source=SOURCE,
     name="residual_map",
-    parts=(since_reversal, *CURVES.values(), residual_drive, residual_reading),
+    parts=(time_since_reversal, *CURVES.values(), residual_drive, residual_reading),
     hints=Hints(learnt=True),
 )
 def residual_torque(
