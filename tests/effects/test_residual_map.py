@@ -1,0 +1,89 @@
+"""The curves of a residual map against numpy's interpolation, and the map against effects that it
+can imitate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.types import Array
+from servo_models.effects.residual_map import CURVES, KNOTS, curve, time_since_reversal
+
+value = st.floats(-1.0, 1.0)
+number = st.floats(-50.0, 50.0)
+
+
+@given(st.lists(value, min_size=KNOTS, max_size=KNOTS), number, st.floats(0.1, 20.0), number)
+def test_a_curve_is_the_interpolation_and_held_at_its_ends(
+    knots: list[float], low: float, width: float, x: float
+) -> None:
+    found = curve(0.5, x, 1.0, low, low + width, *knots)
+    places = np.linspace(low, low + width, KNOTS)
+    scale = 1.0 + abs(x - low) / width  # of the distances that cancel far outside
+    assert found == pytest.approx(0.5 + np.interp(x, places, knots), abs=1e-13 * KNOTS * scale)
+
+
+def test_a_curve_has_its_own_parameters_at_each_place() -> None:
+    assert CURVES["rate"](0.0, 2.0, rate=1.0, **_of("rate", low=0.0, high=8.0)) == 0.25
+    assert "knot_1" not in CURVES["rate"].params
+
+
+def _of(key: str, low: float, high: float) -> dict[str, float]:
+    values = {f"{key}_knot_{k + 1}": k / 8.0 for k in range(KNOTS)}
+    return {f"{key}_low": low, f"{key}_high": high, **values}
+
+
+def test_time_counts_from_each_turn() -> None:
+    lasted = direction = 0.0
+    seen = []
+    for speed in (0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0):
+        signed, lasted, direction = time_since_reversal(0.0, speed, 0.1, 1.0, lasted, direction)
+        seen.append(signed)
+    assert seen == pytest.approx([0.0, 0.0, 0.1, 0.2, -0.0, -0.1, 0.0])
+
+
+TIMES = np.linspace(0.0, 1.0, 401)
+STEPS = np.where(TIMES > 0.5, 1.2e-3, np.where(TIMES > 0.1, 1.9e-3, 1.5e-3))
+
+
+def response(**values: float) -> Array:
+    servo = model("sg90")
+    changed = {name.replace("__", "."): value for name, value in values.items()}
+    return _run(replace(servo, values={**servo.values, **changed}))
+
+
+def _run(servo: Model) -> Array:
+    return np.asarray(simulate(servo, TIMES, {"pulse_width": STEPS})["angle"])
+
+
+def flat(key: str, level: float) -> dict[str, float]:
+    return {f"residual_map__{key}_knot_{k + 1}": level for k in range(KNOTS)}
+
+
+def test_a_level_curve_on_the_torque_is_a_constant_load() -> None:
+    torque = {"residual_map__torque": 0.04, "residual_map__position": 1.0}
+    mapped = response(**torque, **flat("position", 0.5))
+    assert mapped == pytest.approx(response(constant_load__torque=0.02), abs=1e-9)
+    assert np.abs(mapped - response()).max() > 1e-3
+
+
+def test_a_straight_curve_of_the_rate_is_a_viscous_friction() -> None:
+    servo = model("sg90")
+    full = 14.0
+    straight = {"residual_map__rate_low": -full, "residual_map__rate_high": full}
+    mapped = response(residual_map__torque=0.05, residual_map__rate=1.0, **straight)
+    top = servo.values["motor_gain"] * 4.8 / 24.0  # of which the torque of the friction is
+    assert np.abs(np.gradient(mapped, TIMES)).max() < full  # or the curve is held at its end
+    viscous = response(viscous_friction__torque=0.05 * top / full)
+    assert mapped == pytest.approx(viscous, abs=0.02 * np.abs(viscous - response()).max())
+
+
+def test_outside_its_range_it_is_held() -> None:
+    narrow = {"residual_map__command_low": 1e-3, "residual_map__command_high": 1.1e-3}
+    held = response(residual_map__torque=0.04, residual_map__command=1.0, **narrow)
+    assert held == pytest.approx(response(constant_load__torque=0.04), abs=1e-9)
