@@ -121,7 +121,7 @@ def _diagnose(
         gaps=gaps(selection, floors, origins, seed),
         ranking=ranked_effects(selection, verdict),
         moved=estimates(selection.retuned),
-        residual_map=learn(selection.taken) if verdict.kind == OUTSIDE else None,
+        residual_map=learn(selection.taken, selection.retuned) if verdict.kind == OUTSIDE else None,
         tolerance=tolerance,
         seed=seed,
     )

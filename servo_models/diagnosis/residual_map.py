@@ -122,8 +122,8 @@ class ResidualMap:
         size: key of the size that says where it acts, one of ``SIZES``.
         wire: on which it acts.
         curves: in the order in which they were taken in.
-        fitted: the diagnosed model with the map, all parameters fitted together.
-        before, after: RMS [noise floors] of errors on unseen blocks without it and with it.
+        fitted: the model with the map and the effects beside it, all fitted together.
+        before, after: RMS [noise floors] of errors on unseen blocks as diagnosed and with it.
     """
 
     name: str
@@ -153,7 +153,8 @@ class ResidualMap:
 def form(curve: Curve) -> str:
     """Return in a clause which simple function a curve is, beside a constant.
 
-    Powers with a size of their own on each side are tried first, then a kink.
+    Powers with a size of their own on each side are tried first, then a kink.  Beside a higher power
+    goes a straight line, which parameters may hold.
     """
     seen = curve.samples > 0
     x, y = curve.knots[seen], curve.values[seen]
@@ -162,7 +163,8 @@ def form(curve: Curve) -> str:
     if x.min() < -BOTH_SIDES * scale and x.max() > BOTH_SIDES * scale:
         for power, words in POWERS.items():
             sides = [np.maximum(x / scale, 0.0) ** power, np.maximum(-x / scale, 0.0) ** power]
-            (_, up, down), share = _explained([np.ones(len(x)), *sides], y, weights)
+            line = [x / scale] if power > 1.0 else []
+            (up, down, *_), share = _explained([*sides, np.ones(len(x)), *line], y, weights)
             if share >= SIMPLE:
                 return f"{words} {of}{_one_way(up, -down, of)}"
     for bend in x[1:-1]:
@@ -197,24 +199,39 @@ def _explained(basis: Sequence[Array], y: Array, weights: Array) -> tuple[Array,
     return np.asarray(found), 1.0 - float(left @ left) / max(float(whole @ whole), 1e-300)
 
 
-def learn(taken: FittedModel) -> ResidualMap | None:
+def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap | None:
     """Return what a fitted model leaves, as a residual map.
 
-    None where no map holds on unseen blocks, or where the plant has no place for one.
+    It is learnt beside the effects that were taken, and beside parameters alone, as effects none of
+    which explains all may stand for a part of what is missing.  The better of the two is told.
+
+    Args:
+        taken: with the effects that were taken, if any.
+        retuned: with parameters alone.
+
+    Returns:
+        None where no map holds on unseen blocks, or where the plant has no place for one.
     """
     plant = taken.problem.model.plant
     name = next((it for it in plant.placements if plant.main(it).effect.hints.learnt), None)
     if name is None:
         return None
-    ranges = dict(_ranges(taken, name))
-    wires = [_OnWire(taken, name, size, ranges) for size in SIZES]
+    beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
+    found = [it for base in beside if (it := _learnt(base, name, taken)) is not None]
+    return min(found, key=lambda it: it.after, default=None)
+
+
+def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | None:
+    """The best map beside one fitted model, None unless it leaves less than was left."""
+    ranges = dict(_ranges(base, name))
+    wires = [_OnWire(base, name, size, ranges) for size in SIZES]
     best = min((wire.chosen() for wire in wires), key=lambda it: float(it.evidence.losses.sum()))
     if not best.curves:
         return None
     fitted = best.wire.fitted(best.curves, best.penalty)
     if not _better(fitted.evidence, taken.evidence, LEAST_CLOSED):
         return None
-    return best.wire.told(best.curves, fitted)
+    return best.wire.told(best.curves, fitted, taken.evidence.rms)
 
 
 def _better(one: CrossValidation, other: CrossValidation, least: float) -> bool:
@@ -449,8 +466,11 @@ class _OnWire:
             rows=self.penalty_rows(keys, penalty) / unit,
         )
 
-    def told(self, keys: Sequence[str], fitted: FittedModel) -> ResidualMap:
-        """The map in SI; every curve but the first one is 0 on average, as only sums are known."""
+    def told(self, keys: Sequence[str], fitted: FittedModel, before: float) -> ResidualMap:
+        """The map in SI, beside what was left ``before`` it [RMS, noise floors].
+
+        Every curve but the first one is 0 on average, as only sums are known.
+        """
         plant, problem = self.problem.model.plant, fitted.problem
         size = problem.model.values[f"{self.name}.{self.size}"]
         slopes = fitted.linearised.slopes / problem.scales
@@ -468,5 +488,5 @@ class _OnWire:
         curves[0] = replace(curves[0], values=curves[0].values + shift)
         links = plant.placements[self.name]
         wire = next(link.on[0] for link in links if self.size in link.effect.params)
-        before, after = self.taken.evidence.rms, fitted.evidence.rms
+        after = fitted.evidence.rms
         return ResidualMap(self.name, self.size, wire, tuple(curves), fitted, before, after)

@@ -1,0 +1,148 @@
+"""What is left is learnt as a shape, on rigs of the withheld simulator, which knows no map."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from servo_models.core.types import Array
+from servo_models.core.workers import Workers
+from servo_models.data.audit import audits, noise_floors
+from servo_models.data.description import Description, read_description
+from servo_models.data.parameters import read_parameters, write_parameters
+from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.residual_map import Curve, ResidualMap, form, learn
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.priors import prior_parameters
+from servo_models.errors import UserError
+from servo_models.withheld.generator.cases import EASY, Case, draw_case
+from servo_models.withheld.generator.files import write_case
+from tests.support.document import ROOT
+
+SEED = 77
+
+
+def case_of(kind: str, cause: str = "") -> Case:
+    """The first case of a seed that is of a kind, and has a cause."""
+    for number in range(400):
+        case = draw_case(SEED, number, EASY)
+        if case.kind == kind and cause in ("", *(one.name for one in case.acting)):
+            return case
+    raise AssertionError(f"no {kind} with {cause}")
+
+
+def description_of(case: Case, folder: Path) -> Description:
+    write_case(folder, "rig", case)
+    return read_description(folder / "cases" / "rig" / "description.toml")
+
+
+def retuned(told: Description) -> FittedModel:
+    """Nominal parameters fitted, without any effect."""
+    floors = noise_floors(audits(told.logs, told.model.plant))
+    fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, Workers(1))
+    return fitter.finish(fitter.fit((), ()))
+
+
+def beside_line(curve: Curve, values: Array) -> Array:
+    """Values at the knots without a straight line, which damping of the model may hold."""
+    weights = np.sqrt(curve.samples)
+    line = np.column_stack([np.ones(len(values)), curve.knots])
+    found = np.linalg.lstsq(line * weights[:, None], values * weights, rcond=None)[0]
+    return np.asarray((values - line @ found) * weights)
+
+
+@pytest.fixture(scope="module")
+def dragged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, FittedModel, ResidualMap]:
+    case = case_of("foreign", "quadratic_drag")
+    fitted = retuned(description_of(case, tmp_path_factory.mktemp("dragged")))
+    found = learn(fitted)
+    assert found is not None
+    return case, fitted, found
+
+
+Dragged = tuple[Case, FittedModel, ResidualMap]
+
+
+def test_a_quadratic_drag_is_learnt_as_such(dragged: Dragged) -> None:
+    case, fitted, found = dragged
+    assert found.size == "torque"
+    assert found.curves[0].regressor == "rate"
+    (acting,) = case.acting
+    drag = acting.settings(case.experiment)["quadratic_drag"]
+    curve = found.curves[0]
+    truth = beside_line(curve, drag * curve.knots * np.abs(curve.knots))
+    learnt = beside_line(curve, curve.values)
+    assert np.sqrt(np.mean((learnt - truth) ** 2)) < 0.2 * np.ptp(truth)
+    left, noise = found.after**2, fitted.left.noise**2
+    assert (found.before**2 - left) / (found.before**2 - noise) > 0.8
+
+
+def test_its_parameters_are_the_fit_that_is_told(dragged: Dragged) -> None:
+    """Normalised to the largest knot, they give the errors of the fit."""
+    _, fitted, found = dragged
+    again = replace(fitted.problem, free=[])
+    ours = again.errors_with(found.values)
+    own = found.fitted.linearised.errors[: fitted.problem.samples]
+    assert ours == pytest.approx(own, abs=1e-6 * np.abs(own).max())
+
+
+def test_where_nothing_is_missing_it_is_silent(tmp_path: Path) -> None:
+    assert learn(retuned(description_of(case_of("nothing"), tmp_path))) is None
+
+
+@pytest.mark.thorough
+def test_it_goes_from_the_log_into_a_parameter_file(dragged: Dragged, tmp_path: Path) -> None:
+    case, *_ = dragged
+    found = diagnose(description_of(case, tmp_path), jobs=1)
+    document = json.loads(found.to_json())
+    path = ROOT / "servo_models" / "diagnosis" / "schema.json"
+    schema = json.loads(path.read_text(encoding="utf-8"))
+    jsonschema.validate(document, schema)
+    assert document["verdict"] == "outside-catalogue"
+    assert "the square of the rate" in document["sentence"]
+    assert document["residual_map"]["after"] < 0.5 * document["residual_map"]["before"]
+    assert found.residual_map is not None
+    write_parameters(found.map_parameter_set(), tmp_path / "MAP.toml")
+    read = read_parameters(tmp_path / "MAP.toml").settings()
+    assert read["residual_map.torque"] == found.residual_map.values["residual_map.torque"]
+
+
+def test_without_a_map_there_is_no_file_of_it(tmp_path: Path) -> None:
+    found = diagnose(ROOT / "examples" / "gimbal" / "gimbal.toml", jobs=1)
+    with pytest.raises(UserError, match="no residual map"):
+        found.map_parameter_set()
+
+
+X = np.linspace(-4.0, 3.0, 9)
+FORMS = {
+    "grows in proportion to the rate": 2.0 * X + 1.0,
+    "grows with the square of the rate": 0.3 * X * np.abs(X),
+    "grows with the square of the rate, the same way whichever its sign": X * X,
+    "grows in proportion to the rate, where that is positive only": np.maximum(X, 0.0),
+    "grows with the square of the rate, 3 times as much where that is negative": np.where(
+        X > 0.0, X * X, -3.0 * X * X
+    ),
+    "depends on the rate in no simple way": np.sin(2.5 * X),
+}
+
+
+@pytest.mark.parametrize("words", FORMS)
+def test_simple_forms_are_told_in_words(words: str) -> None:
+    samples = np.full(len(X), 100)
+    assert form(Curve("rate", "shaft_speed", X, FORMS[words], 0.0 * X, samples)) == words
+
+
+def test_a_kink_is_told_as_one() -> None:
+    curve = np.maximum(X - X[5], 0.0) - 0.5 * X
+    found = form(Curve("command", "goal", X + 10.0, curve, 0.0 * X, np.full(len(X), 100)))
+    assert found == "has a kink in the command"
+
+
+def test_outside_of_its_range_a_curve_is_held() -> None:
+    curve = Curve("rate", "shaft_speed", X, X**2, 0.0 * X, np.full(len(X), 1))
+    assert curve.at(np.array([-9.0, 9.0])) == pytest.approx([16.0, 9.0])
