@@ -153,8 +153,8 @@ class ResidualMap:
 def form(curve: Curve) -> str:
     """Return in a clause which simple function a curve is, beside a constant.
 
-    Powers with a size of their own on each side are tried first, then a kink.  Beside a higher power
-    goes a straight line, which parameters may hold.
+    Powers with a size of their own on each side are tried first, then a kink.  A higher power has a
+    straight line beside it, which parameters may hold.
     """
     seen = curve.samples > 0
     x, y = curve.knots[seen], curve.values[seen]
