@@ -224,8 +224,10 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
 def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | None:
     """The best map beside one fitted model, None unless it leaves less than was left."""
     ranges = dict(_ranges(base, name))
-    wires = [_OnWire(base, name, size, ranges) for size in SIZES]
-    best = min((wire.chosen() for wire in wires), key=lambda it: float(it.evidence.losses.sum()))
+    best, *others = (_OnWire(base, name, size, ranges).chosen() for size in SIZES)
+    for other in others:  # a motor makes a torque of its drive: of two alike, it is the torque
+        if _better(other.evidence, best.evidence, LEAST_GAIN):
+            best = other
     if not best.curves:
         return None
     fitted = best.wire.fitted(best.curves, best.penalty)
