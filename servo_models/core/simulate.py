@@ -325,7 +325,8 @@ def simulate(
     matrix = np.column_stack(list(columns.values()))
     out = chosen.run(grid, matrix)
     named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
-    return Result(grid, columns, named, tuple(doubts(chosen, grid, matrix, out)))
+    warnings = (*doubts(chosen, grid, matrix, out), *beyond_map(chosen, matrix, out))
+    return Result(grid, columns, named, warnings)
 
 
 def _columns(
@@ -393,6 +394,34 @@ def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[s
             yield (
                 f"output '{name}' reaches {size[largest]:.2g} times its full scale at"
                 f" t = {times[largest]:g} s: check parameters and inputs"
+            )
+
+
+def beyond_map(chosen: Model, inputs: Array, out: Array) -> Iterator[str]:
+    """Yield, in words, where a residual map is on beyond the range in which it was learnt.
+
+    A curve of the time since reversal is not looked at: no output tells that time.
+    """
+    plant = chosen.plant
+    signals = dict(zip(plant.outputs, out.T)) | dict(zip((w.name for w in plant.inputs), inputs.T))
+    of_unit = {plant.wire[name].unit: name for name in reversed(plant.outputs)}
+    learnt = [name for name in plant.placements if plant.main(name).effect.hints.learnt]
+    for link in (link for name in learnt for link in plant.placements[name]):
+        if "regressor" not in link.effect.wires:
+            continue
+        wire = link.wire_of("regressor")
+        known = signals.get(wire)
+        if known is None and wire in plant.wire:
+            known = signals.get(of_unit.get(plant.wire[wire].unit, ""))
+        key = f"{link.name}.{link.effect.switches[0]}"
+        if known is None or chosen.values[key] == 0.0:
+            continue
+        low, high = chosen.values[f"{key}_low"], chosen.values[f"{key}_high"]
+        share = float(np.mean((known < low) | (known > high)))
+        if share > 0.0:
+            yield (
+                f"{link.name} is held at its edge in {100.0 * share:.2g} % of the run: its curve of"
+                f" '{wire}' is known from {low:.3g} to {high:.3g} {plant.wire[wire].unit}"
             )
 
 

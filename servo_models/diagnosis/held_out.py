@@ -37,7 +37,7 @@ class HeldOut:
 def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
     """Return what the fitted model that was taken does to each log with samples held out."""
     found = []
-    pairs = zip(_squares(selection.retuned), _squares(selection.taken))
+    pairs = zip(held_out_squares(selection.retuned), held_out_squares(selection.taken))
     for log, (old, new) in zip(selection.taken.problem.logs, pairs):
         if len(old):
             parts = np.arange(len(old)) * BLOCKS // len(old)
@@ -47,8 +47,8 @@ def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
     return tuple(found)
 
 
-def _squares(found: FittedModel) -> list[Array]:
-    """Mean squared errors of all outputs [noise floors^2] of each log, at samples held out."""
+def held_out_squares(found: FittedModel) -> list[Array]:
+    """Return the mean squared errors of all outputs [noise floors^2] of each log, at samples held out."""
     squares = []
     for run in found.problem.runs:
         log, columns = run.log, run.outputs_or_nan(found.values).T

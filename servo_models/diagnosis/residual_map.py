@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from servo_models.actuators.torque_causal import UNIT_OF_ANGLE
 from servo_models.core.types import Array
+from servo_models.diagnosis.held_out import held_out_squares
 from servo_models.diagnosis.localisation.samples import signed_time_since_turn, speed_of
 from servo_models.diagnosis.search.crossval import (
     CrossValidation,
@@ -202,8 +203,8 @@ def _explained(basis: Sequence[Array], y: Array, weights: Array) -> tuple[Array,
 def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap | None:
     """Return what a fitted model leaves, as a residual map.
 
-    It is learnt beside the effects that were taken, and beside parameters alone, as effects none of
-    which explains all may stand for a part of what is missing.  The better of the two is told.
+    It is learnt beside the effects that were taken.  Where none holds there, it is learnt beside
+    parameters alone: effects none of which explains all may stand for a part of what is missing.
 
     Args:
         taken: with the effects that were taken, if any.
@@ -217,8 +218,8 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     if name is None:
         return None
     beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
-    found = [it for base in beside if (it := _learnt(base, name, taken)) is not None]
-    return min(found, key=lambda it: it.after, default=None)
+    found = (_learnt(base, name, taken) for base in beside)
+    return next((it for it in found if it is not None), None)
 
 
 def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | None:
@@ -233,7 +234,15 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
     fitted = best.wire.fitted(best.curves, best.penalty)
     if not _better(fitted.evidence, taken.evidence, LEAST_CLOSED):
         return None
+    if _held_out(fitted) > _held_out(taken):  # such as motion of another kind
+        return None
     return best.wire.told(best.curves, fitted, taken.evidence.rms)
+
+
+def _held_out(found: FittedModel) -> float:
+    """Mean squared errors of all samples that the description holds out, 0 where there are none."""
+    squares = np.concatenate([*held_out_squares(found), np.empty(0)])
+    return float(np.mean(squares)) if len(squares) else 0.0
 
 
 def _better(one: CrossValidation, other: CrossValidation, least: float) -> bool:

@@ -87,3 +87,16 @@ def test_outside_its_range_it_is_held() -> None:
     narrow = {"residual_map__command_low": 1e-3, "residual_map__command_high": 1.1e-3}
     held = response(residual_map__torque=0.04, residual_map__command=1.0, **narrow)
     assert held == pytest.approx(response(constant_load__torque=0.04), abs=1e-9)
+
+
+def test_a_run_beyond_its_range_is_told() -> None:
+    known = {"residual_map.command_low": 1.4e-3, "residual_map.command_high": 1.6e-3}
+    on = {"residual_map.torque": 0.01, "residual_map.command": 1.0, **known}
+    servo = model("sg90")
+    response = simulate(
+        replace(servo, values={**servo.values, **on}), TIMES, {"pulse_width": STEPS}
+    )
+    (told,) = response.warnings
+    beyond = np.mean((STEPS < 1.4e-3) | (STEPS > 1.6e-3))
+    assert f"held at its edge in {100.0 * beyond:.2g} % of the run" in told
+    assert not simulate(servo, TIMES, {"pulse_width": STEPS}).warnings
