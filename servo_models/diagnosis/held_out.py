@@ -48,7 +48,7 @@ def held_out_scores(selection: Selection) -> tuple[HeldOut, ...]:
 
 
 def held_out_squares(found: FittedModel) -> list[Array]:
-    """Return the mean squared errors of all outputs [noise floors^2] of each log, at samples held out."""
+    """Return squared errors [noise floors^2] at samples held out, mean of all outputs, by log."""
     squares = []
     for run in found.problem.runs:
         log, columns = run.log, run.outputs_or_nan(found.values).T
