@@ -88,6 +88,7 @@ def effects(model: Model) -> list[tuple[str, dict[str, float]]]:
     return [
         (place, dict.fromkeys(sizes, 0.0) if any(sizes.values()) else _typical(model, sizes))
         for place, sizes in _switches(model).items()
+        if not model.plant.main(place).effect.hints.learnt  # it has no size that is typical
     ]
 
 
