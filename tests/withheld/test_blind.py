@@ -18,6 +18,7 @@ from servo_models.errors import UserError
 from servo_models.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
 from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
 from servo_models.withheld.sections import BARS
+from tests.support.made_once import made_once
 
 CASES, SEED = 3, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
@@ -31,10 +32,12 @@ def command(folder: Path, json_: Path, seed: int = SEED) -> list[str]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a small check, with its JSON beside the cases."""
-    folder = tmp_path_factory.mktemp("blind") / "check"
-    assert main(command(folder, folder.parent / "result.json")) == 0
-    shutil.move(folder.parent / "result.json", folder / "result.json")
-    return folder
+
+    def make(new: Path) -> None:
+        assert main(command(new / "check", new / "result.json")) == 0
+        shutil.move(new / "result.json", new / "check" / "result.json")
+
+    return made_once(tmp_path_factory, "withheld check", make) / "check"
 
 
 @pytest.fixture
