@@ -42,7 +42,7 @@ from servo_models.report.curves import draw_legend
 from servo_models.report.numbers import ERROR, MINUS, prefix
 from servo_models.report.style import drawing
 from tests.support.delayed_motor import check_schema
-from tests.support.html_page import Page
+from tests.support.html_page import Page, unpictured
 from tests.support.logs import measured
 
 STEP = 2.5e-4
@@ -114,10 +114,7 @@ def _page(found: Diagnosis) -> str:
 
 
 def _words(found: Diagnosis) -> str:
-    """The page without its pictures, which take most of its time."""
-    report = found.report("2026-01-31")
-    bare = tuple(replace(section, pictures=()) for section in report.sections)
-    return html.page(replace(report, sections=bare))
+    return html.page(unpictured(found.report("2026-01-31")))
 
 
 def _cells(page: Page, first: str) -> list[list[str]]:
