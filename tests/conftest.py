@@ -13,6 +13,7 @@ from hypothesis import settings
 from servo_models.build import build
 from servo_models.cli import main
 from servo_models.core.simulate import model
+from tests.support.made_once import made_once
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
@@ -34,11 +35,15 @@ MODELS = {
 @pytest.fixture(scope="session")
 def fmu_file(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """Return the path of an FMU of ``MODELS``."""
-    folder = tmp_path_factory.mktemp("built FMUs")
 
     def built(name: str) -> Path:
-        path = folder / f"{name}.fmu"
-        return path if path.exists() else build(model(*MODELS[name]), path)
+        file = f"{name}.fmu"
+        folder = made_once(
+            tmp_path_factory,
+            f"built {name}",
+            lambda new: build(model(*MODELS[name]), new / file),
+        )
+        return folder / file
 
     return built
 

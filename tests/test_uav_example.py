@@ -218,7 +218,7 @@ def test_margins_in_flight_are_those_of_python_control(
         assert seen.phase == pytest.approx(loops.margin(command).phase, abs=0.3 * DEGREE)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_page_shows_what_the_command_prints(tmp_path: Path) -> None:
     page = (EXAMPLE / "README.md").read_text(encoding="utf-8")
     (shown,) = (text for text in code_blocks(page, "") if "Phase margins" in text)

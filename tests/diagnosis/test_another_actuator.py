@@ -59,14 +59,20 @@ def linear_drive(times: Array, command: Array) -> Array:
     return simulate(chosen, times, {"reference": 0.05 * command})["position"] / 0.05
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("rig", "step", "described", "doubt"),
     [
-        (smart_servo, 2.5e-3, AS_TORQUE_MOTOR, "that the log is of 'torque_motor'"),
-        (linear_drive, 1e-2, AS_SG90, "moved further than their uncertainties allow"),
+        pytest.param(
+            *(smart_servo, 2.5e-3, AS_TORQUE_MOTOR, "that the log is of 'torque_motor'"),
+            id="a smart servo as a torque motor",
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(
+            *(linear_drive, 1e-2, AS_SG90, "moved further than their uncertainties allow"),
+            id="a linear drive as an SG90",
+            marks=pytest.mark.long,
+        ),
     ],
-    ids=["a smart servo as a torque motor", "a linear drive as an SG90"],
 )
 def test_a_log_of_another_actuator_is_outside_the_catalogue(
     rig: Callable[[Array, Array], Array],

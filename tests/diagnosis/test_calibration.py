@@ -113,8 +113,8 @@ def test_over_confident_weights_are_mended_on_cases_that_the_map_has_not_seen() 
     truth = 0.95 * np.random.default_rng(0).random(6000)
     odds = (truth / (1.0 - truth)) ** 3
     cases = drawn(1, truth, odds / (1.0 + odds))
-    fresh = cases[3000:]
-    mended = [with_probabilities(one, learnt(cases[:3000])) for one in fresh]
+    fresh, by = cases[3000:], learnt(cases[:3000])
+    mended = [with_probabilities(one, by) for one in fresh]
     before, after = calibration_error(as_told(fresh)), calibration_error(mended)
     assert before.value is not None
     assert after.value is not None

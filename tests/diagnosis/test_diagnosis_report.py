@@ -42,7 +42,7 @@ from servo_models.report.curves import draw_legend
 from servo_models.report.numbers import ERROR, MINUS, prefix
 from servo_models.report.style import drawing
 from tests.support.delayed_motor import check_schema
-from tests.support.html_page import Page
+from tests.support.html_page import Page, unpictured
 from tests.support.logs import measured
 
 STEP = 2.5e-4
@@ -111,6 +111,10 @@ def text(found: Diagnosis) -> str:
 
 def _page(found: Diagnosis) -> str:
     return html.page(found.report("2026-01-31"))
+
+
+def _words(found: Diagnosis) -> str:
+    return html.page(unpictured(found.report("2026-01-31")))
 
 
 def _cells(page: Page, first: str) -> list[list[str]]:
@@ -246,7 +250,7 @@ def test_a_whole_is_100_percent(found: Diagnosis, text: str) -> None:
 
 def test_what_is_left_and_no_noise_is_told(found: Diagnosis) -> None:
     left = replace(found, verdict=replace(found.verdict, kind="effect", rest=27.3))
-    assert "27.3 noise floors of what is left are no noise" in _page(left)
+    assert "27.3 noise floors of what is left are no noise" in _words(left)
 
 
 def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, text: str) -> None:
@@ -263,7 +267,7 @@ def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, t
 
 
 def test_the_set_is_marked_in_the_evidence(unsure: Diagnosis) -> None:
-    page = Page(_page(unsure))
+    page = Page(_words(unsure))
     marked = {row[0] for row in page.rows if "in the set" in row}
     assert len(marked) == 2
     assert marked == set(unsure.verdict.members)
@@ -290,7 +294,7 @@ def test_outside_the_catalogue_effects_are_ranked_and_no_probability_is_told(
     assert found.document()["effects"][0]["probability"] > 0.9
     assert all(one["probability"] is None for one in told["effects"])
     assert told["effects"][0]["model_weight"] > 0.9
-    page = _page(outside)
+    page = _words(outside)
     ranks = "effects none of which explains all"
     assert all(ranks in text for text in (told["sentence"], page, str(outside)))
     (title,) = (name for name in outside.tables() if name.startswith("Effects, nearest"))
@@ -321,7 +325,7 @@ def test_a_load_and_a_friction_are_told_as_such(found: Diagnosis) -> None:
         told = json.loads(two.to_json())
         check_schema(told)
         assert choice in told["sentence"]
-        assert choice in _page(two)
+        assert choice in _words(two)
         (slots,) = told["confidence_set"]["alternatives"]
         assert [slot["family"] for slot in slots] == ["load", "friction"]
         assert [len(slot["effects"]) for slot in slots] == [2, 3]
@@ -361,16 +365,16 @@ def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
     assert " or ".join(one.effects[0] for one in unsure.verdict.rivals) in drawn
     assert planned[0].text.partition(". ")[0] in page.source.partition("</header>")[0]
     told = replace(unsure, written=())
-    assert not any("next-experiment" in name for name in Page(_page(told)).values("id"))
+    assert not any("next-experiment" in name for name in Page(_words(told)).values("id"))
 
 
 def test_what_the_fmu_leaves_is_told(found: Diagnosis) -> None:
     rows = (Accuracy("bench", "angle", "fit", 2000, 0.2 * DEGREE, 0.0301 * DEGREE, 99.9, DEGREE),)
-    equal = Page(_page(replace(found, confirmation=Confirmation(rows, 0.0))))
+    equal = Page(_words(replace(found, confirmation=Confirmation(rows, 0.0))))
     assert _cells(equal, "bench")[0][4:6] == ["0.2", "0.0301"]
     assert any("RMS after [deg]" in row for row in equal.rows)
     assert any("same bits" in piece for piece in equal.text)
-    off = Page(_page(replace(found, confirmation=Confirmation(rows, 2e-9))))
+    off = Page(_words(replace(found, confirmation=Confirmation(rows, 2e-9))))
     assert not any("same bits" in piece for piece in off.text)
 
 

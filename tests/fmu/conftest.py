@@ -12,6 +12,7 @@ from servo_models.core.compilers import compiler
 from servo_models.core.simulate import model
 from tests.conftest import MODELS
 from tests.support.fmu_host import Host
+from tests.support.made_once import made_once
 
 Files = Callable[[str], Path]
 
@@ -26,11 +27,15 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="session")
 def fmu_file(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Files:
     """Return the path of an FMU of ``MODELS``."""
-    folder = tmp_path_factory.mktemp(f"built {kind} FMUs")
 
     def built(name: str) -> Path:
-        path = folder / f"{name}.fmu"
-        return path if path.exists() else build(model(*MODELS[name]), path, kind)
+        file = f"{name}.fmu"
+        folder = made_once(
+            tmp_path_factory,
+            f"built {kind} {name}",
+            lambda new: build(model(*MODELS[name]), new / file, kind),
+        )
+        return folder / file
 
     return built
 

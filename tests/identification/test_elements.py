@@ -143,11 +143,12 @@ def test_intervals_of_the_motor_cover_the_truth() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("flats", [(False, False, False), (True, False, True), (True, True, True)])
-def test_intervals_of_the_amplifier_cover_the_truth(flats: tuple[bool, bool, bool]) -> None:
-    """Random knees; the shape itself is found too."""
+def test_intervals_of_the_amplifier_cover_the_truth() -> None:
+    """Random knees; the shape itself is found too, and the richest one is the most frequent."""
     hits: dict[str, list[bool]] = defaultdict(list)
+    shapes = (*3 * ((True, True, True),), (True, False, True), (False, False, False))
     for seed in range(TABLES):
+        flats = shapes[seed % len(shapes)]
         draw = np.random.default_rng([2, seed])
         x = np.linspace(0.125, 0.6, int(draw.integers(24, 50)))
         gain, low, high = draw.uniform(4.0, 9.0), draw.uniform(0.18, 0.24), draw.uniform(0.48, 0.54)
@@ -160,10 +161,11 @@ def test_intervals_of_the_amplifier_cover_the_truth(flats: tuple[bool, bool, boo
         hits["shape"].append(found == flats)
         if found == flats:
             hits["gain"].append(inside(line.gain, gain))
-            knees = [line.lower, *(line.dead or ()), line.upper]
-            truth = [low, *(dead if flats[1] else ()), high]
-            for k, (knee, true) in enumerate(zip(knees, truth) if flats[0] else ()):
-                hits[f"knee {k}"].append(inside(knee, true))
+            if flats[0]:
+                hits["lower"].append(inside(line.lower, low))
+                hits["upper"].append(inside(line.upper, high))
+            for k, knee in enumerate(line.dead or ()):
+                hits[f"dead {k}"].append(inside(knee, dead[k]))
     assert np.mean(hits.pop("shape")) > 0.95
     for name, each in hits.items():
         assert 0.87 <= np.mean(each) <= HIGH, (name, np.mean(each))

@@ -27,8 +27,9 @@ from servo_models.identification.result import HELD_OUT, Identification
 from servo_models.identification.sections import identification_report, with_figures
 from servo_models.report import html
 from servo_models.report.numbers import MINUS, TIMES
+from servo_models.report.sections import Report
 from servo_models.units import factor
-from tests.support.html_page import Page
+from tests.support.html_page import Page, unpictured
 from tests.support.logs import changed, measured
 
 STEP = 2e-4
@@ -92,9 +93,17 @@ def text(found: Identification) -> str:
     return _page(found)
 
 
-def _page(found: Identification) -> str:
+def _report(found: Identification) -> Report:
     report = identification_report(found, {"angle": math.radians(0.02)})
-    return html.page(replace(report, date="2026-01-31"))
+    return replace(report, date="2026-01-31")
+
+
+def _page(found: Identification) -> str:
+    return html.page(_report(found))
+
+
+def _words(found: Identification) -> str:
+    return html.page(unpictured(_report(found)))
 
 
 def _number(text: str) -> float:
@@ -167,7 +176,7 @@ def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> Non
         standard_errors=np.array([np.nan, np.inf, found.values[2]]),
         warnings=["'inductance' is <b>doubtful</b>; fix it"],
     )
-    page = Page(_page(doubtful))
+    page = Page(_words(doubtful))
     verdicts = {row[0]: row[4] for row in page.rows if len(row) == 6}
     assert "low bound" in verdicts["torque_constant"]
     assert "not determined" in verdicts["inductance"]
@@ -189,8 +198,8 @@ def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
 @pytest.mark.thorough
 def test_a_model_that_got_worse_fails(found: Identification) -> None:
     worse = [replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy]
-    assert '<header class="pass">' in _page(replace(found, warnings=[]))
-    assert '<header class="fail">' in _page(replace(found, accuracy=worse, warnings=[]))
+    assert '<header class="pass">' in _words(replace(found, warnings=[]))
+    assert '<header class="fail">' in _words(replace(found, accuracy=worse, warnings=[]))
 
 
 def test_hostile_names_stay_text(found: Identification) -> None:

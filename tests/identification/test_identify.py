@@ -231,7 +231,7 @@ def test_ctrl_c_keeps_the_best_values(bench: Path, signals: int) -> None:
     """A fit of a thousand starts is interrupted when the first ones have ended.
 
     Progress is shown on a terminal only, so stderr is one.  More of Ctrl-C and it may stop
-    without a result, but never leaves half of one.
+    without a result, or before it has told one, but never leaves half of one.
     """
     import pty
 
@@ -265,9 +265,12 @@ def test_ctrl_c_keeps_the_best_values(bench: Path, signals: int) -> None:
         assert process.returncode in (2, 130, -signal.SIGINT)  # 130 as a shell counts it
         assert left == {"log.csv", "mine.toml"}
         return
-    assert signals > 1 or process.returncode == 1, shown[-2000:].decode()
+    assert process.returncode == 1 or signals > 1, shown[-2000:].decode()
     assert left == {"log.csv", "mine.toml", "PARAMS.toml"}
-    assert b"stopped before it converged" in stdout
+    if process.returncode == 1:  # told: a Ctrl-C after the file was written ends it otherwise
+        assert b"stopped before it converged" in stdout
+    else:
+        assert process.returncode in (2, 120, 130, -signal.SIGINT)  # 120: while Python ends
     found = read_parameters(out)
     assert found.warnings[-1].startswith("stopped before it converged")
     assert settings_of(found)["torque_constant"] == pytest.approx(5.4, rel=0.01)

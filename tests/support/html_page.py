@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
+
+from servo_models.report.sections import Report
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 
@@ -56,3 +59,9 @@ class Page(HTMLParser):
         assert all(target.startswith("#") for target in targets)
         assert not {"script", "link", "img", "iframe"} & {tag for tag, _ in self.tags}
         assert "http" not in self.source
+
+
+def unpictured(report: Report) -> Report:
+    """A report without its pictures, which take most of the time of a page."""
+    bare = tuple(replace(section, pictures=()) for section in report.sections)
+    return replace(report, sections=bare)

@@ -18,6 +18,7 @@ from servo_models.errors import UserError
 from servo_models.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
 from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
 from servo_models.withheld.sections import BARS
+from tests.support.made_once import made_once
 
 CASES, SEED = 3, 3
 SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
@@ -31,10 +32,12 @@ def command(folder: Path, json_: Path, seed: int = SEED) -> list[str]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a small check, with its JSON beside the cases."""
-    folder = tmp_path_factory.mktemp("blind") / "check"
-    assert main(command(folder, folder.parent / "result.json")) == 0
-    shutil.move(folder.parent / "result.json", folder / "result.json")
-    return folder
+
+    def make(new: Path) -> None:
+        assert main(command(new / "check", new / "result.json")) == 0
+        shutil.move(new / "result.json", new / "check" / "result.json")
+
+    return made_once(tmp_path_factory, "withheld check", make) / "check"
 
 
 @pytest.fixture
@@ -109,9 +112,10 @@ def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) 
 @pytest.mark.thorough
 def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     before = result(copy)
-    lines = (copy / "results.jsonl").read_bytes().splitlines(keepends=True)
+    # by case, else the last is the one that takes longest
+    lines = sorted((copy / "results.jsonl").read_bytes().splitlines(keepends=True))
     (copy / "results.jsonl").write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
-    kept = (copy / "oracle.jsonl").read_bytes().splitlines(keepends=True)
+    kept = sorted((copy / "oracle.jsonl").read_bytes().splitlines(keepends=True))
     (copy / "oracle.jsonl").write_bytes(b"".join(kept[:-1]))
     assert main(command(copy, copy / "result.json")) == 0
     assert untimed(result(copy)) == untimed(before)
