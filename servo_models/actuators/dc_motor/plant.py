@@ -53,7 +53,8 @@ SHAFT: Chain = (
     free_shaft,
     no_second_mass,
     *effects_on("shaft_inertia", "load_inertia"),
-    place("gear_compliance", resonance_step, "internal_step"),
+    # an FMU has the bounds of a motor without a gearbox, behind which all is far larger
+    place("gear_compliance", resonance_step, "internal_step", params={"inertia": {"high": 2e6}}),
     *effects_on("travel", "end_stops"),
     motor.shaft_motion,
     shaft_output,
@@ -73,7 +74,7 @@ TORQUES: Chain = (
     *effects_on("load", "viscous_friction", "cogging"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     motor.motor_torque,
-    *effects_on("motor_torque", "thermal_drift"),
+    *effects_on("motor_torque", "thermal_drift", full_scale={"high": 1e3}),
     motor.net_torque,
     shaft_acceleration,
     *effects_on(("angle", "rate"), "backlash"),
