@@ -13,16 +13,24 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
+from servo_models.actuators.wiring import turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
 
 TURN = 2.0 * math.pi
-VOLTS, AMPERES = 24.0, 5.0
-SPEED = 300.0  # rad/s
-TORQUE = 0.2  # N m
-ACCELERATION = 1e4  # rad/s2
+VOLTS = 24.0
+AMPERES = 2.0  # without end; some times that for a moment
+SPEED = 600.0  # rad/s, nearly 6000 rpm
+TORQUE = 0.06  # N m, of the current
+ACCELERATION = 6e3  # rad/s2, of the bare rotor
+ENCODER_STEP = 1.0 / 64.0  # turns, of a cheap encoder
+RESONANCE = {"inertia": {"low": 1e-3, "high": 2e6}}
+"""Of the rotor's inertia.  Less behind a compliance cannot be seen; an FMU has the bounds of a
+motor without a gearbox, behind which all is far larger."""
+
+SCALES = (TURN, SPEED)
 
 Chain = tuple[Block | Placement, ...]
 
@@ -53,16 +61,14 @@ SHAFT: Chain = (
     free_shaft,
     no_second_mass,
     *effects_on("shaft_inertia", "load_inertia"),
-    # an FMU has the bounds of a motor without a gearbox, behind which all is far larger
-    place("gear_compliance", resonance_step, "internal_step", params={"inertia": {"high": 2e6}}),
+    place("gear_compliance", resonance_step, "internal_step", params=RESONANCE),
     *effects_on("travel", "end_stops"),
     motor.shaft_motion,
     shaft_output,
     place("gear_compliance", compliant_output, "angle", "rate", "load_rate"),
     motor.encoder,
-    *effects_on(
-        "encoder_angle", "sensor_lag", "sensor_nonlinearity", "sensor_offset", "sensor_quantisation"
-    ),
+    *effects_on("encoder_angle", "sensor_lag", "sensor_nonlinearity", "sensor_offset"),
+    *effects_on("encoder_angle", "sensor_quantisation", step={"typical": ENCODER_STEP}),
     *effects_on("encoder_speed", "speed_lag", "speed_quantisation"),
 )
 TORQUES: Chain = (
@@ -95,13 +101,6 @@ def _drive(wire: str) -> Chain:
     )
 
 
-def _turning(which: str, rate: str, acceleration: str, owner: str = "") -> tuple[State, State]:
-    """Angle and speed of one mass."""
-    angle = Wire(f"{which}_angle", "rad", f"angle of the {which}", TURN, display="deg")
-    speed = Wire(f"{which}_speed", "rad/s", f"speed of the {which}", SPEED)
-    return State(angle, rate, owner=owner), State(speed, acceleration, owner=owner)
-
-
 def _plant(
     command: Wire, wires: tuple[Wire, ...], drive: Chain, *states: State, step: float = 5e-4
 ) -> Plant:
@@ -112,8 +111,8 @@ def _plant(
         constants=internal_step(step),
         chain=(*SHAFT, *drive, *TORQUES),
         states=(
-            *_turning("shaft", "shaft_rate", "acceleration"),
-            *_turning("load", "load_rate", "load_acceleration", owner="gear_compliance"),
+            *turning("shaft", "shaft_rate", "acceleration", SCALES),
+            *turning("load", "load_rate", "load_acceleration", SCALES, owner="gear_compliance"),
             *states,
         ),
         projection=shaft_contact,
