@@ -83,6 +83,15 @@ ODRIVE = {
 """Gain 5e-4 A/(count/s) and position gain 20 /s, the defaults of its firmware.  A position loop on
 the integral of the commanded speed is an integral part with T_i = 1 / 20 s."""
 
+ODRIVE_TORQUE = ODRIVE["torque_constant"] * ODRIVE["current_limit"]
+ODRIVE_PLANT = SPEED_PLANT.rated(
+    scales={
+        **dict.fromkeys(("load_torque", "motor_torque", "friction", "load"), ODRIVE_TORQUE),
+        **dict.fromkeys(("current", "current_command", "integral"), ODRIVE["current_limit"]),
+        "shaft_inertia": ODRIVE["rotor_inertia"],
+    }
+)
+
 SPEED_VARIANTS = (
     Variant(
         "direct",
@@ -104,6 +113,7 @@ SPEED_VARIANTS = (
         "a brushless motor of some hundred watts under an ODrive, encoder of 8192 counts a turn",
         {**ODRIVE, "sensor_quantisation.step": 2.0 * math.pi / COUNTS_PER_TURN},
         "ODrive firmware 0.4, default gains; motor: typical size, no product",
+        plant=ODRIVE_PLANT,
         uncertainty={
             **ROTOR_UNKNOWN,
             "speed_gain": 0.5,
