@@ -11,8 +11,12 @@ from scipy.integrate import solve_ivp
 from servo_models.core.catalogue import actuator
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.log import Start
+from servo_models.identification.simulation import prepared
+from servo_models.identification.starts import with_starts
 from servo_models.validation.dc_motor.reference import InSpeedLoop, Motor
 from servo_models.validation.solvers import changes
+from tests.support.logs import log_of
 
 TIMES = 1e-3 * np.arange(401)
 NAMES = ("dc_motor", "dc_motor_current", "dc_motor_speed")
@@ -155,3 +159,24 @@ def test_every_parameter_that_a_data_sheet_leaves_open_is_uncertain(name: str) -
     for variant in found.variants:
         known = {key for key in variant.uncertainty if "." not in key}
         assert known == own - {"internal_step", "gear_ratio", "rated_speed"}
+
+
+@settings(max_examples=5, derandomize=True)
+@given(load=st.floats(-0.02, 0.02), speed=st.floats(20.0, 100.0))
+def test_a_log_cut_out_of_a_run_begins_with_what_its_loop_has_gathered(
+    load: float, speed: float
+) -> None:
+    """In the end the integral part is all of the current, (load + b omega) / k."""
+    times = 1e-3 * np.arange(2001)
+    inputs = {"speed_command": speed, "load_torque": load}
+    found = simulate(model("dc_motor_speed"), times, inputs)
+    cut = slice(1500, None)
+    held = {name: np.full(501, value) for name, value in inputs.items()}
+    read = {"encoder_angle": found["encoder_angle"][cut]}
+    log = log_of(times[cut] - times[cut.start], held, read, start=Start(fitted=True))
+    (begun,) = with_starts(model("dc_motor_speed"), [log])
+    run = prepared(model("dc_motor_speed"), begun)
+    assert run.beginning
+    begin = run.beginning.values(run.model.vector)
+    assert begin["integral"] == pytest.approx((load + B * speed) / K, abs=1e-4)
+    assert begin["rate"] == pytest.approx(speed, rel=1e-4)

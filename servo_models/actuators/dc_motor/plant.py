@@ -137,7 +137,11 @@ SPEED_PLANT = _plant(
         *effects_on("current_command", "sample_hold", "drive_dead_zone"),
         motor.current_loop,
     ),
-    State(Wire("integral", "A", "integral part of the speed loop", AMPERES), "integral_rate"),
+    State(
+        Wire("integral", "A", "integral part of the speed loop", AMPERES),
+        "integral_rate",
+        carried=True,
+    ),
 )
 
 
