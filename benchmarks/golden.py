@@ -126,7 +126,16 @@ def every_job(folder: Path, quick: bool) -> Iterator[Job]:
     for name in ("two_csv_files", "servo_bench", "torque_motor"):
         path = EXAMPLES / name / "description.toml"
         yield Job(f"identification/{name}", identified, path, quick=True)
-    for name in ("linear_drive", "second_order_servo", "sg90", "smart_servo", "torque_motor"):
+    for name in (
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+        "linear_drive",
+        "second_order_servo",
+        "sg90",
+        "smart_servo",
+        "torque_motor",
+    ):
         yield Job(f"validation/{name}", validated, Path(name), name == "linear_drive")
     if not LOGS.is_dir():
         print(f"real logs are skipped: no folder '{LOGS}', set SERVO_MODELS_DATA to it")

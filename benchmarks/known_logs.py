@@ -135,6 +135,21 @@ CASES = {
         bars=(Bar("angle_reading", 34.0, "mrad", 1e-3, MEAN_ABSOLUTE),),
         before="`outside-catalogue`, load_friction, 502 -> 96.5",
     ),
+    "odrive_nocomp": Case(
+        "ODrive, compensation of cogging off: a motor that turns slowly in its speed loop",
+        REAL / "diagnosis" / "odrive_nocomp.toml",
+        "The experimenter switched the compensation of cogging. Off, position deviates from a"
+        " ramp by 32 counts at 7 periods a turn, 31 at 28, 16 at 14 and 16 at 36.",
+        (one_of("cogging"),),
+        remark="The effect has one harmonic, so it can take the one of 7 periods a turn only.",
+    ),
+    "odrive_comp": Case(
+        "ODrive, compensation of cogging on",
+        REAL / "diagnosis" / "odrive_comp.toml",
+        "The same motor with the compensation on: 6 counts at 7 periods a turn are left, 2.6 at 28,"
+        " 3 at 14 and 2.5 at 36.",
+        possible=one_of("cogging"),
+    ),
     "torque_motor": Case(
         "The valve paper: Table 1 as the simulation, eq. 12 as the plant",
         PAPERS / "torque_motor.toml",

@@ -27,6 +27,9 @@ MODELS = {
     "linear_drive": ("linear_drive", None),
     "smart_servo": ("smart_servo", None),
     "second_order_servo": ("second_order_servo", None),
+    "dc_motor": ("dc_motor", None),
+    "dc_motor_current": ("dc_motor_current", None),
+    "dc_motor_speed": ("dc_motor_speed", None),
     "sg90_torque": ("sg90_torque", None),
     "torque_motor_torque": ("torque_motor_torque", None),
 }

@@ -61,13 +61,16 @@ class Wire:
 class State:
     """A continuous state, integrated from the wire ``rate``.
 
-    ``start`` is a number or a wire that depends on parameters only.
+    ``start`` is a number or a wire that depends on parameters only.  One that is ``carried`` holds
+    what went before: a log that begins in motion begins with some value of it, which is fitted
+    with the motion.
     """
 
     wire: Wire
     rate: str
     start: float | str = 0.0
     owner: str = ""
+    carried: bool = False
 
     @property
     def name(self) -> str:

@@ -98,6 +98,7 @@ class Shaft:
         angle, rate: names of these outputs; a linear drive has a position and a speed.
         angles, speeds: their places in the state vector, and those of a second mass behind it.
         rate_over_speed: rate of the output [SI] over the speed that is the state.
+        carried: places of states that hold what went before, by name, such as an integral part.
     """
 
     angle: str
@@ -105,13 +106,19 @@ class Shaft:
     angles: tuple[int, ...]
     speeds: tuple[int, ...]
     rate_over_speed: float
+    carried: Mapping[str, int]
 
     def place(self, state: Array, motion: Mapping[str, float]) -> None:
-        """Put the shaft of a state to an angle and a rate [SI], by the names of the outputs."""
+        """Put the shaft of a state to an angle and a rate [SI], by the names of the outputs.
+
+        States that are carried are put to theirs, by their own names.
+        """
         if self.angle in motion:
             state[list(self.angles)] = motion[self.angle]
         if self.rate in motion:
             state[list(self.speeds)] = motion[self.rate] / self.rate_over_speed
+        for name in self.carried.keys() & motion.keys():
+            state[self.carried[name]] = motion[name]
 
 
 @dataclass(frozen=True, repr=False)
@@ -212,7 +219,8 @@ class Model:
             tuple(states[name] for name in names if name in states) for names in (ANGLES, SPEEDS)
         )
         ratio = self._rate_at(speeds[0], 1.0, ends[1]) - self._rate_at(speeds[0], 0.0, ends[1])
-        return Shaft(ends[0], ends[1], angles, speeds, ratio)
+        carried = {it.name: states[it.name] for it in self.plant.states if it.carried}
+        return Shaft(ends[0], ends[1], angles, speeds, ratio, carried)
 
     def _rate_at(self, place: int, speed: float, output: str) -> float:
         """An output [SI] at a speed of the shaft, with every effect off."""

@@ -40,8 +40,9 @@ class Start:
     """How a run begins that begins neither at rest nor settled at its first row.
 
     Attributes:
-        shaft: angle and rate [SI] of the shaft as the log begins, by the names of these outputs;
-            empty where the shaft is where the inputs have brought it.
+        shaft: angle and rate [SI] of the shaft as the log begins, by the names of these outputs,
+            and of states that are carried; empty where the shaft is where the inputs have brought
+            it.
         before: inputs [SI] that were held before the log begins, in place of its first row.
         fitted: what these name is estimated in every simulation, from there; else it is known.
     """

@@ -159,7 +159,7 @@ def _fitted(model: Model, log: Log) -> Iterator[Log]:
     before = _held_before(model, log, shaft, hold) if seen else {}
     if before:
         yield replace(log, settle=hold, start=Start(before=before, fitted=True))
-    motion = {shaft.angle: 0.0, shaft.rate: 0.0}
+    motion = {shaft.angle: 0.0, shaft.rate: 0.0, **dict.fromkeys(shaft.carried, 0.0)}
     if seen:
         motion[shaft.angle] = float(log.outputs[seen][0])
         motion[shaft.rate] = _first_rate(model, log, seen, _noise(model, log, seen))[0]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -33,7 +33,7 @@ def closed_form(omega: float, zeta: float, time: Array) -> Array:
 @settings(max_examples=25, derandomize=True)
 @given(
     omega=st.floats(3.0, 60.0),
-    zeta=st.floats(0.2, 3.0).filter(lambda zeta: abs(zeta - 1.0) > 0.01),
+    zeta=st.floats(0.2, 3.0),
     added=st.floats(0.0, 4.0),
     delay=st.integers(0, 40),
 )
@@ -42,6 +42,7 @@ def test_a_small_step_is_that_of_a_second_order(
 ) -> None:
     """Load inertia slows it down: omega and zeta fall by the root of the inertias."""
     slower = math.sqrt(1.0 / (1.0 + added))
+    assume(abs(zeta * slower - 1.0) > 0.01)  # the closed form has two poles, and they are apart
     values = {
         **UNLIMITED,
         "natural_frequency": omega,

@@ -201,7 +201,17 @@ def test_what_has_no_form_in_c_is_named(expression: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+    "name",
+    [
+        "sg90",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_the_guarded_text_steps_as_the_one_without_what_is_off(name: str) -> None:
     """The text that C is written from, in Python."""

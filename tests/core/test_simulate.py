@@ -70,7 +70,17 @@ def test_runs_in_threads_do_not_disturb_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+    "name",
+    [
+        "sg90",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_the_state_at_rest_is_that_of_the_plain_stepper(name: str) -> None:
     """Where an effect is neutral its memory is not looked at; here all are compared that are."""
@@ -109,6 +119,8 @@ def test_inputs_not_named_stay_at_rest_and_scalars_are_held() -> None:
         ("linear_drive", "identified", "reference", 0.05),
         ("smart_servo", "xl330", "goal", 0.5),
         ("second_order_servo", "pulse", "pulse_width", 1.9e-3),
+        ("dc_motor", "direct", "voltage", 12.0),
+        ("dc_motor_speed", "direct", "speed_command", 50.0),
         ("sg90", "printed", "pulse_width", 1.9e-3),
         ("torque_motor", "identified", "voltage", 5.0),
     ],

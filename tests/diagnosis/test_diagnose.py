@@ -365,7 +365,7 @@ def test_names_are_listed_as_one_reads_them(names: list[str], read: str) -> None
 
 def test_an_effect_is_told_on_a_wire_that_a_user_knows() -> None:
     """Its function for the internal step comes first, and is no place in the actuator."""
-    for name in ("torque_motor", "sg90", "smart_servo", "second_order_servo"):
+    for name in ("torque_motor", "sg90", "smart_servo", "second_order_servo", "dc_motor_speed"):
         found: Any = SimpleNamespace(model=model(name))
         assert summary.placed(found, ["gear_compliance"]) == "gear_compliance on 'angle'"
 

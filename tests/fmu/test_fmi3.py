@@ -59,6 +59,12 @@ TERMINALS = {
         "command": ["pulse_width", "goal"],
         "shaft": ["load_torque", "angle", "rate"],
     },
+    "dc_motor": {"command": ["voltage"], "shaft": ["load_torque", "angle", "rate"]},
+    "dc_motor_current": {
+        "command": ["current_command"],
+        "shaft": ["load_torque", "angle", "rate"],
+    },
+    "dc_motor_speed": {"command": ["speed_command"], "shaft": ["load_torque", "angle", "rate"]},
 }
 
 

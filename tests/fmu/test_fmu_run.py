@@ -30,6 +30,9 @@ RUNS = {
     "linear_drive": (0.12, 1.0),
     "smart_servo": (0.12, 1.0),
     "second_order_servo": (0.12, 1.0),
+    "dc_motor": (0.12, 1.0),
+    "dc_motor_current": (0.12, 1.0),
+    "dc_motor_speed": (0.12, 1.0),
     "sg90_torque": (0.6, 20.0),
     "torque_motor_torque": (0.12, 1.0),
 }
@@ -74,7 +77,17 @@ def test_fmu_equals_the_simulation_bit_for_bit(name: str, steps: str, fmu_folder
 
 @pytest.mark.parametrize(
     "name",
-    ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"],
+    [
+        "sg90",
+        "oscillatory",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_with_all_effects_active_too(name: str, fmu_folder: Files) -> None:
     parameters = {
@@ -105,7 +118,17 @@ def halves(name: str) -> tuple[Model, Array, Array, int]:
 
 @pytest.mark.parametrize("serialised", [False, True])
 @pytest.mark.parametrize(
-    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+    "name",
+    [
+        "sg90",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_restoring_a_state_repeats_the_rest_of_the_run(
     name: str, serialised: bool, fmu_folder: Files
@@ -249,7 +272,17 @@ def test_initial_outputs_follow_inputs_and_parameters(fmu_folder: Files) -> None
 
 
 @pytest.mark.parametrize(
-    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+    "name",
+    [
+        "sg90",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
     """The high-level call, from a path with spaces, with the default experiment's step."""
@@ -263,7 +296,17 @@ def test_fmpy_simulates_to_the_end(name: str, fmu_file: Files) -> None:
 
 @fmi2_only
 @pytest.mark.parametrize(
-    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+    "name",
+    [
+        "sg90",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
     """A second master, written in C++ by other people; its clock counts nanoseconds."""

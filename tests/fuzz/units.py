@@ -37,6 +37,11 @@ SUBJECTS = (
     ("smart_servo", "sts3215"),
     ("second_order_servo", "pulse"),
     ("second_order_servo", "bus"),
+    ("dc_motor", "direct"),
+    ("dc_motor", "geared"),
+    ("dc_motor_current", "direct"),
+    ("dc_motor_speed", "geared"),
+    ("dc_motor_speed", "odrive"),
 )
 
 

@@ -62,7 +62,17 @@ def test_the_model_meets_the_bars(case: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["sg90", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"]
+    "name",
+    [
+        "sg90",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_every_published_set_has_a_case(name: str) -> None:
     covered = {case.variant for case in all_cases() if case.actuator == name}
@@ -111,7 +121,17 @@ def test_schedules_hold_and_grids_end() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["sg90", "oscillatory", "torque_motor", "linear_drive", "smart_servo", "second_order_servo"],
+    [
+        "sg90",
+        "oscillatory",
+        "torque_motor",
+        "linear_drive",
+        "smart_servo",
+        "second_order_servo",
+        "dc_motor",
+        "dc_motor_current",
+        "dc_motor_speed",
+    ],
 )
 def test_an_fmu_equals_its_simulation(name: str, fmu_file: FmuFile) -> None:
     subject = Subject(fmu_file(name))

@@ -1,0 +1,1 @@
+"""Validation of the motor on a voltage: independent reference, cases."""

@@ -1,0 +1,1 @@
+"""Validation of the motor on a current: cases; the reference is that of the motor."""
