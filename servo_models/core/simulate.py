@@ -10,7 +10,7 @@ import contextlib
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -297,6 +297,16 @@ def model(
         overrides[name] = on_bound(given, parameter.param)
         check_bounds(parameter, overrides[name])
     return Model(found, chosen, found.values(chosen, overrides), flat_of(plant, found.name))
+
+
+def with_output(chosen: Model, wire: str) -> Model:
+    """Return the same model with an inner wire among its outputs."""
+    if wire in chosen.plant.outputs:
+        return chosen
+    plant = replace(chosen.plant, outputs=(*chosen.plant.outputs, wire))
+    variant = replace(chosen.actuator.variant(chosen.variant), plant=plant)
+    actuator = replace(chosen.actuator, plant=plant, variants=(variant,))
+    return replace(chosen, actuator=actuator, flat=flat_of(plant, actuator.name))
 
 
 def simulate(

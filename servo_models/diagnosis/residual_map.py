@@ -21,10 +21,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuators.torque_causal import UNIT_OF_ANGLE
+from servo_models.core.simulate import with_output
 from servo_models.core.types import Array
 from servo_models.diagnosis.held_out import held_out_squares
-from servo_models.diagnosis.localisation.samples import signed_time_since_turn, speed_of
 from servo_models.diagnosis.search.crossval import (
     CrossValidation,
     blocks,
@@ -36,7 +35,7 @@ from servo_models.diagnosis.search.linearisation import Linearisation, linearise
 from servo_models.effects.residual_map import CURVES, KNOTS
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.simulation import Run
+from servo_models.identification.simulation import Run, prepared
 
 SIZES = ("torque", "drive", "reading")
 """Keys of the sizes that say on which wire the map acts."""
@@ -268,7 +267,7 @@ def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
         if key is None:
             continue
         wire = link.wire_of("regressor")
-        parts = [_regressor(run, taken.values, key, wire) for run in taken.problem.runs]
+        parts = [_regressor(run, taken.values, name, wire) for run in taken.problem.runs]
         values = np.concatenate(parts)
         if np.ptp(values) > LEAST_RANGE * plant.wire[wire].scale:
             knots = np.linspace(values.min(), values.max(), KNOTS)
@@ -276,22 +275,17 @@ def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
             yield key, _Range(wire, knots, np.bincount(nearest, minlength=KNOTS))
 
 
-def _regressor(run: Run, values: Mapping[str, float], key: str, wire: str) -> Array:
+def _regressor(run: Run, values: Mapping[str, float], name: str, wire: str) -> Array:
     """What a curve is of [SI], at the samples that a fit may see."""
-    log = run.log
-    inputs = [it.name for it in run.model.plant.inputs]
+    log, model = run.log, run.model
+    inputs = [it.name for it in model.plant.inputs]
     if wire in inputs:
-        found = run.inputs[-len(log.times) :, inputs.index(wire)]
-    else:
-        unit = run.with_constants(values).get(UNIT_OF_ANGLE, 1.0)
-        position = run.simulate(values)[:, 0] / unit
-        if key == "position":
-            found = position
-        elif key == "rate":
-            found = np.gradient(position, log.times)
-        else:
-            found = signed_time_since_turn(log.times, speed_of(log.times, position))
-    return np.asarray(found[log.fitted])
+        return np.asarray(run.inputs[-len(log.times) :, inputs.index(wire)][log.fitted])
+    # the map is on without a size, so that what it reads is worked out
+    on = {**values, **{f"{name}.{key}": 1.0 for key in CURVES}}
+    again = prepared(with_output(model, wire), log, run.steps)
+    column = again.model.plant.outputs.index(wire)
+    return np.asarray(again.simulate(on)[log.fitted, column])
 
 
 def _settings(

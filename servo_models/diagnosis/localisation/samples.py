@@ -139,7 +139,7 @@ def _motion(
     """Moves of a log, times between its turns, and of all its samples: amplitude of the command,
     position, speed, and times since the last turn and until the next one."""
     times, position = run.log.times, run.simulate(values)[:, 0]
-    speed = speed_of(times, position)
+    speed = _speed(times, position)
     turns = times[_turns(speed)]
     command = run.inputs[-len(times) :, column]
     moves = _moves(command, reach)
@@ -164,23 +164,10 @@ def moving_input(problem: Problem) -> tuple[int, float, float]:
     return column, float(low[column]), float(high[column])
 
 
-def speed_of(times: Array, position: Array) -> Array:
-    """Return the speed of a motion without noise, 0 where nothing moves, shape (n,)."""
-    found = np.gradient(position, times)
-    found[np.abs(found) <= STILL * np.abs(found).max()] = 0.0
-    return found
-
-
-def signed_time_since_turn(times: Array, speed: Array) -> Array:
-    """Return the time [s] since the motion turned last, negative while it is negative, shape (n,).
-
-    It counts from the first motion on, before which it is 0.
-    """
-    places, moving = np.arange(len(speed)), speed != 0.0
-    direction = np.sign(speed)[np.maximum.accumulate(np.where(moving, places, 0))]
-    begun = np.concatenate([[False], direction[1:] != direction[:-1]])
-    turn = np.maximum.accumulate(np.where(begun, places, 0))
-    return np.asarray(direction * (times - times[turn]))
+def _speed(times: Array, position: Array) -> Array:
+    speed = np.gradient(position, times)
+    speed[np.abs(speed) <= STILL * np.abs(speed).max()] = 0.0
+    return speed
 
 
 def _turns(speed: Array) -> Rows:
