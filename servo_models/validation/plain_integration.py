@@ -108,13 +108,15 @@ class PlainPlant:
         values: Mapping[str, float],
     ) -> None:
         reads: list[Key] = []
+        own = {argument: key for key, argument in block.keys.items()}
         for argument in inspect.signature(block.function).parameters:
             if argument in block.wires:
                 reads.append(placed.wire_of(argument) if placed else argument)
                 continue
             reads.append((number, argument))
-            if argument in block.params:
-                name = f"{placed.name}.{argument}" if placed else argument
+            key = own.get(argument, argument)
+            if key in block.params:
+                name = f"{placed.name}.{key}" if placed else key
                 self.base[number, argument] = values[name]
             elif argument in block.queues:
                 self.base[number, argument] = [0.0] * block.queues[argument].size
