@@ -13,12 +13,11 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import LEARNT, RESIDUAL_MAP, residual_curves, turning
+from servo_models.actuators.wiring import turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
-from servo_models.effects.residual_map import residual_drive, residual_reading, residual_torque
 
 TURN = 2.0 * math.pi
 VOLTS = 24.0
@@ -70,18 +69,15 @@ SHAFT: Chain = (
     motor.encoder,
     *effects_on("encoder_angle", "sensor_lag", "sensor_nonlinearity", "sensor_offset"),
     *effects_on("encoder_angle", "sensor_quantisation", step={"typical": ENCODER_STEP}),
-    place(RESIDUAL_MAP, residual_reading, "encoder_speed"),
     *effects_on("encoder_speed", "speed_lag", "speed_quantisation"),
 )
 TORQUES: Chain = (
     *effects_on("current", "direction_asymmetry"),
-    place(RESIDUAL_MAP, residual_drive, "current"),
     external_load,
     *effects_on("load", "constant_load", "gravity_load"),
     place("gear_compliance", compliant_load, "load", "load_acceleration"),
     *effects_on("friction", "load_friction"),
     *effects_on("load", "viscous_friction", "cogging"),
-    place(RESIDUAL_MAP, residual_torque, "load"),
     *effects_on("friction", "coulomb_friction", "stribeck_friction"),
     motor.motor_torque,
     *effects_on("motor_torque", "thermal_drift", full_scale={"high": 1e3}),
@@ -111,9 +107,9 @@ def _plant(
     """The motor behind a drive from a command to the current; ``step`` is the internal one [s]."""
     return Plant(
         inputs=(command, LOAD),
-        wires=(*WIRES, *wires, *LEARNT),
+        wires=(*WIRES, *wires),
         constants=internal_step(step),
-        chain=(*residual_curves(command.name), *SHAFT, *drive, *TORQUES),
+        chain=(*SHAFT, *drive, *TORQUES),
         states=(
             *turning("shaft", "shaft_rate", "acceleration", SCALES),
             *turning("load", "load_rate", "load_acceleration", SCALES, owner="gear_compliance"),
