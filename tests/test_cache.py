@@ -209,7 +209,7 @@ def test_the_end_of_a_file_is_not_ctrl_c(
     assert "EOFError: Ran out of input" in err
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="reaps the orphans of killed processes")
 def test_a_share_of_the_kills() -> None:
     command = [sys.executable, str(FUZZ), "--kills", "3", "--caches", "0", "--only", "check"]

@@ -138,7 +138,7 @@ RIGS = 12
 RARE = 1e-5
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("coloured", [False, True], ids=["white", "coloured"])
 def test_intervals_cover_the_truth_of_simulated_rigs(study: ModuleType, coloured: bool) -> None:
     """Errors over standard errors are standard normal, so their squares sum to chi square."""

@@ -27,7 +27,7 @@ FUZZ = Path(__file__).parents[1] / "fuzz" / "inputs.py"
 NO_END_SECONDS = 550
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="its limits are of Linux")
 def test_a_share_of_the_damaged_inputs() -> None:
     words = [sys.executable, str(FUZZ), "--count", "30", "--seed", "17"]

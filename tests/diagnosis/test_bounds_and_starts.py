@@ -109,7 +109,7 @@ def test_an_uncertain_size_of_an_effect_is_free_once(tmp_path: Path) -> None:
     assert "stribeck_friction" in {one.name for one in candidates(told.model, told.logs)}
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_uncertain_effect_is_no_candidate() -> None:
     fitter, every = made({})
     (size,) = (

@@ -101,7 +101,7 @@ def test_the_set_shrinks_to_the_truth(first: Log, verdict: Verdict, planned: Exp
     assert both.members == ("drive_dead_zone",)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_table_that_the_command_wrote_closes_the_loop(run: Run, tmp_path: Path) -> None:
     """From a description to a table, from the rig that plays it to a second log of the same."""
     rig, found = tmp_path / "rig.toml", tmp_path / "d.json"

@@ -80,7 +80,7 @@ def test_parameters_alone_do_not_explain_the_torque_motor(torque_motor: Diagnosi
     assert rms["after"] < 1.5
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_eq_7_lacks_a_dead_zone_before_all(folder: Path) -> None:
     """The printed servo moves from 0.5 V and from -0.6 V on, and then with a jump (sec. 4.3).
 

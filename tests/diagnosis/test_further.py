@@ -29,7 +29,7 @@ THREE = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_three_causes_are_named_and_no_fourth() -> None:
     fitter, _ = made(THREE)
     selection = select_effects(fitter)

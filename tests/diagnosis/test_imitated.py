@@ -169,7 +169,7 @@ def test_many_sizes_show_what_two_levels_do_not(found: Diagnosis, tmp_path: Path
     assert masked(rich)["gain_error"] > 0.5 * masked(found)["gain_error"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_next_experiment_shows_what_was_imitated(
     found: Diagnosis, folder: Path, run: Run
 ) -> None:

@@ -266,7 +266,7 @@ def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
         assert left == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_smooth_pairs_spare_the_search_for_staircases() -> None:
     """Thousands of their sizes are looked at only where nothing smooth leaves noise only."""
     heard: list[str] = []

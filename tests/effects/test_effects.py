@@ -35,7 +35,16 @@ PLANTS = {
     or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
 }
 FIRST = {a.name: f"{a.name}-{a.variants[0].name}" for a in actuators().values()}
-MARKS = {plant: () if plant in FIRST.values() else (pytest.mark.thorough,) for plant in PLANTS}
+TWINS = ("dc_motor_current", "dc_motor_speed")
+"""Actuators of the blocks of another one, behind another drive."""
+MARKS = {
+    plant: (pytest.mark.long,)
+    if actuator in TWINS
+    else ()
+    if plant in FIRST.values()
+    else (pytest.mark.thorough,)
+    for plant, (actuator, _) in PLANTS.items()
+}
 """Other equations of an actuator go through the same laws, and take as long."""
 PLACEMENTS = [
     pytest.param(plant, name, id=f"{plant}-{name}", marks=MARKS[plant])

@@ -119,7 +119,7 @@ def test_what_a_log_determines_is_in_no_group(rough: bool) -> None:
     assert np.isfinite(found.standard_errors).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_intervals_hold_the_truth_on_rough_responses() -> None:
     """20 logs through a coarse encoder and dry friction, with white noise on the reading.
 
@@ -213,7 +213,7 @@ def slow_drive(seed: int) -> tuple[Model, Log]:
     return true, log_of(times, {"reference": reference}, outputs)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_dent_of_a_rough_surface_is_no_knowledge() -> None:
     """Viscous friction hardly shows beside dry friction: a fit ends in a dent, next to which all
     is worse, and its value there is not known for that."""

@@ -112,7 +112,7 @@ def test_a_branch_column_says_what_the_order_of_rows_says() -> None:
     assert told.gain.value == pytest.approx(ordered.gain.value, rel=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_intervals_of_the_motor_cover_the_truth() -> None:
     """Random motors, with and without jumps at both edges, on random grids."""
     hits: dict[str, list[bool]] = defaultdict(list)
@@ -142,7 +142,7 @@ def test_intervals_of_the_motor_cover_the_truth() -> None:
         assert LOW <= np.mean(each) <= HIGH, (name, np.mean(each))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_intervals_of_the_amplifier_cover_the_truth() -> None:
     """Random knees; the shape itself is found too, and the richest one is the most frequent."""
     hits: dict[str, list[bool]] = defaultdict(list)

@@ -56,7 +56,7 @@ def test_a_fit_of_anything_stays_in_bounds_and_never_makes_it_worse(
     assert all(error >= 0.0 for error in found.standard_errors if not np.isnan(error))
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_slopes_mean_something_where_small_differences_do_not(seed: int) -> None:
     """Encoder counts and dry friction in a sampled loop: followed by small differences, a

@@ -52,7 +52,7 @@ def test_it_is_the_least_squares_estimate_of_another_optimiser_on_another_simula
     np.testing.assert_allclose(found.standard_errors, errors, rtol=0.35)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_standard_errors_cover_the_truth_in_coloured_noise() -> None:
     """Of 60 rigs, 95 % intervals cover between 85 and 100 % with probability above 0.999."""
     inside = 0

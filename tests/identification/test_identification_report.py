@@ -213,7 +213,7 @@ def test_hostile_names_stay_text(found: Identification) -> None:
     assert any(HOSTILE in piece for piece in page.text)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_long_logs_make_no_large_page(found: Identification) -> None:
     """Ten logs of 30 000 samples, noise throughout, which no drawing can simplify."""
     random = np.random.default_rng(5)

@@ -447,7 +447,7 @@ def test_limits_are_kept(ground: Path) -> None:
     assert ["does not answer within 0.1 s" in row.note for row in rows] == [True]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_fmu_of_ours_is_compared_as_well(tmp_path: Path, fmu_file: object, run: Run) -> None:
     assert callable(fmu_file)
     step = ("--step", "voltage=1V", "--stop", "0.5", "--out", tmp_path / "ref.csv")

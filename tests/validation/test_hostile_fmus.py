@@ -117,7 +117,7 @@ def test_a_bomb_passes_where_the_limit_is_raised(ground: Ground) -> None:
     assert validate([path], own=own, limits=Limits(unpacked_megabytes=30.0)).passed
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_the_command_ends_and_leaves_nothing(ground: Ground) -> None:
     """The command itself, on a slave whose children outlive it."""
     outcome = judge(ground.cases["has children at a step"], ground.source, ground.home)

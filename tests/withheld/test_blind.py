@@ -109,7 +109,7 @@ def test_a_diagnosis_needs_nothing_but_its_case(finished: Path, tmp_path: Path) 
     assert untimed(diagnose_case(alone)) == untimed(case)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_check_goes_on_where_it_was_stopped(copy: Path) -> None:
     before = result(copy)
     # by case, else the last is the one that takes longest
