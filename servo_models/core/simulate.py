@@ -343,7 +343,7 @@ def simulate(
     matrix = np.column_stack(list(columns.values()))
     out = chosen.run(grid, matrix)
     named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
-    warnings = (*doubts(chosen, grid, matrix, out), *beyond_map(chosen, matrix, out))
+    warnings = (*doubts(chosen, grid, matrix, out), *beyond_map(chosen, grid, matrix))
     return Result(grid, columns, named, warnings)
 
 
@@ -415,25 +415,21 @@ def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[s
             )
 
 
-def beyond_map(chosen: Model, inputs: Array, out: Array) -> Iterator[str]:
-    """Yield, in words, where a residual map is on beyond the range in which it was learnt.
-
-    A curve of the time since reversal is not looked at: no output tells that time.
-    """
+def beyond_map(chosen: Model, times: Array, inputs: Array) -> Iterator[str]:
+    """Yield, in words, where a residual map is on beyond the range in which it was learnt."""
     plant = chosen.plant
-    signals = dict(zip(plant.outputs, out.T)) | dict(zip((w.name for w in plant.inputs), inputs.T))
-    of_unit = {plant.wire[name].unit: name for name in reversed(plant.outputs)}
+    names = [wire.name for wire in plant.inputs]
     learnt = [name for name in plant.placements if plant.main(name).effect.hints.learnt]
     for link in (link for name in learnt for link in plant.placements[name]):
-        if "regressor" not in link.effect.wires:
+        key = f"{link.name}.{link.effect.switches[0]}"
+        if "regressor" not in link.effect.wires or chosen.values[key] == 0.0:
             continue
         wire = link.wire_of("regressor")
-        known = signals.get(wire)
-        if known is None and wire in plant.wire:
-            known = signals.get(of_unit.get(plant.wire[wire].unit, ""))
-        key = f"{link.name}.{link.effect.switches[0]}"
-        if known is None or chosen.values[key] == 0.0:
-            continue
+        if wire in names:
+            known = inputs[:, names.index(wire)]
+        else:
+            seen = with_output(chosen, wire)
+            known = seen.run(times, inputs)[:, seen.plant.outputs.index(wire)]
         low, high = chosen.values[f"{key}_low"], chosen.values[f"{key}_high"]
         share = float(np.mean((known < low) | (known > high)))
         if share > 0.0:

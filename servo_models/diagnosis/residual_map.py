@@ -210,11 +210,11 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
         retuned: with parameters alone.
 
     Returns:
-        None where no map holds on unseen blocks, or where the plant has no place for one.
+        None where no map holds on unseen blocks, one is on, or the plant has no place for it.
     """
     plant = taken.problem.model.plant
     name = next((it for it in plant.placements if plant.main(it).effect.hints.learnt), None)
-    if name is None:
+    if name is None or any(taken.problem.model.values[f"{name}.{it}"] for it in SIZES):
         return None
     beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
     found = (_learnt(base, name, taken) for base in beside)
@@ -224,6 +224,8 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
 def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | None:
     """The best map beside one fitted model, None unless it leaves less than was left."""
     ranges = dict(_ranges(base, name))
+    if not ranges:
+        return None
     best, *others = (_OnWire(base, name, size, ranges).chosen() for size in SIZES)
     for other in others:  # a motor makes a torque of its drive: of two alike, it is the torque
         if _better(other.evidence, best.evidence, LEAST_GAIN):

@@ -95,6 +95,13 @@ def test_where_nothing_is_missing_it_is_silent(tmp_path: Path) -> None:
     assert learn(retuned(description_of(case_of("nothing"), tmp_path))) is None
 
 
+def test_a_model_that_has_a_map_on_is_given_no_other(dragged: Dragged, tmp_path: Path) -> None:
+    case, _, found = dragged
+    told = description_of(case, tmp_path)
+    model = replace(told.model, values={**told.model.values, **found.values})
+    assert learn(retuned(replace(told, model=model))) is None
+
+
 @pytest.mark.thorough
 def test_it_goes_from_the_log_into_a_parameter_file(dragged: Dragged, tmp_path: Path) -> None:
     case, *_ = dragged

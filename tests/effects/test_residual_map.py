@@ -100,3 +100,12 @@ def test_a_run_beyond_its_range_is_told() -> None:
     beyond = np.mean((STEPS < 1.4e-3) | (STEPS > 1.6e-3))
     assert f"held at its edge in {100.0 * beyond:.2g} % of the run" in told
     assert not simulate(servo, TIMES, {"pulse_width": STEPS}).warnings
+
+
+def test_the_range_of_a_wire_that_is_no_output_is_known_as_well() -> None:
+    on = {"residual_map.torque": 0.01, "residual_map.reversal": 1.0}
+    known = {"residual_map.reversal_low": -1e-3, "residual_map.reversal_high": 1e-3}
+    servo = model("sg90")
+    changed = replace(servo, values={**servo.values, **on, **known})
+    warnings = simulate(changed, TIMES, {"pulse_width": STEPS}).warnings
+    assert "its curve of 'since_reversal' is known from -0.001 to 0.001 s" in " ".join(warnings)
