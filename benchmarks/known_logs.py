@@ -141,7 +141,6 @@ CASES = {
         "The experimenter switched the compensation of cogging. Off, position deviates from a"
         " ramp by 32 counts at 7 periods a turn, 31 at 28, 16 at 14 and 16 at 36.",
         (one_of("cogging"),),
-        remark="The effect has one harmonic, so it can take the one of 7 periods a turn only.",
     ),
     "odrive_comp": Case(
         "ODrive, compensation of cogging on",

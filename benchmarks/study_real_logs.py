@@ -24,9 +24,11 @@ from pathlib import Path
 import numpy as np
 from known_logs import CASES, MEAN_ABSOLUTE, PAPERS, REAL, ROOT, Bar, Case
 
+from servo_models.analysis.experiment import display
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.held_out import held_out_squares
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import TOLERANCE
 from servo_models.diagnosis.verdict import NO_GAP
@@ -148,6 +150,44 @@ def effects(found: Diagnosis) -> list[str]:
     return table(("effect", "probability", before, ""), rows) if rows else []
 
 
+def motions(found: Diagnosis) -> list[str]:
+    """How far each effect that is taken moves the outputs, on all samples."""
+    taken, plant = found.selection.taken, found.model.plant
+    rows = []
+    for name in taken.effects:
+        switches = {it.name for it in plant.parameters.values() if it.owner == name}
+        off = {it: 0.0 for it in switches if plant.parameters[it].param.switch}
+        for output in found.floors:
+            runs = [run for run in taken.problem.runs if output in run.log.outputs]
+            column = [list(run.log.outputs).index(output) for run in runs]
+            apart = [
+                (run.outputs(taken.values) - run.outputs({**taken.values, **off}))[:, k]
+                for run, k in zip(runs, column)
+            ]
+            scale, unit = display(plant.wire[output])
+            size = scale * np.sqrt(np.mean(np.concatenate(apart) ** 2))
+            rows.append((f"`{name}`", output, f"{size:.3g} {unit}"))
+    return table(("effect", "moves", "by, RMS"), rows) if rows else []
+
+
+def learnt(found: Diagnosis) -> list[str]:
+    """The residual map, and what it leaves of the samples that the description holds out."""
+    one = found.residual_map
+    if one is None:
+        return []
+    sizes = [
+        f"{np.sqrt(np.mean(squares)):.3g}"
+        for model in (found.selection.taken, one.fitted)
+        if len(squares := np.concatenate([*held_out_squares(model), np.empty(0)]))
+    ]
+    held = f"; held out by the description: {' -> '.join(sizes)}" if sizes else ""
+    return [
+        "",
+        f"**Learnt:** {one.sentence}: {one.before:.3g} -> {one.after:.3g} noise floors on blocks"
+        f" that the fit has not seen{held}.",
+    ]
+
+
 def places(told: Told) -> list[str]:
     """Where the error lies, and motions held out and regimes that the model makes worse."""
     breakdowns = told.found.localisation
@@ -182,16 +222,17 @@ def section(case: Case, told: Told) -> list[str]:
         f"**Claimed** (`{found.verdict.kind}`, {told.seconds:.0f} s{asked}):"
         f" {summary.sentence(found)}",
         "",
-        f"**Before:** {case.before}.",
-        "",
+        *([f"**Before:** {case.before}.", ""] if case.before else []),
         f"**Known:** {case.known}",
         "",
         f"**Wrong:** {'; '.join(wrong) if wrong else 'nothing'}.",
         *(f"\n*Warning:* {text}." for text in summary.warnings(found)),
         *([] if told.usual is found else ["", *_usual(told.usual)]),
         *(["", f"*Looked into by hand:* {case.remark}"] if case.remark else []),
+        *learnt(found),
         *bars(case, found),
         *effects(found),
+        *motions(found),
         *parameters(found),
         *places(told),
         *(f"\n*Next experiment:* {one.text}" for one in told.found.next_experiments),

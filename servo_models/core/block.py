@@ -208,6 +208,21 @@ class Ambiguity:
         )
 
 
+@dataclass(frozen=True)
+class Harmonic:
+    """A further sine of a ripple, by its parameters; without a share there is none.
+
+    Attributes:
+        share: amplitude over that of the first sine.
+        count: how many periods it has in a turn.
+        phase: turns it.
+    """
+
+    share: str
+    count: str
+    phase: str
+
+
 Signature = Literal["", "codes", "clock"]
 OTHER_UNITS = ""
 """In ``Hints.parameter_units``: every unit that no other effect names."""
@@ -224,6 +239,8 @@ class Hints:
         jump: parameter that says which part of a jump the effect has: 0 none, 1 all.
         phase: parameter that turns a sine, of which the switch is the amplitude.
         count: parameter that says how many periods this sine has in a turn.
+        angle: argument that turns, of such a sine.
+        harmonics: its further sines, sought one by one once the first is found.
         inertia: parameter that is in resonance with the switch, a compliance.
         assumed: parameters that are never searched for: they say how it is counted, not its form.
         signature: its evidence apart from any error, by its switch: a quantised reading bunches at
@@ -243,6 +260,8 @@ class Hints:
     jump: str = ""
     phase: str = ""
     count: str = ""
+    angle: str = ""
+    harmonics: tuple[Harmonic, ...] = ()
     inertia: str = ""
     assumed: tuple[str, ...] = ()
     signature: Signature = ""
@@ -251,6 +270,22 @@ class Hints:
     parameter_units: tuple[str, ...] = ()
     family: str = ""
     learnt: bool = False
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """Parameters that turn a sine."""
+        return tuple(it for it in (self.phase, *(one.phase for one in self.harmonics)) if it)
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """Parameters that say how many periods a sine has in a turn."""
+        return tuple(it for it in (self.count, *(one.count for one in self.harmonics)) if it)
+
+    @property
+    def not_at_first(self) -> set[str]:
+        """Parameters that are no part of the search for the effect."""
+        further = (name for it in self.harmonics for name in (it.share, it.count, it.phase))
+        return {*self.assumed, *further}
 
 
 Meta = Param | Memory | Queue
@@ -443,7 +478,7 @@ def effect(
 def _check_hints(made: Block, hints: Hints) -> None:
     """Refuse hints of parameters, memories or groups that are not the effect's own."""
     params = {name for block in (made, *made.parts) for name in block.params}
-    asked = {*hints.assumed, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
+    asked = {*hints.not_at_first, hints.jump, hints.phase, hints.count, hints.inertia} - {""}
     memories = set[str]()
     if hints.small_signal:
         asked.add(hints.small_signal.time)

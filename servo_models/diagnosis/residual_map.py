@@ -21,7 +21,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.core.simulate import with_output
 from servo_models.core.types import Array
 from servo_models.diagnosis.held_out import held_out_squares
 from servo_models.diagnosis.search.crossval import (
@@ -35,7 +34,6 @@ from servo_models.diagnosis.search.linearisation import Linearisation, linearise
 from servo_models.effects.residual_map import CURVES, KNOTS
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.simulation import Run, prepared
 
 SIZES = ("torque", "drive", "reading")
 """Keys of the sizes that say on which wire the map acts."""
@@ -269,25 +267,14 @@ def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
         if key is None:
             continue
         wire = link.wire_of("regressor")
-        parts = [_regressor(run, taken.values, name, wire) for run in taken.problem.runs]
+        # the map is on without a size, so that what it reads is worked out
+        on = {**taken.values, **{f"{name}.{key}": 1.0 for key in CURVES}}
+        parts = [run.signal(wire, on)[run.log.fitted] for run in taken.problem.runs]
         values = np.concatenate(parts)
         if np.ptp(values) > LEAST_RANGE * plant.wire[wire].scale:
             knots = np.linspace(values.min(), values.max(), KNOTS)
             nearest = np.abs(values[:, None] - knots).argmin(axis=1)
             yield key, _Range(wire, knots, np.bincount(nearest, minlength=KNOTS))
-
-
-def _regressor(run: Run, values: Mapping[str, float], name: str, wire: str) -> Array:
-    """What a curve is of [SI], at the samples that a fit may see."""
-    log, model = run.log, run.model
-    inputs = [it.name for it in model.plant.inputs]
-    if wire in inputs:
-        return np.asarray(run.inputs[-len(log.times) :, inputs.index(wire)][log.fitted])
-    # the map is on without a size, so that what it reads is worked out
-    on = {**values, **{f"{name}.{key}": 1.0 for key in CURVES}}
-    again = prepared(with_output(model, wire), log, run.steps)
-    column = again.model.plant.outputs.index(wire)
-    return np.asarray(again.simulate(on)[log.fitted, column])
 
 
 def _settings(

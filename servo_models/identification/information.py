@@ -107,9 +107,11 @@ class Information:
         return np.asarray(np.any(self.unseen, axis=1))
 
 
-def units(vector: Array) -> Array:
-    """Return what a relative change of 1 is [scales]: the value itself, unless it is near 0."""
-    return np.where(np.abs(vector) >= NEAR_ZERO, np.abs(vector), 1.0)
+def units(problem: Problem, vector: Array) -> Array:
+    """Return what a relative change of 1 is [scales]: the value itself, unless it is near 0 or the
+    problem says less."""
+    own = np.where(np.abs(vector) >= NEAR_ZERO, np.abs(vector), 1.0)
+    return np.minimum(own, problem.units)
 
 
 def _independent(unseen: Array) -> Array:
@@ -170,7 +172,7 @@ def information(problem: Problem, vector: Array, which: Sequence[int] | None = N
     if moving.any():
         here, axes = chosen[moving], axes.only(moving)
         own, combinations = _agreed(problem, vector, here, axes)
-        data[:, here] = own / units(vector)[here]
+        data[:, here] = own / units(problem, vector)[here]
         unseen = np.zeros((p, combinations.shape[1]))
         unseen[here] = combinations
         roughness[here] = axes.jitter.sum(axis=0)
@@ -267,7 +269,7 @@ def _tried(
 ) -> list[int]:
     """Take slopes along some combinations; return those that do not agree over their widths."""
     weights, again = np.square(parts), []
-    size = units(vector)
+    size = units(problem, vector)
     steps = [found.widths[i] * found.along[:, i] * size for i in which]
     for i, changes in zip(which, _secants(problem, vector, steps, parts)):
         if changes is None:  # what narrower widths have told stays
@@ -324,7 +326,8 @@ def _middles(problem: Problem, vector: Array, count: int) -> list[Array]:
     They are the same whatever was simulated before.
     """
     random = np.random.default_rng(count)
-    aside = [ASIDE * np.abs(vector) * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
+    size = np.minimum(np.abs(vector), problem.units)
+    aside = [ASIDE * size * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
     return [moved(problem, vector, (-1.0) ** k * aside[k // 2]) for k in range(count)]
 
 

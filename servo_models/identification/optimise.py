@@ -154,7 +154,7 @@ def _polish(problem: Problem, seed: int, tell: Progress) -> None:
         return
     noise = 2.0 * cost / problem.samples
     slopes = information(problem, vector, inner).slopes[:, inner]
-    widths = POLISH_WIDTH * units(vector)[inner]
+    widths = POLISH_WIDTH * units(problem, vector)[inner]
     precision = slopes.T @ slopes / noise + np.diag(widths**-2.0)
     axes = np.zeros((len(vector), len(inner)))
     axes[inner] = np.linalg.cholesky(np.linalg.inv(precision))

@@ -94,6 +94,17 @@ def free_names(plant: Plant, words: Iterable[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
+def travel(plant: Plant, logs: Iterable[Log]) -> float:
+    """Return the largest range of an angle [rad] or a position [m] in some logs, 1 without any."""
+    ranges = [
+        float(np.ptp(values))
+        for log in logs
+        for name, values in log.outputs.items()
+        if plant.wire[name].unit in ("rad", "m")
+    ]
+    return max(ranges, default=1.0) or 1.0
+
+
 @dataclass(eq=False)
 class Memory:
     """What a search has seen of a problem, so that nothing is lost.
@@ -152,6 +163,21 @@ class Problem:
         logs = [log for log in self.logs if output in log.outputs]
         values = np.concatenate([log.outputs[output][log.fitted] for log in logs])
         return float(np.std(values)) or 1.0 if len(values) else 1.0
+
+    @cached_property
+    def units(self) -> Array:
+        """Changes [scales] that count as large, shape (p,): infinity for one like its own value.
+
+        Of a ripple's count it is the one by which the ripple's phase moves by 1 rad.
+        """
+        plant, found = self.model.plant, np.full(len(self.free), np.inf)
+        for i, free in enumerate(self.free):
+            parameter = plant.parameters[free.name]
+            if parameter.owner:
+                hints = plant.main(parameter.owner).effect.hints
+                if parameter.key in hints.counts:
+                    found[i] = 1.0 / (travel(plant, self.logs) * free.scale)
+        return found
 
     def weighted_by(self, sigma: Mapping[str, float], start: Array) -> Problem:
         """Return the same problem with other weights [SI]; costs so far do not count there."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from servo_models.core.bounds import inside
 from servo_models.core.plant import Plant
-from servo_models.core.simulate import Model, check_grid
+from servo_models.core.simulate import Model, check_grid, with_output
 from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
@@ -90,6 +90,14 @@ class Run:
         What the log states as a constant stays, see ``with_constants``.
         """
         return _simulated(self, self._vector(values))[-len(self.log.times) :]
+
+    def signal(self, wire: str, values: Mapping[str, float]) -> Array:
+        """A signal of the model [SI] at the samples of the log, shape (n,); any wire will do."""
+        inputs = [it.name for it in self.model.plant.inputs]
+        if wire in inputs:
+            return np.asarray(self.inputs[-len(self.log.times) :, inputs.index(wire)])
+        again = prepared(with_output(self.model, wire), self.log, self.steps)
+        return np.asarray(again.simulate(values)[:, again.model.plant.outputs.index(wire)])
 
     def _vector(self, values: Mapping[str, float]) -> Array:
         """The parameter vector [SI] of a simulation with these values."""

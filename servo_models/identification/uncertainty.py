@@ -114,7 +114,9 @@ def spread_of(problem: Problem, vector: Array, told: Information) -> Spread:
         _, singular, axes = np.linalg.svd(jacobian[:, moving] / norms, full_matrices=False)
         condition = float(min(singular[0] / max(singular[-1], 1e-300), 1.0 / ROUNDING))
         correlations[np.ix_(moving, moving)] = _correlations(axes, singular)
-        free = np.abs(axes[singular < NOTHING * singular[0]] / norms) / units(vector)[moving]
+        free = (
+            np.abs(axes[singular < NOTHING * singular[0]] / norms) / units(problem, vector)[moving]
+        )
         lost = np.any(free > MEMBER * free.max(axis=1, keepdims=True), axis=0)
         more = _roughness(problem, told, residuals)
         variance = np.diag(covariance(problem, jacobian[:, moving], residuals, more))

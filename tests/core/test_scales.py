@@ -151,7 +151,7 @@ def test_no_effect_of_motion_counts_in_absolute_units() -> None:
         if not param.is_scaled and param.unit != "1"
     }
     assert absolute == {
-        ("cogging", "phase", "rad"),
+        *(("cogging", f"phase{further}", "rad") for further in ("", "_2", "_3", "_4")),
         ("gravity_load", "phase", "rad"),
         ("thermal_drift", "time_constant", "s"),
         ("coasting_backlash", "contact", "Hz"),

@@ -148,13 +148,24 @@ def test_pendulum_under_torque_rests_where_gravity_balances_it() -> None:
     assert out["shaft_angle"][-1] == pytest.approx(math.asin(3.0 / 5.0) - 0.2, abs=1e-8)
 
 
-def test_cogging_keeps_the_energy() -> None:
+@pytest.mark.parametrize("further", [0, 1, 2, 3])
+def test_cogging_keeps_the_energy(further: int) -> None:
     ripple = place("ripple", cogging, "load")
     given = {"ripple.torque": 0.5, "ripple.count": 12.0, "ripple.phase": 0.3}
+    sines = [(0.5, 12.0, 0.3)]
+    for k, (share, count, phase) in enumerate(
+        [(0.4, 24.0, -1.0), (1.5, 7.0, 2.0), (0.2, 36.0, 0.0)]
+    ):
+        if k < further:
+            sines.append((0.5 * share, count, phase))
+            own = {"share": share, "count": count, "phase": phase}
+            given |= {f"ripple.{key}_{k + 2}": value for key, value in own.items()}
     out = respond(shaft_bench(ripple, speed=1.0), given, TIMES)
-    energy = 0.5 * out["shaft_speed"] ** 2 - 0.5 / 12.0 * np.cos(12.0 * out["shaft_angle"] + 0.3)
+    energy = 0.5 * out["shaft_speed"] ** 2
+    for torque, count, phase in sines:
+        energy -= torque / count * np.cos(count * out["shaft_angle"] + phase)
     assert np.ptp(out["shaft_speed"]) > 0.08
-    np.testing.assert_allclose(energy, energy[0], atol=1e-9)
+    np.testing.assert_allclose(energy, energy[0], atol=1e-8)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -53,8 +53,13 @@ FORMULAS: list[tuple[Block, dict[str, float], Callable[[Array], Array]]] = [
     ),
     (
         cogging,
-        {"torque": 0.7, "count": 12.0, "phase": 0.3, "shaft_angle": 0.1},
-        lambda u: u + 0.7 * np.imag(np.exp(1.5j)),
+        {
+            **{"torque": 0.7, "count": 12.0, "phase": 0.3, "shaft_angle": 0.1},
+            **{"share_2": 0.5, "count_2": 24.0, "phase_2": -1.0},
+            **{"share_3": 2.0, "count_3": 7.0, "phase_3": 2.0},
+            **{"share_4": 0.0, "count_4": 36.0, "phase_4": 1.0},
+        },
+        lambda u: u + 0.7 * np.imag(np.exp(1.5j) + 0.5 * np.exp(1.4j) + 2.0 * np.exp(2.7j)),
     ),
 ]
 

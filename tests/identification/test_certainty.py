@@ -23,7 +23,9 @@ from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import identify
 from servo_models.identification.information import information
+from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, free_parameter
+from servo_models.identification.uncertainty import spread
 from tests.support.logs import changed, log_of, measured
 
 FREE = ("inertia", "torque_constant", "resistance", "loop_factor")
@@ -226,3 +228,19 @@ def test_a_dent_of_a_rough_surface_is_no_knowledge() -> None:
         found = fit(start, [log], names, jobs=1)
         error = np.abs(found.values - np.array([true.values[name] for name in names]))
         assert np.all(error < 5.0 * found.standard_errors), (seed, error / found.standard_errors)
+
+
+def test_the_count_of_a_fast_ripple_is_known_as_well_as_its_slopes_say() -> None:
+    """1 % of it turns the phase by several rad, so that no slope holds over so much."""
+    true = {"cogging.torque": 2e-4, "cogging.count": 36.0, "cogging.phase": 0.5}
+    rig = model("dc_motor_speed", "direct", true)
+    times, noise = 4e-3 * np.arange(1000), 1e-4
+    log = measured(rig, times, {"speed_command": np.full(1000, 1.1)}, {"encoder_angle": noise}, 5)
+    free = [free_parameter(rig.plant.parameters[name], true[name], None) for name in true]
+    problem = Problem(rig, [log], free, {"encoder_angle": noise})
+    vector, _, _ = descend(problem, problem.nominal, 1e-10, 20)
+    narrow = problem.jacobian(vector, np.full(len(free), 1e-5))
+    bound = np.sqrt(np.diag(np.linalg.inv(narrow.T @ narrow)))
+    found = spread(problem, vector)
+    assert not found.groups
+    np.testing.assert_allclose(found.standard_errors / problem.scales, bound, rtol=0.15)

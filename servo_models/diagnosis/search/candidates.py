@@ -20,7 +20,7 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.diagnosis.codes import Step, steps_under_noise
-from servo_models.identification.problem import Free, free_parameter
+from servo_models.identification.problem import Free, free_parameter, travel
 from servo_models.identification.simulation import prepared
 
 LEAST_SAMPLES_IN_A_PERIOD = 10.0
@@ -150,7 +150,7 @@ class _Off:
         main = model.plant.main(name)
         self.hints, self.wire = main.effect.hints, main.on[0]
         self.shape = [
-            it for it in parameters if not it.param.switch and it.key not in self.hints.assumed
+            it for it in parameters if not it.param.switch and it.key not in self.hints.not_at_first
         ]
         # codes of the very signal tell whether and how it is quantised
         self.has_codes = self.hints.signature == "codes"
@@ -372,17 +372,6 @@ def about_codes(switch: Parameter, steps: Iterable[Step]) -> list[Settings]:
         for size, error, _ in steps
         for k in range(-n, n + 1)
     ]
-
-
-def travel(plant: Plant, logs: Iterable[Log]) -> float:
-    """Return the largest range of an angle [rad] or a position [m] in some logs, 1 without any."""
-    ranges = [
-        float(np.ptp(values))
-        for log in logs
-        for name, values in log.outputs.items()
-        if plant.wire[name].unit in ("rad", "m")
-    ]
-    return max(ranges, default=1.0) or 1.0
 
 
 def _within_bounds(switch: Parameter, over_typical: Iterable[float]) -> list[float]:

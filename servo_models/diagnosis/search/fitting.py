@@ -194,7 +194,7 @@ def turned(problem: Problem, vector: Array) -> Array | None:
     """
     sides, found = problem.sides(vector), vector.copy()
     for i, free, parameter, hints in _of_effects(problem):
-        if sides[i] and parameter.key == hints.phase:
+        if sides[i] and parameter.key in hints.phases:
             found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
     found = np.clip(found, *problem.bounds)
     return None if np.array_equal(found, vector) else found

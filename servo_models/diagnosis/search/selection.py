@@ -26,6 +26,7 @@ from servo_models.diagnosis.search.fitting import (
     leave_one_condition_out,
 )
 from servo_models.diagnosis.search.grid_search import shortlist
+from servo_models.diagnosis.search.harmonics import with_sines
 from servo_models.diagnosis.search.joint_fits import beside, together
 from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
 from servo_models.diagnosis.search.residuals import sure
@@ -244,7 +245,22 @@ class SubsetSelection:
             taken = self.accepted()
         if taken.effects:
             self.exchange(taken)
-        return self.accepted()
+        return self.with_harmonics(self.accepted())
+
+    def with_harmonics(self, taken: FittedModel) -> FittedModel:
+        """Return a model with as many sines of each ripple as earn their place."""
+        for one in self.every:
+            if one.name not in taken.effects or not one.hints.harmonics:
+                continue
+            self.say(f"looking for further sines of {one.name}")
+            for number in range(2, 2 + len(one.hints.harmonics)):
+                if taken.settled:
+                    break
+                more = with_sines(self.fitter, taken, one, number)
+                if more and passes_entry_test(more, taken):
+                    taken = more
+                    self.keep(taken)
+        return taken
 
     def say(self, text: str) -> None:
         """Tell what goes on, with the best fitted model so far."""

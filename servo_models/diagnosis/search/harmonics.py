@@ -1,0 +1,186 @@
+"""Further sines of a ripple: cogging of a motor has several, each of a count of its own.
+
+The first one is found as any effect is.  The spectrum of what is left, over the angle instead of
+time, then shows which counts there may be.  One more sine is fitted beside those of a model, and as
+many are fitted at once, begun at the nominal parameters: beside too few sines, parameters go where
+they imitate the rest.
+Sources: Fyfe, Munck, Mechanical Systems and Signal Processing 11 (1997) 187 (order tracking: a
+spectrum over the angle); Scargle, Astrophysical Journal 263 (1982) 835 (spectrum of unequal
+samples); Pati, Rezaiifar, Krishnaprasad, Asilomar Conference 27 (1993) 40 (matching pursuit).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
+from math import atan2, hypot, log, pi
+
+import numpy as np
+from scipy.signal import lombscargle
+
+from servo_models.core.block import Harmonic
+from servo_models.core.types import Array
+from servo_models.diagnosis.search.candidates import LEAST_SAMPLES_IN_A_PERIOD, Candidate, Settings
+from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.joint_fits import best_start
+from servo_models.diagnosis.search.linearisation import Linearisation
+from servo_models.diagnosis.search.screening import Screened, remains, scales, screen
+from servo_models.identification.problem import Free, free_parameter
+
+SPACING_RAD = 1.0
+"""By which the phase of a sine changes over the travel from one count of a spectrum to the next."""
+PEAKS = 12
+"""Of the spectrum, the highest, that are simulated."""
+
+
+def with_sines(
+    fitter: Fitter, model: FittedModel, one: Candidate, number: int
+) -> FittedModel | None:
+    """Return the best fit with so many sines of an effect, None where errors show no count.
+
+    Args:
+        fitter: which made the model.
+        model: fitted, with the effect on and fewer sines.
+        one: the effect, as it is sought.
+        number: of sines, 2 at least.
+    """
+    effects, kept = model.without(one.name)
+    nominal = {free.name: free.nominal for free in fitter.nominal}
+    alone = fitter.unfit(effects, kept, {**model.values, **nominal})
+    starts = [_one_more(model, one, order_peaks(model, one), number)]
+    starts.append(_pursuit(alone, one, order_peaks(alone, one), number))
+    further = [_free(model, one, it) for it in one.hints.harmonics[: number - 1]]
+    extra = [*kept, *one.free, *chain.from_iterable(further)]
+    found = [fitter.fit((*effects, one.name), extra, it) for it in starts if it]
+    best = min(found, key=lambda it: it.cost, default=None)
+    return replace(best, chance=best.chance + number * log(PEAKS)) if best else None
+
+
+def _one_more(
+    model: FittedModel, one: Candidate, counts: Sequence[float], number: int
+) -> Settings | None:
+    """Values [SI] of a model with one more sine at the best of some counts, None where it lacks
+    more than one."""
+    *before, harmonic = one.hints.harmonics[: number - 1]
+    if any(f"{one.name}.{it.share}" not in model.values for it in before):
+        return None
+    share, count = f"{one.name}.{harmonic.share}", f"{one.name}.{harmonic.count}"
+    further = replace(
+        one,
+        hints=replace(one.hints, phase=harmonic.phase, count=harmonic.count),
+        free=tuple(_free(model, one, harmonic)),
+        switches=(share,),
+        trial_values=tuple({share: 1.0, count: it} for it in counts),
+        alone=(),
+    )
+    results = screen((model.linearised,), [further])
+    if not results:
+        return None
+    start = best_start(results[:1])
+    return {**model.values, **start.values, **{it.name: it.start for it in start.free}}
+
+
+def _free(model: FittedModel, one: Candidate, harmonic: Harmonic) -> list[Free]:
+    """Parameters of a further sine; its count has the bounds of the first one's."""
+    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
+    chosen, found = model.problem.model, []
+    for key in (harmonic.share, harmonic.count, harmonic.phase):
+        parameter = chosen.plant.parameters[f"{one.name}.{key}"]
+        free = free_parameter(parameter, chosen.values[parameter.name], None)
+        found.append(replace(free, low=count.low) if key == harmonic.count else free)
+    return found
+
+
+def _pursuit(
+    model: FittedModel, one: Candidate, counts: Sequence[float], number: int
+) -> Settings | None:
+    """Values [SI] of a model and of so many sines at some counts, None where there are fewer."""
+    linear = model.linearised
+    size = one.trial_values[0][one.switches[0]]
+    trials = [{one.switches[0]: size, f"{one.name}.{one.hints.count}": it} for it in counts]
+    left = screen((linear,), [replace(one, trial_values=tuple(trials), alone=())])
+    if len(left) < number:
+        return None
+    taken: list[Screened] = []
+    steps = np.empty(0)
+    while len(taken) < number:
+        tried = [_beside(linear, [*taken, it]) for it in left]
+        best = int(np.argmin([it[0] for it in tried]))
+        taken.append(left.pop(best))
+        steps = tried[best][1]
+    return _start(linear, taken, steps)
+
+
+def _beside(linear: Linearisation, taken: Sequence[Screened]) -> tuple[float, Array]:
+    """Squared errors that sines leave together, and the steps of parameters and shares."""
+    waves = np.hstack([it.columns for it in taken])
+    columns = np.hstack([linear.slopes, waves])
+    least, largest = scales(taken[0].candidate)
+    low = np.concatenate([linear.room[0], np.full(waves.shape[1], least)])
+    high = np.concatenate([linear.room[1], np.full(waves.shape[1], largest)])
+    gram, towards = columns.T @ columns, columns.T @ linear.errors
+    left, steps = remains(linear, gram[None], towards[None], low[None], high[None])
+    return float(left[0]), steps[0]
+
+
+def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Settings:
+    """Values [SI] at steps of shares, the largest sine first, and at those of parameters or not."""
+    one, p = taken[0].candidate, linear.slopes.shape[1]
+    size, hints = one.trial_values[0][one.switches[0]], one.hints
+    key = f"{one.name}.{hints.count}"
+    sines = sorted(
+        (
+            (size * hypot(*share), it.settings[key], atan2(share[1], share[0]))
+            for it, share in zip(taken, steps[p:].reshape(-1, 2))
+        ),
+        reverse=True,
+    )
+    (largest, count, phase), *others = sines
+    found = {one.switches[0]: largest, key: count, f"{one.name}.{hints.phase}": phase}
+    for harmonic, (amplitude, count, phase) in zip(hints.harmonics, others):
+        own = {harmonic.share: amplitude / largest, harmonic.count: count, harmonic.phase: phase}
+        found |= {f"{one.name}.{name}": value for name, value in own.items()}
+    both = [
+        {**linear.problem.values(vector), **found}
+        for vector in (linear.vector, linear.vector + steps[:p])
+    ]
+    return min(both, key=linear.cost)
+
+
+def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
+    """Return the counts [periods in a turn] at the highest peaks of errors over the angle."""
+    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
+    wire = model.problem.model.plant.main(one.name).wire_of(one.hints.angle)
+    runs = [run for run in model.problem.runs if run.measured.size]
+    angles = [run.signal(wire, model.values)[run.log.fitted] for run in runs]
+    travelled = max(float(np.ptp(it)) for it in angles)
+    between = [float(np.median(np.abs(np.diff(it)))) for it in angles if len(it) > 1]
+    step = min((it for it in between if it > 0.0), default=0.0)
+    if not travelled or not step:
+        return []
+    high = min(count.high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
+    counts = np.arange(count.low, high, SPACING_RAD / travelled)
+    power = _power(model, angles, counts)
+    around = np.concatenate([[0.0], power, [0.0]])
+    peaks = np.flatnonzero((power > around[:-2]) & (power >= around[2:]))
+    return [float(counts[it]) for it in peaks[np.argsort(-power[peaks])][:PEAKS]]
+
+
+def _power(model: FittedModel, angles: Sequence[Array], counts: Array) -> Array:
+    """Power of the errors of all logs and outputs at each count, shape (k,).
+
+    Each direction has a power of its own: what lags in time is ahead, over the angle, on the way
+    back.
+    """
+    found, begin = np.zeros(len(counts)), 0
+    runs = [run for run in model.problem.runs if run.measured.size]
+    for run, angle in zip(runs, angles):
+        end, onward = begin + run.measured.size, np.gradient(angle) > 0.0
+        for errors in model.linearised.errors[begin:end].reshape(run.measured.shape):
+            for way in (onward, ~onward):
+                if np.count_nonzero(way) > LEAST_SAMPLES_IN_A_PERIOD:
+                    own = errors[way] - errors[way].mean()
+                    found += lombscargle(angle[way], own, counts)
+        begin = end
+    return found
