@@ -30,9 +30,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
+from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from servo_models.core.flat import Flat, neutral_effects, trouble
+from servo_models.core.flat import Flat, neutral_effects, noticed, trouble
 from servo_models.core.printer import FURTHEST
 from servo_models.core.stepper import step_text
 
@@ -141,6 +142,7 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         self.longest = 0.0  # communication step [s]
         self.furthest = 0.0  # end of a step from time 0 [s]
         self.trouble = ""  # what has failed, until reset or a restored state
+        self.warned: set[int] = set()  # of which notices
 
     @property
     def begun(self) -> bool:
@@ -198,6 +200,8 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
             self.refuse_step(current_time, step_size)
         self.advance(self.x, current_time, step_size)
         self.time = end
+        if self.content.flat.notices:
+            self.warn()
         return True
 
     @guarded
@@ -306,6 +310,14 @@ class Servo(Fmi2Slave):  # type: ignore[misc]
         if code:
             self.fail(f"{trouble(self.content.flat, code, x)}, at t = {time + size:g} s")
         self.values[self.inputs : self.first_parameter] = outputs
+
+    def warn(self) -> None:
+        """Tell the host, once, of what a run that goes on has noticed."""
+        for place, text in noticed(self.content.flat, self.x).items():
+            if place not in self.warned:
+                self.warned.add(place)
+                message = f"{text}, at t = {self.time:g} s".replace("%", "%%")
+                self.log(message, Fmi2Status.warning, "logStatusWarning")
 
     def refuse_step(self, time: float, size: float) -> NoReturn:
         self.only("fmi2DoStep", RUNNING)

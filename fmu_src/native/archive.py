@@ -31,7 +31,8 @@ NATIVE = Form(
     directional_derivatives=True,
     log_categories={
         "logStatusError": "What was refused, why, and what to do.",
-        "logAll": "The same.",
+        "logStatusWarning": "What to be careful with in a run that goes on.",
+        "logAll": "Both.",
     },
     sources=("fmi2.c",),
     needs="The host needs nothing else: no Python, no library but the C runtime of the system.",

@@ -26,7 +26,7 @@ typedef struct {
 
 /* A host prints a message as a printf format, so each % becomes two.  Many show no lines of the
  * logger unless asked, so without one the message goes to standard error. */
-static void tell(void *host, const char *message)
+static void tell(void *host, int is_warning, const char *message)
 {
     Component *c = host;
     char escaped[2 * MESSAGE];
@@ -41,7 +41,8 @@ static void tell(void *host, const char *message)
             escaped[n++] = '%';
     }
     escaped[n] = '\0';
-    c->logger(c->environment, c->name, fmi2Error, "logStatusError", escaped);
+    c->logger(c->environment, c->name, is_warning ? fmi2Warning : fmi2Error,
+              is_warning ? "logStatusWarning" : "logStatusError", escaped);
 }
 
 static fmi2Status status(int good)
@@ -103,16 +104,16 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
     c->environment = functions ? functions->componentEnvironment : NULL;
     c->logging = logging;
     if (!functions)
-        tell(c, "fmi2Instantiate without callback functions (NULL): give them");
+        tell(c, 0, "fmi2Instantiate without callback functions (NULL): give them");
     else if (!length)
-        tell(c, "fmi2Instantiate without an instance name: give one");
+        tell(c, 0, "fmi2Instantiate without an instance name: give one");
     else if (type != fmi2CoSimulation)
-        tell(c, "this FMU is for co-simulation only, not for model exchange");
+        tell(c, 0, "this FMU is for co-simulation only, not for model exchange");
     else if (!guid || strcmp(guid, GUID) != 0)
-        tell(c, "the GUID is not that of this library: modelDescription.xml and the library are"
+        tell(c, 0, "the GUID is not that of this library: modelDescription.xml and the library are"
                 " from two builds; unpack the FMU again");
     else if (!(c->core = new_instance(tell, c)))
-        tell(c, "fmi2Instantiate: no memory for an instance");
+        tell(c, 0, "fmi2Instantiate: no memory for an instance");
     if (!c->core) {
         free(c);
         return NULL;

@@ -28,11 +28,12 @@ typedef struct {
 
 /* Many hosts show no lines of the logger unless asked, so without one the message goes to standard
  * error. */
-static void tell(void *host, const char *message)
+static void tell(void *host, int is_warning, const char *message)
 {
     Component *c = host;
     if (c->logging && c->logger)
-        c->logger(c->environment, fmi3Error, "logStatusError", message);
+        c->logger(c->environment, is_warning ? fmi3Warning : fmi3Error,
+                  is_warning ? "logStatusWarning" : "logStatusError", message);
     else
         fprintf(stderr, "%s: %s\n", c->name, message);
 }
@@ -95,7 +96,7 @@ static Component *new_component(fmi3String name, int logging, fmi3InstanceEnviro
 static fmi3Instance no_instance(Component *c, const char *why)
 {
     if (c)
-        tell(c, why);
+        tell(c, 0, why);
     free(c);
     return NULL;
 }

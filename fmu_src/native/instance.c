@@ -28,7 +28,7 @@
 #define MESSAGE 512
 #define FIRST_PARAMETER (INPUTS + OUTPUTS)
 
-static const char *const categories[] = {"logStatusError", "logAll"};
+static const char *const categories[] = {"logStatusError", "logStatusWarning", "logAll"};
 enum { CATEGORIES = sizeof categories / sizeof *categories };
 
 typedef enum { INSTANTIATED, INITIALISING, RUNNING, TERMINATED } Phase;
@@ -48,6 +48,7 @@ typedef struct {
     int32_t phase;
     int32_t has_x;
     int32_t off[EFFECTS + 1]; /* effects that were neutral when the parameters were last used */
+    int32_t warned[NOTICES + 1]; /* of which notices, until reset or a restored state */
     char trouble[MESSAGE];    /* what has failed, until reset or a restored state */
 } State;
 
@@ -64,7 +65,7 @@ typedef struct {
     State state;
 } Saved;
 
-typedef void Tell(void *host, const char *message);
+typedef void Tell(void *host, int is_warning, const char *message);
 
 typedef struct {
     State now;
@@ -84,7 +85,7 @@ static int fail(Instance *I, const char *format, ...);
 static void say(Instance *I, const char *message)
 {
     if (I->tell)
-        I->tell(I->host, message);
+        I->tell(I->host, 0, message);
 }
 
 /* Tell the host and leave the instance as it is. */
@@ -124,7 +125,8 @@ static int are_categories(Instance *I, const char *const *names, size_t count)
             if (names[i] && strcmp(names[i], categories[k]) == 0)
                 break;
         if (k == CATEGORIES)
-            return refuse(I, "no log category '%.100s': there are logStatusError and logAll",
+            return refuse(I, "no log category '%.100s': there are logStatusError,"
+                          " logStatusWarning and logAll",
                           names[i] ? names[i] : "NULL");
     }
     return 1;
@@ -186,6 +188,20 @@ static int advance(Instance *I, double *x, double time, double size)
 {
     const int code = step(&I->setup, x, I->now.values, time, size, I->now.values + INPUTS);
     return code ? explain_code(I, code, x, time + size) : 1;
+}
+
+/* Warn, once, of what a run that goes on has noticed. */
+static void warn(Instance *I, double time)
+{
+    char message[MESSAGE];
+    int i;
+    for (i = 0; i < NOTICES; i++)
+        if (I->now.x[notices[i].place] != 0.0 && !I->now.warned[i]) {
+            I->now.warned[i] = 1;
+            snprintf(message, sizeof message, "%s, at t = %g s", notices[i].message, time);
+            if (I->tell)
+                I->tell(I->host, 1, message);
+        }
 }
 
 /* Prepare the step for the present parameters.
@@ -324,6 +340,7 @@ static int do_step(Instance *I, const char *call, double time, double size)
     if (!advance(I, I->now.x, time, size))
         return 0;
     I->now.time = end;
+    warn(I, end);
     return 1;
 }
 

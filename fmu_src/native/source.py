@@ -69,6 +69,7 @@ def _model(model: Model) -> str:
         "SIZE": flat.size,
         "EFFECTS": len(effects),
         "SWITCHES": sum(map(len, flat.switches.values())),
+        "NOTICES": len(flat.notices),
         "TOO_FAST": flat.too_fast,
         "ARITHMETIC": flat.too_fast + 1,
     }
@@ -80,6 +81,7 @@ def _model(model: Model) -> str:
     ]
     states = [_string(name) for name, *_ in flat.states]
     faults = [_string(f"{owner}: {text}") for _, owner, text in flat.faults]
+    notices = [f"{{{place}, {_string(text)}}}" for place, text in flat.notices]
     title = f"{model.actuator.title}, variant {model.variant}".replace("*/", "* /")
     parts = [
         f"/* {title}: generated, do not edit. */",
@@ -91,6 +93,7 @@ def _model(model: Model) -> str:
         _table("const int", "owners", map(str, owners)),
         _table("const Switch", "switches", switches or ["{0, 0}"]),
         _table("const char *const", "faults", faults or ["0"]),
+        _table("const Notice", "notices", notices or ["{0, 0}"]),
         _text(model),
     ]
     return "\n".join(parts)

@@ -8,8 +8,8 @@ of a float, no ``for``, no call of another function, and every variable has a va
 read.
 
 A block reads wires (plain arguments), parameters (``Param``) and memory (``Memory``,
-``Clock``, ``Mode``, ``Queue``, ``Fault``) and returns the new value of its wires followed by the
-new value of each memory, in the order of the signature.  It is pure: the stepper
+``Clock``, ``Mode``, ``Queue``, ``Fault``, ``Notice``) and returns the new value of its wires
+followed by the new value of each memory, in the order of the signature.  It is pure: the stepper
 decides when a memory is committed.  Reserved arguments:
 
 ==================  ==================================================================
@@ -133,6 +133,16 @@ class Mode(Memory):
 @dataclass(frozen=True)
 class Fault(Memory):
     """A memory that stops the run with ``message`` as soon as it is not 0."""
+
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Notice(Memory):
+    """A memory that lets a run go on, which then warns with ``message`` once it is not 0.
+
+    Arguments of the block in braces, such as ``{regressor}``, become the names of their wires.
+    """
 
     message: str = ""
 
@@ -308,7 +318,8 @@ class Block:
         source: paper, equation or book behind it.
         parts: of an effect that acts at several places of a chain, its other functions.
         hints: what else is known of an effect.
-        keys: of parameters that are not called as the function's argument: that argument, by name.
+        keys: of parameters and memories that are not called as the function's argument: that
+            argument, by name.
     """
 
     function: Function
@@ -329,7 +340,7 @@ class Block:
         return self.function(*args, **{self.keys.get(key, key): it for key, it in kwargs.items()})
 
     def keyed(self, keys: Mapping[str, str]) -> Block:
-        """Return the same block with other names of parameters, by its arguments.
+        """Return the same block with other names of parameters and memories, by its arguments.
 
         So one equation stands at several places of one effect, each time with values of its own.
 
@@ -337,7 +348,9 @@ class Block:
             ``curve.keyed({"low": "rate_low", "high": "rate_high"})``
         """
         params = {keys.get(name, name): param for name, param in self.params.items()}
-        return replace(self, params=params, keys={key: name for name, key in keys.items()})
+        memory = {keys.get(name, name): it for name, it in self.memory.items()}
+        own = {key: name for name, key in keys.items()}
+        return replace(self, params=params, memory=memory, keys=own)
 
     @property
     def switches(self) -> tuple[str, ...]:

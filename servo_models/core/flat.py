@@ -89,6 +89,8 @@ class Flat:
     modes: list[tuple[str, str]]
     faults: list[tuple[str, str, str]]
     """Memory, owner, message."""
+    notices: list[tuple[int, str]]
+    """Place in ``x``, message with its owner."""
     projection: list[str]
     carried: list[str]
     """Stage wires that the projection reads from the stage before it."""
@@ -103,6 +105,11 @@ def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
     """Return the names of the effects whose switches are all 0 in ``values``."""
     value = dict(zip(flat.params, values))
     return {owner for owner, names in flat.switches.items() if all(value[n] == 0.0 for n in names)}
+
+
+def noticed(flat: Flat, x: Sequence[float]) -> dict[int, str]:
+    """Return in words what a run has to warn of, with the ``x`` that it has reached, by place."""
+    return {place: text for place, text in flat.notices if x[place] != 0.0}
 
 
 def trouble(flat: Flat, code: int, x: Sequence[float] = (0.0,)) -> str:

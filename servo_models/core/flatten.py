@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from servo_models.core.block import RESERVED, START, Block, Clock, Fault, Mode
+from servo_models.core.block import RESERVED, START, Block, Clock, Fault, Mode, Notice
 from servo_models.core.flat import Chunk, Flat, kept, owned
 from servo_models.core.inline import inline
 from servo_models.core.plant import Placement, Plant, unknown
@@ -145,6 +145,7 @@ class _Flattener:
     clocks: list[tuple[str, str]] = field(default_factory=list)
     modes: list[tuple[str, str]] = field(default_factory=list)
     faults: list[tuple[str, str, str]] = field(default_factory=list)
+    notices: list[tuple[int, str]] = field(default_factory=list)
     queue_at: dict[str, int] = field(default_factory=dict)
 
     def flat(self, name: str) -> Flat:
@@ -182,6 +183,7 @@ class _Flattener:
             clocks=self.clocks,
             modes=self.modes,
             faults=self.faults,
+            notices=self.notices,
             projection=self.project(),
             carried=self.carried(),
         )
@@ -223,7 +225,7 @@ class _Flattener:
         for wire, arg in zip(link.writes, link.block.acts_on):
             names[arg] = self.text(wire, max(level, self.now[wire]))
         names |= {link.block.keys.get(p, p): link.param(p) for p in link.block.params}
-        names |= {m: link.memory(m) for m in link.block.memory}
+        names |= {link.block.keys.get(m, m): link.memory(m) for m in link.block.memory}
         names |= {q: str(self.queue_at[link.memory(q)]) for q in link.block.queues}
         for wire in link.writes:
             self.now[wire] = max(level, self.now.get(wire, 0))
@@ -251,6 +253,10 @@ class _Flattener:
                 self.modes.append((text, link.owner))
             elif isinstance(memory, Fault):
                 self.faults.append((text, link.owner, memory.message))
+            elif isinstance(memory, Notice):
+                place = len(self.plant.states) + len(self.memory) - 1
+                message = memory.message.format(**link.reads)
+                self.notices.append((place, f"{link.owner}: {message}"))
 
     def serving(self, stage: list[Chunk]) -> list[Chunk]:
         """The stage chunks with what they serve: a wire that only effects read, such as the

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from servo_models.core.bounds import is_outside, on_bound, outside
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.compiled import compiled_run, plain_make
-from servo_models.core.flat import Flat, neutral_effects, trouble
+from servo_models.core.flat import Flat, neutral_effects, noticed, trouble
 from servo_models.core.flatten import flatten
 from servo_models.core.plant import Actuator, Plant, Wire, check_bounds, unknown
 from servo_models.core.printer import FURTHEST
@@ -341,9 +341,11 @@ def simulate(
         raise UserError(f"argument 'times' has shape {grid.shape}: {SECONDS}")
     columns = _columns(chosen, {} if inputs is None else inputs, grid.shape)
     matrix = np.column_stack(list(columns.values()))
-    out = chosen.run(grid, matrix)
+    state = chosen.start()
+    out = chosen.run(grid, matrix, state)
     named = {name: out[:, i] for i, name in enumerate(chosen.plant.outputs)}
-    warnings = (*doubts(chosen, grid, matrix, out), *beyond_map(chosen, grid, matrix))
+    notices = noticed(chosen.flat, state.tolist()).values()
+    warnings = (*doubts(chosen, grid, matrix, out), *notices)
     return Result(grid, columns, named, warnings)
 
 
@@ -412,30 +414,6 @@ def doubts(chosen: Model, times: Array, inputs: Array, out: Array) -> Iterator[s
             yield (
                 f"output '{name}' reaches {size[largest]:.2g} times its full scale at"
                 f" t = {times[largest]:g} s: check parameters and inputs"
-            )
-
-
-def beyond_map(chosen: Model, times: Array, inputs: Array) -> Iterator[str]:
-    """Yield, in words, where a residual map is on beyond the range in which it was learnt."""
-    plant = chosen.plant
-    names = [wire.name for wire in plant.inputs]
-    learnt = [name for name in plant.placements if plant.main(name).effect.hints.learnt]
-    for link in (link for name in learnt for link in plant.placements[name]):
-        key = f"{link.name}.{link.effect.switches[0]}"
-        if "regressor" not in link.effect.wires or chosen.values[key] == 0.0:
-            continue
-        wire = link.wire_of("regressor")
-        if wire in names:
-            known = inputs[:, names.index(wire)]
-        else:
-            seen = with_output(chosen, wire)
-            known = seen.run(times, inputs)[:, seen.plant.outputs.index(wire)]
-        low, high = chosen.values[f"{key}_low"], chosen.values[f"{key}_high"]
-        share = float(np.mean((known < low) | (known > high)))
-        if share > 0.0:
-            yield (
-                f"{link.name} is held at its edge in {100.0 * share:.2g} % of the run: its curve of"
-                f" '{wire}' is known from {low:.3g} to {high:.3g} {plant.wire[wire].unit}"
             )
 
 

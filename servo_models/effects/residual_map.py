@@ -8,13 +8,16 @@ claimed, so no search tries it as a cause; ``diagnosis.residual_map`` learns it.
 import math
 from typing import Annotated
 
-from servo_models.core.block import Hints, Memory, Param, effect
+from servo_models.core.block import Hints, Memory, Notice, Param, effect
 
 SOURCE = "Hastie, Tibshirani, Generalized Additive Models, 1990, ch. 4 (additive curves)"
 KNOTS = 9
 """Of each curve, evenly spaced from its low to its high end."""
 LAST = KNOTS - 1.0
 """Place of the last knot, where the first one is at 0."""
+ROUNDING = 1e-6
+"""Beyond an end, in distances of two knots, up to which it is still there."""
+BEYOND = "'{regressor}' went beyond the range of its curve, which is held at its edge there"
 
 Weight = Annotated[
     float, Param("1", "weight of the curve", low=0.0, high=1.0, switch=True, typical=1.0)
@@ -60,14 +63,17 @@ def curve(
     knot_7: Annotated[float, _value("knot 7", 0.5)],
     knot_8: Annotated[float, _value("knot 8", 0.75)],
     knot_9: Annotated[float, _value("the high end", 1.0)],
-) -> float:
+    beyond: Annotated[float, Notice(message=BEYOND)],
+) -> tuple[float, float]:
     """Adds a broken line through values at evenly spaced knots, held at both ends.
 
     It is written as a sum of distances to the knots, each times the bend of the line there.
     """
     if weight <= 0.0 or high <= low:
-        return residual
+        return residual, beyond
     at = LAST * (regressor - low) / (high - low)
+    if at < -ROUNDING or at > LAST + ROUNDING:
+        beyond = 1.0
     bent = (knot_2 - knot_1) * abs(at)
     bent += (knot_3 - 2.0 * knot_2 + knot_1) * abs(at - 1.0)
     bent += (knot_4 - 2.0 * knot_3 + knot_2) * abs(at - 2.0)
@@ -77,7 +83,7 @@ def curve(
     bent += (knot_8 - 2.0 * knot_7 + knot_6) * abs(at - 6.0)
     bent += (knot_9 - 2.0 * knot_8 + knot_7) * abs(at - 7.0)
     bent += (knot_8 - knot_9) * abs(at - LAST)
-    return residual + weight * 0.5 * (knot_1 + knot_9 + bent)
+    return residual + weight * 0.5 * (knot_1 + knot_9 + bent), beyond
 
 
 @effect("driven", source=SOURCE)
@@ -105,7 +111,9 @@ def residual_reading(
 
 
 CURVES = {
-    key: curve.keyed({**{name: f"{key}_{name}" for name in curve.params}, "weight": key})
+    key: curve.keyed(
+        {**{name: f"{key}_{name}" for name in (*curve.params, *curve.memory)}, "weight": key}
+    )
     for key in ("rate", "position", "command", "load", "reversal")
 }
 """The curve of each thing that the map may be of, by the key of its weight."""
