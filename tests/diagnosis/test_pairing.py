@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -305,3 +305,38 @@ def test_further_effects_are_sought_beside_models_that_share_none(
         assert not any(set(one.effects) & set(it.effects) for it in found[:k])
     if pairs:
         assert found[0].loss == min(loss for _, loss in pairs)
+
+
+@pytest.mark.parametrize(("size", "sought"), [(2, ["a"]), (3, ["ab", "cd"])])
+def test_discontinuous_effects_are_sought_beside_two_pairs_that_do_as_well(
+    size: int, sought: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The better triple may have grown from the second best pair."""
+    search = object.__new__(SubsetSelection)
+    search.models, search.tell = {}, lambda _: None
+    search.screener = cast(Any, SimpleNamespace(beside=lambda base, pool: []))
+    search.fitter, asked = cast(Any, None), []
+    losses = {"a": 4.0, "c": 4.5, "ab": 2.0, "cd": 2.2, "e": 9.0, "ef": 8.0}
+    for names, loss in losses.items():
+        left = SimpleNamespace(rms=loss)
+        search.keep(
+            cast(
+                Any,
+                SimpleNamespace(
+                    effects=tuple(names),
+                    loss=loss,
+                    cost=loss,
+                    settled=False,
+                    evidence=left,
+                    linearised=None,
+                ),
+            )
+        )
+    module = "servo_models.diagnosis.search.selection"
+    monkeypatch.setattr(
+        f"{module}.shortlist", lambda fitter, base, *_: asked.append("".join(base.effects)) or []
+    )
+    monkeypatch.setattr(f"{module}.screen", lambda *_: [])
+    monkeypatch.setattr(SubsetSelection, "add", lambda *_: None)
+    search.grow_discontinuous(size, cast(Any, [SimpleNamespace(grid=((),))]))
+    assert asked == sought

@@ -21,7 +21,12 @@ from scipy.signal import lombscargle
 
 from servo_models.core.block import Harmonic
 from servo_models.core.types import Array
-from servo_models.diagnosis.search.candidates import LEAST_SAMPLES_IN_A_PERIOD, Candidate, Settings
+from servo_models.diagnosis.search.candidates import (
+    LEAST_RIPPLE_PERIODS_IN_TRAVEL,
+    LEAST_SAMPLES_IN_A_PERIOD,
+    Candidate,
+    Settings,
+)
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import best_start
 from servo_models.diagnosis.search.linearisation import Linearisation
@@ -30,6 +35,8 @@ from servo_models.identification.problem import Free, free_parameter
 
 SPACING_RAD = 1.0
 """By which the phase of a sine changes over the travel from one count of a spectrum to the next."""
+LEAST_PERIODS_IN_TRAVEL = 2.0
+"""Of a further sine: with fewer, some of them are any shape over the position."""
 PEAKS = 12
 """Of the spectrum, the highest, that are simulated."""
 
@@ -82,14 +89,19 @@ def _one_more(
 
 
 def _free(model: FittedModel, one: Candidate, harmonic: Harmonic) -> list[Free]:
-    """Parameters of a further sine; its count has the bounds of the first one's."""
-    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
+    """Parameters of a further sine."""
     chosen, found = model.problem.model, []
     for key in (harmonic.share, harmonic.count, harmonic.phase):
         parameter = chosen.plant.parameters[f"{one.name}.{key}"]
         free = free_parameter(parameter, chosen.values[parameter.name], None)
-        found.append(replace(free, low=count.low) if key == harmonic.count else free)
+        found.append(replace(free, low=_least_count(one)) if key == harmonic.count else free)
     return found
+
+
+def _least_count(one: Candidate) -> float:
+    """Of a further sine [periods in a turn]."""
+    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
+    return count.low * LEAST_PERIODS_IN_TRAVEL / LEAST_RIPPLE_PERIODS_IN_TRAVEL
 
 
 def _pursuit(
@@ -160,7 +172,7 @@ def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
     if not travelled or not step:
         return []
     high = min(count.high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
-    counts = np.arange(count.low, high, SPACING_RAD / travelled)
+    counts = np.arange(_least_count(one), high, SPACING_RAD / travelled)
     power = _power(model, angles, counts)
     around = np.concatenate([[0.0], power, [0.0]])
     peaks = np.flatnonzero((power > around[:-2]) & (power >= around[2:]))

@@ -60,6 +60,9 @@ BASES = 3
 look-alikes which is closer to the cause gains more by what both lack."""
 BASE_LOSS_OVER_BEST = {1: inf, 2: 1.25}
 """By the size of such models; of larger ones there is the best alone."""
+DISCONTINUOUS_BASES = 2
+"""Models by two effects and more beside which discontinuous effects are searched for, which takes
+time; of those by one effect it is the best alone."""
 PAIRS_AT_ONCE = 6
 """Pairs of effects that were screened together and are fitted so."""
 SWAPS = 3
@@ -102,7 +105,8 @@ ENTRY_SHARE = 0.02
 ENTRY_SHARE_ON_BOUND = 0.2
 """The same where a bound holds it back: what it imitates may be another effect."""
 ENTRY_SHARE_OF_THIRD = 0.2
-"""The same for a third effect and each after it: many together imitate what is none of them."""
+"""The same for a third effect and each after it, and for each further sine of a ripple: many
+together imitate what is none of them."""
 
 Tell = Callable[[str], None]
 
@@ -257,7 +261,7 @@ class SubsetSelection:
                 if taken.settled:
                     break
                 more = with_sines(self.fitter, taken, one, number)
-                if more and passes_entry_test(more, taken):
+                if more and passes_entry_test(more, taken, ENTRY_SHARE_OF_THIRD):
                     taken = more
                     self.keep(taken)
         return taken
@@ -306,8 +310,9 @@ class SubsetSelection:
             self.add(base, promising(results, share * base.cost, ADDED))
 
     def grow_discontinuous(self, size: int, pool: Sequence[Candidate]) -> None:
-        """Fit discontinuous effects beside the best smaller model, unless another one halves it."""
-        for base in self.bases(size - 1)[:1]:
+        """Fit discontinuous effects beside the best smaller models, unless one halves what they
+        leave."""
+        for base in self.bases(size - 1)[: 1 if size == 2 else DISCONTINUOUS_BASES]:
             halved = self.loss(size) < HALF_LOSS * base.loss
             if not any(one.grid for one in pool) or halved or self.settled(size):
                 return
