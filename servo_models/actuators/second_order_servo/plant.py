@@ -64,6 +64,7 @@ COMMAND: tuple[Block | Placement, ...] = (
         "command_quantisation",
         "command_offset",
         "rate_limit",
+        "stiction",
     ),
 )
 LOOP: tuple[Block | Placement, ...] = (

@@ -81,6 +81,7 @@ PLANT = Plant(
             "drive_saturation",
             "rate_limit",
             "thermal_drift",
+            "stiction",
         ),
         *residual_curves("voltage"),
         place("residual_map", residual_drive, "voltage"),
