@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,8 +51,9 @@ def product(e: Experiment, parameters: dict[str, float]) -> tuple[Array, ...]:
     for plan in e.plans:
         rows = np.arange(len(plan.command))
         times = np.concatenate([[0.0], e.rig.settle + rows * plan.stride * e.rig.step])
-        command = np.concatenate([plan.command[:1], plan.command])
-        found = simulate(chosen, times, {e.rig.command.name: command, "load_torque": e.load})
+        command, shares = (np.append(rows[0], rows) for rows in (plan.command, plan.shares))
+        inputs = {e.rig.command.name: command, "load_torque": e.load * shares}
+        found = simulate(chosen, times, inputs)
         names = [s.name for s, place in e.rig.readings if place in e.readings]
         logs.append(np.column_stack([found[name][1:] for name in names]))
     return tuple(logs)
@@ -117,6 +119,8 @@ def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
     """A cause that makes a gap of ``share`` of the range."""
     rig = subject.rig
     plans = rich(rig, np.random.default_rng(1), 1)
+    if subject.cause.name == "load_gain":
+        plans = tuple(replace(it, load=np.sin(0.1 * np.arange(len(it.command)))) for it in plans)
     e = experiment(rig, plans, load=rig.load[1])
     drawn = draw(subject.cause, np.random.default_rng(4))
     return e, sized(e, drawn, share * float(e.ranges[0]), 0.2)

@@ -161,6 +161,7 @@ SG90: tuple[Cause, ...] = (
     _one("drive_saturation", "limit", "ceiling", 4.8, 1.2, "drive"),
     _one("supply_sag", "resistance", "sag", 0.2, 30.0, "source"),
     _signed("constant_load", "torque", "constant_load", 2e-3, 0.15),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
     _gravity(1e-3, 0.17),
     _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
     _one("viscous_friction", "torque", "drag", 5e-3, 0.35, "drag"),
@@ -174,6 +175,7 @@ SG90: tuple[Cause, ...] = (
     _one("reading_quantisation", "step", "reading_step", 0.5 * D, 15.0 * D),
 )
 
+_SLIP = Quantity("jump", "slip_jump", 0.1, 0.9)
 _COIL_TURN = Quantity("turn", "turn", 2e-4, 4e-3)
 
 TORQUE_MOTOR: tuple[Cause, ...] = (
@@ -189,6 +191,8 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
     _one("drive_dead_zone", "half_width", "command_dead_zone", 0.02, 6.0),
     _one("drive_saturation", "limit", "command_ceiling", 25.0, 6.0),
     _one("rate_limit", "rate", "slew", 1e5, 500.0),
+    _one("stiction", "band", "stick_band", 0.1, 12.0, shape=(_SLIP,)),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
     _one("supply_sag", "resistance", "sag", 20.0, 1000.0),
     _signed("constant_load", "torque", "constant_load", 5e-5, 0.03),
     _gravity(2e-4, 0.055),

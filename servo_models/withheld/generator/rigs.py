@@ -41,7 +41,7 @@ class Rig:
         units: from true values to settings per SI unit of an effect's parameter, by name.
         command: what is commanded, ``rest`` its value at rest [SI].
         amplitude: range of the largest excursion from rest [SI].
-        load: range of the constant load torque [N m], known to the description.
+        load: range of the load torque [N m], known to the description, or with a column of it.
         readings: what is logged always, then what may be logged as well: signal and place.
         fastest, slowest: time constants of the nominal rig [s].
         step: of the simulation [s]; ``sampling`` in these steps.
@@ -69,6 +69,8 @@ class Rig:
     chirp: tuple[float, float]
 
 
+LOAD = Signal("load_torque", "N.m", 1.0)
+"""A load that changes, as logged."""
 REST, VOLTS_PER_SECOND, SUPPLY, GEAR, K_F = 1.5e-3, 250.0, 5.0, 24.0, 0.1
 PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi
 STALL_TORQUE, STALL_VOLTAGE, NO_LOAD = 0.1765, 4.8, 51.1 * 4.8 / GEAR

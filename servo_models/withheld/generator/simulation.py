@@ -52,7 +52,6 @@ class Constants(NamedTuple):
     bristle_stiffness: float = 1.0  # N m/rad
 
     extra_inertia: float = 0.0
-    load: float = 0.0
     constant_load: float = 0.0
     gravity: float = 0.0
     gravity_phase: float = 0.0
@@ -113,6 +112,8 @@ class Command(NamedTuple):
     command_dead_zone: float = 0.0
     command_ceiling: float = 0.0
     slew: float = 0.0
+    stick_band: float = 0.0
+    slip_jump: float = 0.0  # over the band
 
 
 class Sensor(NamedTuple):
@@ -143,6 +144,7 @@ class Outside(NamedTuple):
     sticking: float = 0.0
     hum: float = 0.0
     hum_frequency: float = 0.0
+    load_gain: float = 0.0
 
 
 def compiled(function: F) -> F:
@@ -177,6 +179,9 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
     arrived = np.empty_like(command)
     last = np.nan
     line = np.full(late + 1, command[0])
+    static = 0.5 * (1.0 + c.slip_jump) * c.stick_band
+    kinetic = 0.5 * (1.0 - c.slip_jump) * c.stick_band
+    force = valve = driven = 0.0
     for n in range(len(command)):
         if lost[n] == 0.0:
             received = command[n]
@@ -202,6 +207,14 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
             arrived[n] = 0.5 * (before + last)
         else:
             arrived[n] = last = out
+        if c.stick_band > 0.0:
+            force += arrived[n] - driven
+            driven = arrived[n]
+            if abs(force) > static:
+                residue = math.copysign(kinetic, force)
+                valve += force - residue
+                force = residue
+            arrived[n] = valve
     return arrived
 
 
@@ -375,7 +388,7 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
         output = x[PLAY]
     d[ANGLE] = output
-    load = r.load + r.constant_load + acts[TORQUE]
+    load = r.constant_load + acts[TORQUE]
     if r.gravity != 0.0:
         load += r.gravity * math.sin(output + r.gravity_phase)
     if r.load_inertia > 0.0:
@@ -519,10 +532,22 @@ class Plan:
     Attributes:
         stride: steps of the simulation per row.
         command: SI, one value per row, shape (n,).
+        load: over the load torque of the experiment, shape (n,); None for 1 in all rows.
     """
 
     stride: int
     command: Array
+    load: Array | None = None
+
+    @property
+    def shares(self) -> Array:
+        """The load over that of the experiment, shape (n,)."""
+        return np.ones(len(self.command)) if self.load is None else self.load
+
+    def held(self, rows: Array, before: int) -> Array:
+        """Rows held for the steps of each, after ``before`` steps of the first."""
+        held = np.repeat(rows, self.stride)[: -self.stride + 1 or None]
+        return np.concatenate([np.full(before, rows[0]), held])
 
 
 @dataclass(frozen=True)
@@ -532,7 +557,7 @@ class Experiment:
     Attributes:
         rig: which rig.
         true: its constants by the product's names [SI].
-        load: constant load torque [N m].
+        load: load torque [N m], of which a plan may have other shares in each row.
         plans: one per log.
         readings: places of what is logged, the judged one first.
         seed: of what comes and goes by itself.
@@ -545,6 +570,11 @@ class Experiment:
     readings: tuple[int, ...]
     seed: int
 
+    @property
+    def varied(self) -> bool:
+        """Whether the load changes, so that a log has a column of it."""
+        return self.load != 0.0 and any(plan.load is not None for plan in self.plans)
+
     @cached_property
     def units(self) -> dict[str, float]:
         return self.rig.units(self.true)
@@ -556,7 +586,7 @@ class Experiment:
 
     def logs(self, settings: Mapping[str, float]) -> tuple[Array, ...]:
         """Return noise-free logs [SI], one of shape (rows, readings) per plan."""
-        every = {**self.rig.constants(self.true), "load": self.load, **settings}
+        every = {**self.rig.constants(self.true), **settings}
         unknown = set(every) - {name for stage in STAGES for name in stage._fields}
         if unknown:
             raise KeyError(f"no such settings: {sorted(unknown)}")
@@ -575,11 +605,12 @@ class Experiment:
     def _log(self, plan: Plan, settings: Mapping[str, float], number: int) -> Array:
         step = self.rig.step
         before = round(self.rig.settle / step)
-        held = np.repeat(plan.command, plan.stride)[: -plan.stride + 1 or None]
-        command = np.concatenate([np.full(before, plan.command[0]), held])
+        command = plan.held(plan.command, before)
         outside, lost = disturbed(
             settings, len(command), step, self.rig.slowest, self.seed + number
         )
+        scale = 1.0 + settings.get("load_gain", 0.0)
+        outside[:, TORQUE - GAIN] += scale * self.load * plan.held(plan.shares, before)
         seen = np.empty((len(command), 3))
         drive = travelled(command, lost, _some(Command, settings), step)
         constants: Any = np.rec.array([tuple(_some(Constants, settings))], dtype=RECORD)[0]
