@@ -16,7 +16,7 @@ from servo_models.core.block import OTHER_UNITS, Ambiguity, Hints, Param, effect
             "the same command three times: unloaded, with a known load, and with twice that load: a"
             " wrong scale of the load grows with it, all else stays",
             ("gain_error",),
-            ("constant_load", "gravity_load", "load_friction"),
+            ("constant_load", "gravity_load"),
         ),
     ),
 )

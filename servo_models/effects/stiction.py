@@ -6,7 +6,7 @@ valve moves (dead band and stick band together), and the slip jump J.
 
 from typing import Annotated
 
-from servo_models.core.block import Ambiguity, Grid, Hints, Memory, Mode, Param, effect
+from servo_models.core.block import Ambiguity, Hints, Memory, Mode, Param, effect
 
 
 @effect(
@@ -14,7 +14,6 @@ from servo_models.core.block import Ambiguity, Grid, Hints, Memory, Mode, Param,
     source="He, Wang, Pottmann, Qin, Ind. Eng. Chem. Res. 46 (2007) 4549; S and J: Choudhury,"
     " Thornhill, Shah, Control Engineering Practice 13 (2005) 641",
     hints=Hints(
-        grid=Grid(low=0.05, high=10.0, least_spacing=0.005),
         jump="jump",
         ambiguity=Ambiguity(
             "a slow triangle, then the same with a tenth of the amplitude about two positions: play"
