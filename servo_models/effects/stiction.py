@@ -8,12 +8,16 @@ from typing import Annotated
 
 from servo_models.core.block import Ambiguity, Hints, Memory, Mode, Param, effect
 
+TRIALS_OVER_TYPICAL = tuple(0.1 * 1.3**k for k in range(18))
+"""So near each other that steps which make one slip are told from those that do not."""
+
 
 @effect(
     "signal",
     source="He, Wang, Pottmann, Qin, Ind. Eng. Chem. Res. 46 (2007) 4549; S and J: Choudhury,"
     " Thornhill, Shah, Control Engineering Practice 13 (2005) 641",
     hints=Hints(
+        trial_values=TRIALS_OVER_TYPICAL,
         jump="jump",
         ambiguity=Ambiguity(
             "a slow triangle, then the same with a tenth of the amplitude about two positions: play"
