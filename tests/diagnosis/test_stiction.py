@@ -48,7 +48,8 @@ def test_stiction_is_named_with_its_band_and_jump(tmp_path: Path, band: float, j
     assert (found.verdict.kind, found.verdict.members) == ("effect", ("stiction",))
     assert found.fitted.values["stiction.band"] == pytest.approx(band, rel=0.03)
     assert found.fitted.values["stiction.jump"] == pytest.approx(jump, abs=0.03)
-    assert found.gap.rms["after"] < 1.1
+    # a slip that comes a row early or late leaves some noise floors
+    assert found.gap.rms["after"] < 0.1 * found.gap.rms["before"]
 
 
 @pytest.mark.parametrize(

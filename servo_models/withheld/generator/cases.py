@@ -142,10 +142,12 @@ def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
         command: SI, one value per row, shape (n,); it is played as its log can print it.
         rng: of the noise.
 
-    Its load is constant.
+    Its load is that of the last log, again from the beginning where that is over.
     """
     before = case.experiment
     plan = _plan(before.rig, before.plans[0].stride, command - before.rig.rest)
+    if before.varied:
+        plan = replace(plan, load=np.resize(before.plans[-1].shares, len(command)))
     causes = _settings(before, *case.acting, *case.hidden)
     alone = replace(before, plans=(plan,), seed=before.seed + len(before.plans))
     (noise_free,) = alone.logs(causes)
