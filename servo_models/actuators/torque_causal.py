@@ -12,6 +12,7 @@ law of motion, contact         dropped: the engine integrates, and its solver ho
 ``travel``                     output: half of the joint's range, 0 for none
 load inertia, constant load,   dropped: the engine's bodies and forces are the load; friction
 gravity, load friction,        that grows with it is the engine's too
+scale of the load's input,
 residual map of the load
 gear compliance                dropped: its second mass is a second joint of the engine
 backlash                       stays: it is in the reading of the loop and carries no inertia
@@ -23,7 +24,7 @@ Everything is derived from the plant, so no equation stands twice.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import replace
 
 from servo_models.actuators.shaft import driven_shaft, shaft_acceleration, unloaded
@@ -110,7 +111,8 @@ def _variants(actuator: Actuator) -> Iterator[Variant]:
 
 @functools.lru_cache(maxsize=64)  # variants of one plant share its form
 def _plant(plant: Plant) -> Plant:
-    kept = [_for_engine(link) for link in plant.chain if not _is_of_the_engine(link)]
+    loads = {wire for link in plant.chain if _is_external_load(link) for wire in _reads(link)}
+    kept = [_for_engine(link) for link in plant.chain if not _is_of_the_engine(link, loads)]
     read = {wire for link in kept for wire in _reads(link)}
     joint = _joint(plant)
     shaft = [state.wire for state in plant.states if state.name in driven_shaft.gives]
@@ -134,9 +136,14 @@ def _plant(plant: Plant) -> Plant:
     )
 
 
-def _is_of_the_engine(link: Block | Placement) -> bool:
+def _is_external_load(link: Block | Placement) -> bool:
+    return isinstance(link, Block) and link.gives == unloaded.gives
+
+
+def _is_of_the_engine(link: Block | Placement, loads: Set[str]) -> bool:
+    """``loads``: inputs that the load from outside is made of, and with it what acts on them."""
     if isinstance(link, Placement):
-        return link.effect in OF_THE_ENGINE
+        return link.effect in OF_THE_ENGINE or not loads.isdisjoint(link.on)
     return link == shaft_acceleration
 
 
@@ -144,7 +151,7 @@ def _for_engine(link: Block | Placement) -> Block | Placement:
     """Return a block as it is, but no load from outside, and no other unit of the angle than 1."""
     if isinstance(link, Placement):
         return link
-    if link.gives == unloaded.gives:
+    if _is_external_load(link):
         return unloaded
     if UNIT_OF_ANGLE in link.params:
         only_one = replace(link.params[UNIT_OF_ANGLE], default=1.0, low=1.0, high=1.0)

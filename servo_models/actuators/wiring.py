@@ -13,6 +13,8 @@ from servo_models.effects.gain_error import gain_error
 from servo_models.effects.residual_map import CURVES, time_since_reversal
 
 RESIDUAL_MAP = "residual_map"
+UNKNOWN_SCALE = {"error": {"low": -2.0, "high": 9.0}}
+"""Of an input column: from the other sign up to ten times as large."""
 LEARNT = (
     Wire("residual", "1", "curves of the residual map, over its sizes"),
     Wire("since_reversal", "s", "time since the motion turned, negative while it is"),
@@ -36,6 +38,11 @@ def turning(
     angle = Wire(f"{which}_angle", "rad", f"angle of the {of}", scales[0], display="deg")
     speed = Wire(f"{which}_speed", "rad/s", f"speed of the {of}", scales[1])
     return State(angle, rate, owner=owner), State(speed, acceleration, owner=owner)
+
+
+def input_scale(name: str, wire: str) -> Placement:
+    """Return the place of a scale that an input's column has wrong."""
+    return place(name, gain_error, wire, params=UNKNOWN_SCALE)
 
 
 def outside_sensor(name: str, wire: str) -> tuple[Placement, ...]:

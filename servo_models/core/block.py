@@ -259,6 +259,8 @@ class Hints:
             effect without one stays where it has a derivative.
         ambiguity: what it is confused with, if its own file says it and not that of another.
         parameter_units: units of plant parameters whose error looks like it.
+        of_changes: on an input that has one value in all logs it is as good as an offset, and is
+            not searched for.
         family: what it is in a word that effects share which exchange for each other, such as
             "friction".
         learnt: it has whatever form a log shows, so it is never searched for as a cause.
@@ -278,6 +280,7 @@ class Hints:
     small_signal: LinearMemory | None = None
     ambiguity: Ambiguity | None = None
     parameter_units: tuple[str, ...] = ()
+    of_changes: bool = False
     family: str = ""
     learnt: bool = False
 

@@ -2,11 +2,23 @@
 
 from typing import Annotated
 
-from servo_models.core.block import OTHER_UNITS, Hints, Param, effect
+from servo_models.core.block import OTHER_UNITS, Ambiguity, Hints, Param, effect
 
 
 @effect(
-    "signal", source="definition", hints=Hints(family="gain error", parameter_units=(OTHER_UNITS,))
+    "signal",
+    source="definition",
+    hints=Hints(
+        family="gain error",
+        parameter_units=(OTHER_UNITS,),
+        of_changes=True,
+        ambiguity=Ambiguity(
+            "the same command three times: unloaded, with a known load, and with twice that load: a"
+            " wrong scale of the load grows with it, all else stays",
+            ("gain_error",),
+            ("constant_load", "gravity_load"),
+        ),
+    ),
 )
 def gain_error(
     signal: float,

@@ -13,7 +13,7 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import turning
+from servo_models.actuators.wiring import input_scale, turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
@@ -109,7 +109,13 @@ def _plant(
         inputs=(command, LOAD),
         wires=(*WIRES, *wires),
         constants=internal_step(step),
-        chain=(*SHAFT, *drive, *TORQUES),
+        chain=(
+            *SHAFT,
+            input_scale("command_gain", command.name),
+            input_scale("load_gain", LOAD.name),
+            *drive,
+            *TORQUES,
+        ),
         states=(
             *turning("shaft", "shaft_rate", "acceleration", SCALES),
             *turning("load", "load_rate", "load_acceleration", SCALES, owner="gear_compliance"),

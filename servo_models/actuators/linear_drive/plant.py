@@ -10,7 +10,7 @@ import math
 
 from servo_models.actuators.linear_drive import physics as drive
 from servo_models.actuators.shaft import free_shaft, shaft_acceleration, shaft_contact
-from servo_models.actuators.wiring import LEARNT, residual_curves
+from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
@@ -55,6 +55,8 @@ BEFORE: tuple[Block | Placement, ...] = (
     *effects_on(("position", "speed"), "backlash"),
 )
 LOOP: tuple[Block | Placement, ...] = (
+    input_scale("command_gain", "reference"),
+    input_scale("load_gain", "load_force"),
     *residual_curves("reference", "load_force"),
     drive.encoder,
     *effects_on("reading", "sensor_lag", "sensor_nonlinearity"),

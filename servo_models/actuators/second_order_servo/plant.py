@@ -13,7 +13,13 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import LEARNT, outside_sensor, residual_curves, turning
+from servo_models.actuators.wiring import (
+    LEARNT,
+    input_scale,
+    outside_sensor,
+    residual_curves,
+    turning,
+)
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
@@ -56,6 +62,8 @@ COMMAND: tuple[Block | Placement, ...] = (
     place("gear_compliance", resonance_step, "internal_step"),
     *effects_on("travel", "end_stops"),
     servo.command_decoder,
+    input_scale("command_gain", "reference"),
+    input_scale("load_gain", "load_torque"),
     *effects_on(
         "reference",
         "transport_delay",
@@ -64,6 +72,7 @@ COMMAND: tuple[Block | Placement, ...] = (
         "command_quantisation",
         "command_offset",
         "rate_limit",
+        "stiction",
     ),
 )
 LOOP: tuple[Block | Placement, ...] = (

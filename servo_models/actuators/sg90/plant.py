@@ -13,7 +13,7 @@ from servo_models.actuators.shaft import (
     shaft_contact,
     shaft_output,
 )
-from servo_models.actuators.wiring import LEARNT, outside_sensor, residual_curves
+from servo_models.actuators.wiring import LEARNT, input_scale, outside_sensor, residual_curves
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, State, Wire, internal_step, place
@@ -61,6 +61,7 @@ COMMAND: tuple[Block | Placement, ...] = (
     *effects_on("shaft_inertia", "load_inertia"),
     place("gear_compliance", resonance_step, "internal_step", params={"compliance": COMPLIANCE}),
     *effects_on("travel", "end_stops"),
+    input_scale("load_gain", "load_torque"),
     *effects_on("pulse_width", "transport_delay", "sample_hold", "dead_band"),
     servo.command_voltage,
     *effects_on(

@@ -21,7 +21,7 @@ from servo_models.actuators.shaft import (
     shaft_output,
 )
 from servo_models.actuators.smart_servo import physics as servo
-from servo_models.actuators.wiring import LEARNT, residual_curves, turning
+from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves, turning
 from servo_models.core.block import Block
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Placement, Plant, Wire, internal_step, place
@@ -82,6 +82,8 @@ GOAL: tuple[Block | Placement, ...] = (
     place("coasting_backlash", contact_step, "internal_step"),
     place("gear_compliance", resonance_step, "internal_step"),
     *effects_on("travel", "end_stops", half_range={"typical": 0.05}),
+    input_scale("command_gain", "goal"),
+    input_scale("load_gain", "load_torque"),
     *effects_on("goal", "transport_delay", "motion_profile"),
 )
 LOOP: tuple[Block | Placement, ...] = (

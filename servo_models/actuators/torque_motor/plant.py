@@ -17,7 +17,7 @@ from servo_models.actuators.shaft import (
     shaft_output,
 )
 from servo_models.actuators.torque_motor import physics as motor
-from servo_models.actuators.wiring import LEARNT, residual_curves
+from servo_models.actuators.wiring import LEARNT, input_scale, residual_curves
 from servo_models.core.catalogue import effects_on
 from servo_models.core.plant import Plant, State, Wire, internal_step, place
 from servo_models.effects.gear_compliance import compliant_load, compliant_output, resonance_step
@@ -63,6 +63,7 @@ PLANT = Plant(
         *effects_on("shaft_inertia", "load_inertia"),
         place("gear_compliance", resonance_step, "internal_step", params=SECOND_MASS),
         *effects_on("travel", "end_stops"),
+        input_scale("load_gain", "load_torque"),
         *effects_on(
             "voltage",
             "transport_delay",
@@ -81,6 +82,7 @@ PLANT = Plant(
             "drive_saturation",
             "rate_limit",
             "thermal_drift",
+            "stiction",
         ),
         *residual_curves("voltage"),
         place("residual_map", residual_drive, "voltage"),

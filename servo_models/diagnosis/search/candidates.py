@@ -128,10 +128,23 @@ def candidates(
     for name, parameters in owned.items():
         switches = [p for p in parameters if p.param.switch and p.param.typical > 0.0]
         on = any(model.values[p.name] != 0.0 for p in parameters if p.param.switch)
-        learnt = model.plant.main(name).effect.hints.learnt
-        if switches and not on and not learnt and name not in skipped:
+        main = model.plant.main(name)
+        hints = main.effect.hints
+        vain = hints.learnt or (hints.of_changes and _never_changes(model, logs, main.on[0]))
+        if switches and not on and not vain and name not in skipped:
             found.append(_Off(model, logs, name, switches, parameters).candidate())
     return tuple(found)
+
+
+def _never_changes(model: Model, logs: Iterable[Log], wire: str) -> bool:
+    """Whether a wire is an input that has one value in all logs."""
+    if wire not in {it.name for it in model.plant.inputs}:
+        return False
+    rest = model.plant.wire[wire].rest
+    values = set[float | str]()
+    for log in logs:
+        values |= {*log.inputs.get(wire, [log.constants.get(wire, rest)])}
+    return len(values) < 2
 
 
 class _Off:

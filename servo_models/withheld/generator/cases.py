@@ -45,6 +45,9 @@ DEAF = -5.0
 """A gap so far below the wanted one, in natural logarithms, says nothing of the size."""
 KEPT = 0.8
 """Two causes that leave less than this share of the larger gap undo one another."""
+VARIED = 0.5
+"""Part of the loads that change during a log, so that it has a column of them."""
+LOAD_STEPS = 6
 LEAST_VALUE = 0.1
 """True values below this share of the nominal one are drawn again: they would be unphysical."""
 
@@ -138,9 +141,13 @@ def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
         case: a case.
         command: SI, one value per row, shape (n,); it is played as its log can print it.
         rng: of the noise.
+
+    Its load is that of the last log, again from the beginning where that is over.
     """
     before = case.experiment
     plan = _plan(before.rig, before.plans[0].stride, command - before.rig.rest)
+    if before.varied:
+        plan = replace(plan, load=np.resize(before.plans[-1].shares, len(command)))
     causes = _settings(before, *case.acting, *case.hidden)
     alone = replace(before, plans=(plan,), seed=before.seed + len(before.plans))
     (noise_free,) = alone.logs(causes)
@@ -181,12 +188,20 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
     readings = (0, int(rng.choice(further))) if rng.random() < 0.5 else (0,)
     seed = int(rng.integers(2**31))
     plans = _plans(rig, tier, rng)
+    if loaded and rng.random() < VARIED:
+        plans = tuple(replace(plan, load=_shares(len(plan.command), rng)) for plan in plans)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
 
 
 def _plans(rig: Rig, tier: str, rng: np.random.Generator) -> tuple[Plan, ...]:
     """What is played on a rig of a tier."""
     return large_step(rig, rng) if tier == POOR else rich(rig, rng, THIN[tier])
+
+
+def _shares(rows: int, rng: np.random.Generator) -> Array:
+    """Steps of a load, over its size."""
+    levels = rng.uniform(-1.0, 1.0, LOAD_STEPS)
+    return np.asarray(levels[LOAD_STEPS * np.arange(rows) // rows])
 
 
 def _settings(experiment: Experiment, *acting: Acting) -> dict[str, float]:
@@ -226,10 +241,13 @@ def _second(
 def _name(
     experiment: Experiment, causes: tuple[Cause, ...], rng: np.random.Generator, without: str = ""
 ) -> str:
-    """Any name is as likely as any other, but for friction of a load where there is none."""
+    """Any name is as likely as any other, but for friction of a load where there is none, and for
+    the scale of a load that does not change."""
     names = {cause.name for cause in causes} - {without}
     if experiment.load == 0.0:
         names -= {"load_friction"}
+    if not experiment.varied:
+        names -= {"load_gain"}
     return str(rng.choice(sorted(names)))
 
 

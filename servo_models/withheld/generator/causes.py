@@ -1,9 +1,10 @@
 """The causes drawn: those of the catalogue, by the product's names, and those outside of it.
 
 Left out, since a description states it already, with its uncertainty: ``transport_delay`` and
-``supply_limit`` of the sg90, ``end_stops`` of the torque motor.  Left out, since its log cannot
-show it: ``thermal_drift`` of the torque motor, over 1 s in logs of 0.2 s, and what a gyro does,
-as none is logged.
+``supply_limit`` of the sg90, ``end_stops`` of the torque motor, clock and encoder of the smart
+servo.  Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in
+logs of 0.2 s, and what a gyro does, as none is logged.  Left out, since the generator has no law of
+it: ``coasting_backlash`` and ``supply_sag`` of the smart servo.
 """
 
 from __future__ import annotations
@@ -161,6 +162,7 @@ SG90: tuple[Cause, ...] = (
     _one("drive_saturation", "limit", "ceiling", 4.8, 1.2, "drive"),
     _one("supply_sag", "resistance", "sag", 0.2, 30.0, "source"),
     _signed("constant_load", "torque", "constant_load", 2e-3, 0.15),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
     _gravity(1e-3, 0.17),
     _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
     _one("viscous_friction", "torque", "drag", 5e-3, 0.35, "drag"),
@@ -174,6 +176,7 @@ SG90: tuple[Cause, ...] = (
     _one("reading_quantisation", "step", "reading_step", 0.5 * D, 15.0 * D),
 )
 
+_SLIP = Quantity("jump", "slip_jump", 0.1, 0.9)
 _COIL_TURN = Quantity("turn", "turn", 2e-4, 4e-3)
 
 TORQUE_MOTOR: tuple[Cause, ...] = (
@@ -189,6 +192,8 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
     _one("drive_dead_zone", "half_width", "command_dead_zone", 0.02, 6.0),
     _one("drive_saturation", "limit", "command_ceiling", 25.0, 6.0),
     _one("rate_limit", "rate", "slew", 1e5, 500.0),
+    _one("stiction", "band", "stick_band", 0.1, 12.0, shape=(_SLIP,)),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
     _one("supply_sag", "resistance", "sag", 20.0, 1000.0),
     _signed("constant_load", "torque", "constant_load", 5e-5, 0.03),
     _gravity(2e-4, 0.055),
@@ -211,7 +216,36 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
     _one("sensor_quantisation", "step", "reading_step", 0.03 * D, 0.6 * D),
 )
 
-CATALOGUE = {"sg90": SG90, "torque_motor": TORQUE_MOTOR}
+_SPEEDING = Quantity("acceleration_time", "speeding_time", 0.02, 0.3)
+
+SMART_SERVO: tuple[Cause, ...] = (
+    _one("load_inertia", "inertia", "extra_inertia", 5e-4, 0.05),
+    _mass(1e-3, 0.02, 12.0, 25.0),
+    _one("end_stops", "half_range", "travel", 75.0 * D, 20.0 * D),
+    _signed("command_gain", "error", "command_gain", 5e-4, 0.3),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
+    _one("transport_delay", "time", "delay", 1e-3, 0.06, grid=True),
+    _one("motion_profile", "velocity", "cruise", 30.0, 0.5, shape=(_SPEEDING,)),
+    _one("backlash", "half_width", "play", 0.05 * D, 6.0 * D),
+    _one("sensor_lag", "time_constant", "lag", 1e-3, 0.05),
+    _signed("sensor_nonlinearity", "bow", "bow", 2e-3, 0.2),
+    _signed("sensor_nonlinearity", "cubic", "cubic", 2e-3, 0.2),
+    _signed("sensor_offset", "value", "feedback_offset", 0.05 * D, 6.0 * D),
+    _one("drive_saturation", "limit", "ceiling", 0.95, 0.15),
+    _signed("direction_asymmetry", "ratio", "asymmetry", 0.01, 0.5),
+    _one("drive_dead_zone", "half_width", "dead_zone", 0.02, 1.4),
+    _one("current_limit", "limit", "current_limit", 1.3, 0.15),
+    _one("thermal_drift", "loss", "heating", 0.03, 0.5, shape=_WARM),
+    _signed("constant_load", "torque", "constant_load", 5e-3, 0.5),
+    _gravity(5e-3, 0.5),
+    _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
+    _one("viscous_friction", "torque", "drag", 0.02, 2.5, "drag"),
+    _ripple(5e-3, 0.25, 6.0, 30.0),
+    _one("coulomb_friction", "level", "coulomb", 2e-3, 0.25),
+    _stribeck(5e-3, 0.25, 0.02, 0.2),
+)
+
+CATALOGUE = {"sg90": SG90, "torque_motor": TORQUE_MOTOR, "smart_servo": SMART_SERVO}
 
 
 def _causes(
@@ -251,4 +285,5 @@ def _causes(
 FOREIGN = {
     "sg90": _causes(torque=0.18, speed=10.0, angle=70.0 * D, hertz=6.0, slow=12.0),
     "torque_motor": _causes(torque=0.04, speed=10.0, angle=2.0 * D, hertz=80.0, slow=10.0),
+    "smart_servo": _causes(torque=1.9, speed=5.4, angle=35.0 * D, hertz=2.0, slow=5.0),
 }

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.withheld.generator.cases import TIERS, Acting, Case, draw_case
-from servo_models.withheld.generator.rigs import Rig, Signal
+from servo_models.withheld.generator.rigs import LOAD, Rig, Signal
 
 Array = NDArray[np.float64]
 
@@ -123,10 +123,11 @@ def _description(case: Case, logs: Sequence[str]) -> bytes:
             f'file = "{log}"',
             'time = { column = "time_ms", unit = "ms" }',
             _channel("inputs", rig.command),
+            *([_channel("inputs", LOAD)] if case.experiment.varied else []),
             *(_channel("outputs", signal) for signal in _signals(case)),
             f'settle = "{rig.settle:g} s"',
         ]
-        if load:
+        if load and not case.experiment.varied:
             lines.append(f"constants = {{ load_torque = {load!r} }}")
     return "\n".join([*lines, ""]).encode()
 
@@ -143,12 +144,17 @@ def _csv(case: Case, number: int, log: Array, digits: int) -> bytes:
     time = 1e3 * e.rig.step * plan.stride * np.arange(len(log))
     columns = [time, plan.command / e.rig.command.unit_size]
     formats = ["%.7g", f"%.{e.rig.command.digits}f"]
+    names = ["time_ms", e.rig.command.column]
+    if e.varied:
+        columns.append(e.load * plan.shares)
+        formats.append(f"%.{LOAD.digits}f")
+        names.append(LOAD.column)
     for i, signal in enumerate(signals):
         noise = case.noise * e.ranges[i] / e.ranges[0] / signal.unit_size
         columns.append(log[:, i] / signal.unit_size)
         formats.append(f"%.{max(0, digits - math.floor(math.log10(noise)))}f")
     text = io.StringIO()
-    names = ["time_ms", e.rig.command.column, *(signal.column for signal in signals)]
+    names += [signal.column for signal in signals]
     np.savetxt(
         text,
         np.column_stack(columns),

@@ -1,4 +1,4 @@
-"""The two rigs on the bench: numbers, what is known of them, and how they are driven and logged.
+"""The rigs on the bench: numbers, what is known of them, and how they are driven and logged.
 
 Nominal numbers and their uncertainties are those that a description states; the names in them
 are the product's, the constants of the simulation are frequencies and ratios made from them.
@@ -41,7 +41,7 @@ class Rig:
         units: from true values to settings per SI unit of an effect's parameter, by name.
         command: what is commanded, ``rest`` its value at rest [SI].
         amplitude: range of the largest excursion from rest [SI].
-        load: range of the constant load torque [N m], known to the description.
+        load: range of the load torque [N m], known to the description, or with a column of it.
         readings: what is logged always, then what may be logged as well: signal and place.
         fastest, slowest: time constants of the nominal rig [s].
         step: of the simulation [s]; ``sampling`` in these steps.
@@ -69,6 +69,8 @@ class Rig:
     chirp: tuple[float, float]
 
 
+LOAD = Signal("load_torque", "N.m", 1.0)
+"""A load that changes, as logged."""
 REST, VOLTS_PER_SECOND, SUPPLY, GEAR, K_F = 1.5e-3, 250.0, 5.0, 24.0, 0.1
 PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi
 STALL_TORQUE, STALL_VOLTAGE, NO_LOAD = 0.1765, 4.8, 51.1 * 4.8 / GEAR
@@ -153,6 +155,47 @@ def motor_units(true: Values) -> dict[str, float]:
     return {"1": 1.0, "drag": 1.0 / 100.0, "speed": 100.0}
 
 
+BUS_VOLTS, BUS_TORQUE, BUS_SPEED = 7.4, 19.5 * 0.0980665, 52.0 * 2.0 * math.pi / 60.0
+BUS_GAIN, BUS_COUNT, BUS_TICK = 16.0, 2.0 * math.pi / 4096.0, 1e-3
+BUS_STEP = 1e-4
+BUS = {
+    "torque_constant": BUS_VOLTS / BUS_SPEED,
+    "resistance": BUS_VOLTS / BUS_SPEED * BUS_VOLTS / BUS_TORQUE,
+    "inertia": 0.028,
+    "loop_factor": 0.166,
+}
+
+
+def bus_constants(true: Values) -> dict[str, float]:
+    """Motor, loop gain and clock of a servo with firmware."""
+    return {
+        "servo": 2.0,
+        "inertia": true["inertia"],
+        "torque_per_current": true["torque_constant"],
+        "resistance": true["resistance"],
+        "supply": BUS_VOLTS,
+        "duty_per_angle": BUS_GAIN * true["loop_factor"],
+        "tick": float(round(BUS_TICK / BUS_STEP)),
+        "feedback_step": BUS_COUNT,
+        "stop_frequency": 3e3,
+        "contact_rate": 1e4,
+        "bristle_stiffness": 1e4,
+    }
+
+
+def bus_units(true: Values) -> dict[str, float]:
+    """All in SI; drag and speed per full speed."""
+    return {"1": 1.0, "drag": 1.0 / 10.0, "speed": 10.0}
+
+
+def bus_poles() -> tuple[float, float]:
+    """Magnitude of the poles, and their distance from the axis [rad/s], of the rig without a clock:
+    J s^2 + (k^2 / R) s + k U K / R."""
+    pull = BUS["torque_constant"] / BUS["resistance"]
+    spring = pull * BUS_VOLTS * BUS_GAIN * BUS["loop_factor"] / BUS["inertia"]
+    return math.sqrt(spring), 0.5 * pull * BUS["torque_constant"] / BUS["inertia"]
+
+
 def motor_poles(true: Values) -> tuple[float, float]:
     """Magnitude of the fastest and of the slowest pole [rad/s] of the linear rig."""
     c = motor_constants(true)
@@ -171,6 +214,7 @@ def motor_poles(true: Values) -> tuple[float, float]:
 
 
 FAST, SLOW = motor_poles(MOTOR)
+BUS_FAST, BUS_SLOW = bus_poles()
 DEGREE = math.pi / 180.0
 RIGS = (
     Rig(
@@ -230,5 +274,30 @@ RIGS = (
         sampling=(3, 4),
         settle=0.05,
         chirp=(150.0, 300.0),
+    ),
+    Rig(
+        actuator="smart_servo",
+        variant="sts3215",
+        about="bus servo on the bench, its horn tracked from outside",
+        nominal=BUS,
+        spread={
+            "torque_constant": 0.3,
+            "resistance": 0.4,
+            "inertia": 0.3,
+            "loop_factor": 0.2,
+        },
+        constants=bus_constants,
+        units=bus_units,
+        command=Signal("goal", "deg", DEGREE, 3),
+        rest=0.0,
+        amplitude=(45.0 * DEGREE, 75.0 * DEGREE),
+        load=(0.2, 0.7),
+        readings=((Signal("angle", "deg", DEGREE), 0), (Signal("duty", "1", 1.0), 1)),
+        fastest=1.0 / BUS_FAST,
+        slowest=1.0 / BUS_SLOW,
+        step=BUS_STEP,
+        sampling=(24, 30, 34),
+        settle=1.0,
+        chirp=(2.0, 4.0),
     ),
 )

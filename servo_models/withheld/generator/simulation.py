@@ -35,13 +35,16 @@ Array = NDArray[np.float64]
 class Constants(NamedTuple):
     """Constants of a rig and sizes of what acts on it; what is 0 is absent."""
 
-    servo: float = 0.0  # 1 a closed-loop servo, 0 a torque motor
+    servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a torque motor
     inertia: float = 1.0
     natural_frequency: float = 1.0
     damping_ratio: float = 1.0
     top_speed: float = 0.0  # servo: speed of full drive
     rest: float = 0.0  # servo: feedback angle at which the output is 0
     drive_per_load: float = 0.0
+    tick: float = 0.0  # firmware: steps of the simulation from one duty to the next
+    duty_per_angle: float = 0.0
+    supply: float = 0.0
     corner: float = 0.0  # motor: resistance over inductance
     resistance: float = 1.0
     flux_per_angle: float = 0.0  # motor: as a current
@@ -52,7 +55,6 @@ class Constants(NamedTuple):
     bristle_stiffness: float = 1.0  # N m/rad
 
     extra_inertia: float = 0.0
-    load: float = 0.0
     constant_load: float = 0.0
     gravity: float = 0.0
     gravity_phase: float = 0.0
@@ -79,6 +81,7 @@ class Constants(NamedTuple):
     turn: float = 1.0
     dead_zone: float = 0.0
     ceiling: float = 0.0
+    current_limit: float = 0.0
     sag: float = 0.0  # resistance of the source; of the servo over its armature's
     heating: float = 0.0
     heating_time: float = 1.0
@@ -113,6 +116,10 @@ class Command(NamedTuple):
     command_dead_zone: float = 0.0
     command_ceiling: float = 0.0
     slew: float = 0.0
+    cruise: float = 0.0
+    speeding_time: float = 0.0
+    stick_band: float = 0.0
+    slip_jump: float = 0.0  # over the band
 
 
 class Sensor(NamedTuple):
@@ -143,6 +150,7 @@ class Outside(NamedTuple):
     sticking: float = 0.0
     hum: float = 0.0
     hum_frequency: float = 0.0
+    load_gain: float = 0.0
 
 
 def compiled(function: F) -> F:
@@ -177,6 +185,9 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
     arrived = np.empty_like(command)
     last = np.nan
     line = np.full(late + 1, command[0])
+    static = 0.5 * (1.0 + c.slip_jump) * c.stick_band
+    kinetic = 0.5 * (1.0 - c.slip_jump) * c.stick_band
+    force = valve = driven = speed = 0.0
     for n in range(len(command)):
         if lost[n] == 0.0:
             received = command[n]
@@ -200,8 +211,24 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
             before = last
             last += clip(out - last, c.slew * h)
             arrived[n] = 0.5 * (before + last)
+        elif c.cruise > 0.0 and n > 0:
+            push = c.cruise / max(c.speeding_time, h)
+            stopping = math.sqrt(2.0 * push * abs(out - last))
+            wanted = math.copysign(min(c.cruise, stopping), out - last)
+            before, begun = last, speed
+            speed += clip(wanted - speed, push * h)
+            last += 0.5 * (begun + speed) * h
+            arrived[n] = 0.5 * (before + last)
         else:
             arrived[n] = last = out
+        if c.stick_band > 0.0:
+            force += arrived[n] - driven
+            driven = arrived[n]
+            if abs(force) > static:
+                residue = math.copysign(kinetic, force)
+                valve += force - residue
+                force = residue
+            arrived[n] = valve
     return arrived
 
 
@@ -238,8 +265,9 @@ ANGLE, DRIVE, FEEDBACK, BENT, PRESS, HEAT = range(STATES, STATES + 6)
 on the gears, drive that heats."""
 WIDTH = STATES + 6
 COMMAND, GAIN, STICKING, TORQUE = range(4)
-BRISTLE, FRICTION, WARMTH, LAST, MAGNET = range(5)
-MEMORY = 5
+BRISTLE, FRICTION, WARMTH, LAST, MAGNET, DUTY = range(6)
+MEMORY = 6
+FIRMWARE = 2.0
 DAHL = 1.25
 """Exponent of the hysteresis; with 1 it would be that of Coleman and Hodgdon."""
 LEAST_LEVEL = 1e-3
@@ -288,10 +316,8 @@ def resonant(value: float, x: Array, r: Constants, d: Array) -> float:
 
 
 @compiled
-def servo_torque(
-    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
-) -> int:
-    """Add the motor's torque of a loop about the output to d[W]; returns its regime."""
+def sensed(x: Array, r: Constants, d: Array) -> int:
+    """Write what a loop reads of the output to d[FEEDBACK]; returns its code."""
     output = d[ANGLE]
     seen = output
     if r.lag > 0.0:
@@ -300,12 +326,42 @@ def servo_torque(
     seen += r.rest
     ratio = seen / r.full_scale
     seen += seen * ratio * (r.bow + r.cubic * ratio) + r.feedback_offset
-    regime = 0
+    code = 0
     if r.feedback_step > 0.0:
         code = math.floor(seen / r.feedback_step + 0.5)
         seen = code * r.feedback_step
-        regime = 1000 * int(code)
     d[FEEDBACK] = seen
+    return code
+
+
+@compiled
+def firmware_torque(x: Array, m: Array, r: Constants, gain: float, load: float, d: Array) -> int:
+    """Add the torque of a motor under the duty of its firmware to d[W]; returns its regime."""
+    sensed(x, r, d)
+    d[DRIVE] = m[DUTY]
+    voltage = m[DUTY] * r.supply
+    voltage += r.asymmetry * abs(voltage)
+    voltage = gain * resonant(dead(voltage, r.dead_zone), x, r, d)
+    d[HEAT] = voltage / r.supply
+    voltage *= 1.0 - r.heating * m[WARMTH]
+    current = (voltage - r.torque_per_current * x[W]) / r.resistance
+    regime = 0
+    if r.current_limit > 0.0:
+        regime = 10 * side(current, r.current_limit)
+        current = clip(current, r.current_limit)
+    kink = 1.0 + r.kink_slope * max(0.0, d[ANGLE] - r.kink_angle)
+    d[W] += r.torque_per_current * current * kink - load
+    return regime
+
+
+@compiled
+def servo_torque(
+    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
+) -> int:
+    """Add the motor's torque of a loop about the output to d[W]; returns its regime."""
+    output = d[ANGLE]
+    regime = 1000 * sensed(x, r, d)
+    seen = d[FEEDBACK]
     damping = 2.0 * r.damping_ratio * r.natural_frequency
     drive = (command - seen) * r.natural_frequency**2 / (damping * r.top_speed)
     drive += r.asymmetry * abs(drive)
@@ -375,7 +431,7 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
         output = x[PLAY]
     d[ANGLE] = output
-    load = r.load + r.constant_load + acts[TORQUE]
+    load = r.constant_load + acts[TORQUE]
     if r.gravity != 0.0:
         load += r.gravity * math.sin(output + r.gravity_phase)
     if r.load_inertia > 0.0:
@@ -394,7 +450,9 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         z = x[BOUC]
         d[BOUC] = (x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)) / r.bouc_travel
         load += r.bouc_torque * z
-    if r.servo > 0.0:
+    if r.servo == FIRMWARE:
+        regime += firmware_torque(x, m, r, acts[GAIN], load, d)
+    elif r.servo > 0.0:
         regime += servo_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     else:
         motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
@@ -476,6 +534,10 @@ def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
         here = rates(x, m, r, acts[n], d)
         for i in range(3):
             seen[n, i] = d[ANGLE + i]
+        if r.servo == FIRMWARE and n % r.tick == 0:
+            duty = r.duty_per_angle * (acts[n, COMMAND] - d[FEEDBACK])
+            m[DUTY] = clip(duty, r.ceiling if r.ceiling > 0.0 else 1.0)
+            here = rates(x, m, r, acts[n], d)
         left = h
         for split in range(SPLITS):
             heun(x, m, r, acts[n], left, d, k, y)
@@ -519,10 +581,22 @@ class Plan:
     Attributes:
         stride: steps of the simulation per row.
         command: SI, one value per row, shape (n,).
+        load: over the load torque of the experiment, shape (n,); None for 1 in all rows.
     """
 
     stride: int
     command: Array
+    load: Array | None = None
+
+    @property
+    def shares(self) -> Array:
+        """The load over that of the experiment, shape (n,)."""
+        return np.ones(len(self.command)) if self.load is None else self.load
+
+    def held(self, rows: Array, before: int) -> Array:
+        """Rows held for the steps of each, after ``before`` steps of the first."""
+        held = np.repeat(rows, self.stride)[: -self.stride + 1 or None]
+        return np.concatenate([np.full(before, rows[0]), held])
 
 
 @dataclass(frozen=True)
@@ -532,7 +606,7 @@ class Experiment:
     Attributes:
         rig: which rig.
         true: its constants by the product's names [SI].
-        load: constant load torque [N m].
+        load: load torque [N m], of which a plan may have other shares in each row.
         plans: one per log.
         readings: places of what is logged, the judged one first.
         seed: of what comes and goes by itself.
@@ -545,6 +619,11 @@ class Experiment:
     readings: tuple[int, ...]
     seed: int
 
+    @property
+    def varied(self) -> bool:
+        """Whether the load changes, so that a log has a column of it."""
+        return self.load != 0.0 and any(plan.load is not None for plan in self.plans)
+
     @cached_property
     def units(self) -> dict[str, float]:
         return self.rig.units(self.true)
@@ -556,7 +635,7 @@ class Experiment:
 
     def logs(self, settings: Mapping[str, float]) -> tuple[Array, ...]:
         """Return noise-free logs [SI], one of shape (rows, readings) per plan."""
-        every = {**self.rig.constants(self.true), "load": self.load, **settings}
+        every = {**self.rig.constants(self.true), **settings}
         unknown = set(every) - {name for stage in STAGES for name in stage._fields}
         if unknown:
             raise KeyError(f"no such settings: {sorted(unknown)}")
@@ -575,17 +654,18 @@ class Experiment:
     def _log(self, plan: Plan, settings: Mapping[str, float], number: int) -> Array:
         step = self.rig.step
         before = round(self.rig.settle / step)
-        held = np.repeat(plan.command, plan.stride)[: -plan.stride + 1 or None]
-        command = np.concatenate([np.full(before, plan.command[0]), held])
+        command = plan.held(plan.command, before)
         outside, lost = disturbed(
             settings, len(command), step, self.rig.slowest, self.seed + number
         )
+        scale = 1.0 + settings.get("load_gain", 0.0)
+        outside[:, TORQUE - GAIN] += scale * self.load * plan.held(plan.shares, before)
         seen = np.empty((len(command), 3))
         drive = travelled(command, lost, _some(Command, settings), step)
         constants: Any = np.rec.array([tuple(_some(Constants, settings))], dtype=RECORD)[0]
         run(constants, np.column_stack([drive, outside]), step, seen)
         seen[:, 0] = read(seen[:, 0].copy(), _some(Sensor, settings), step)
-        if settings.get("servo"):
+        if settings.get("servo") == 1.0:
             seen[:, 1] *= SUPPLY
             seen[:, 2] *= self.true["potentiometer_gain"]
         return seen[before :: plan.stride][:, self.readings]
