@@ -11,7 +11,7 @@ samples); Pati, Rezaiifar, Krishnaprasad, Asilomar Conference 27 (1993) 40 (matc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from math import atan2, hypot, log, pi
@@ -37,6 +37,8 @@ SPACING_RAD = 1.0
 """By which the phase of a sine changes over the travel from one count of a spectrum to the next."""
 LEAST_PERIODS_IN_TRAVEL = 2.0
 """Of a further sine: with fewer, some of them are any shape over the position."""
+MOST_SAMPLES = 10_000
+"""Of a log, for its spectrum: twice as many take four times as long."""
 PEAKS = 12
 """Of the spectrum, the highest, that are simulated."""
 
@@ -162,37 +164,36 @@ def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Se
 
 def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
     """Return the counts [periods in a turn] at the highest peaks of errors over the angle."""
-    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
-    wire = model.problem.model.plant.main(one.name).wire_of(one.hints.angle)
-    runs = [run for run in model.problem.runs if run.measured.size]
-    angles = [run.signal(wire, model.values)[run.log.fitted] for run in runs]
-    travelled = max(float(np.ptp(it)) for it in angles)
-    between = [float(np.median(np.abs(np.diff(it)))) for it in angles if len(it) > 1]
+    records = list(_over_angle(model, one))
+    travelled = max(float(np.ptp(angle)) for angle, _ in records)
+    between = [float(np.median(np.abs(np.diff(angle)))) for angle, _ in records if len(angle) > 1]
     step = min((it for it in between if it > 0.0), default=0.0)
     if not travelled or not step:
         return []
+    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
     high = min(count.high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
     counts = np.arange(_least_count(one), high, SPACING_RAD / travelled)
-    power = _power(model, angles, counts)
+    power = np.zeros(len(counts))
+    for angle, errors in records:
+        onward = np.gradient(angle) > 0.0
+        for way in (onward, ~onward):  # what lags in time is ahead on the way back
+            if np.count_nonzero(way) > LEAST_SAMPLES_IN_A_PERIOD:
+                power += lombscargle(angle[way], errors[way] - errors[way].mean(), counts)
     around = np.concatenate([[0.0], power, [0.0]])
     peaks = np.flatnonzero((power > around[:-2]) & (power >= around[2:]))
     return [float(counts[it]) for it in peaks[np.argsort(-power[peaks])][:PEAKS]]
 
 
-def _power(model: FittedModel, angles: Sequence[Array], counts: Array) -> Array:
-    """Power of the errors of all logs and outputs at each count, shape (k,).
-
-    Each direction has a power of its own: what lags in time is ahead, over the angle, on the way
-    back.
-    """
-    found, begin = np.zeros(len(counts)), 0
-    runs = [run for run in model.problem.runs if run.measured.size]
-    for run, angle in zip(runs, angles):
-        end, onward = begin + run.measured.size, np.gradient(angle) > 0.0
+def _over_angle(model: FittedModel, one: Candidate) -> Iterator[tuple[Array, Array]]:
+    """Angle [rad] and errors [noise floors] of each output of each log, both of shape (n,)."""
+    wire = model.problem.model.plant.main(one.name).wire_of(one.hints.angle)
+    begin = 0
+    for run in model.problem.runs:
+        if not run.measured.size:
+            continue
+        end = begin + run.measured.size
+        angle = run.signal(wire, model.values)[run.log.fitted]
+        stride = -(-len(angle) // MOST_SAMPLES)
         for errors in model.linearised.errors[begin:end].reshape(run.measured.shape):
-            for way in (onward, ~onward):
-                if np.count_nonzero(way) > LEAST_SAMPLES_IN_A_PERIOD:
-                    own = errors[way] - errors[way].mean()
-                    found += lombscargle(angle[way], own, counts)
+            yield angle[::stride], errors[::stride]
         begin = end
-    return found
