@@ -4,14 +4,16 @@ Each case begins with the simple model of its description: those of measured log
 ``examples/real_logs/diagnosis``, those of the papers in ``examples/papers_gap``; ``known_logs`` has
 what is known of them.
 
-Run: ``SERVO_MODELS_DATA=LOGS python benchmarks/study_real_logs.py [CASE ...]`` (ten to twenty
-minutes).  LOGS is the folder of the measured logs, which are no part of the repository; default:
-``logs`` beside the descriptions.  It prints the page; without CASE it writes
-``docs/studies/real_logs.md`` as well.
+Run: ``SERVO_MODELS_DATA=LOGS python benchmarks/study_real_logs.py [--folder DONE] [CASE ...]``
+(half an hour).  LOGS is the folder of the measured logs, which are no part of the repository;
+default: ``logs`` beside the descriptions.  It prints the page; without CASE it writes
+``docs/studies/real_logs.md`` as well.  With DONE, sections are kept there, and those that are there
+are not made again.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -240,7 +242,13 @@ def section(case: Case, told: Told) -> list[str]:
     ]
 
 
-def main(chosen: Sequence[str]) -> None:
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("cases", nargs="*", metavar="CASE")
+    options = parser.parse_args()
+    for name in {*options.cases} - {*CASES}:
+        parser.error(f"no case '{name}': there are {', '.join(CASES)}")
     page = [
         "# Real logs and the papers' own gap, diagnosed",
         "",
@@ -257,13 +265,19 @@ def main(chosen: Sequence[str]) -> None:
         " report.",
         "",
     ]
-    for name in chosen or CASES:
-        case = CASES[name]
-        page += (part := section(case, diagnosed(case)))
-        print("\n".join(part), flush=True)
-    if not chosen:
+    for name in options.cases or CASES:
+        kept = options.folder / f"{name}.md" if options.folder else None
+        if kept and kept.exists():
+            part = kept.read_text(encoding="utf-8")
+        else:
+            part = "\n".join(section(CASES[name], diagnosed(CASES[name]))) + "\n"
+            if kept:
+                write_whole(kept, part.encode())
+        page.append(part)
+        print(part, flush=True)
+    if not options.cases:
         write_whole(PAGE, "\n".join(page).replace("\n\n\n", "\n\n").encode())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()
