@@ -113,13 +113,13 @@ class PlainPlant:
             if argument in block.wires:
                 reads.append(placed.wire_of(argument) if placed else argument)
                 continue
-            reads.append((number, argument))
             key = own.get(argument, argument)
+            reads.append((number, key))
             if key in block.params:
                 name = f"{placed.name}.{key}" if placed else key
-                self.base[number, argument] = values[name]
-            elif argument in block.queues:
-                self.base[number, argument] = [0.0] * block.queues[argument].size
+                self.base[number, key] = values[name]
+            elif key in block.queues:
+                self.base[number, key] = [0.0] * block.queues[key].size
         for name, memory in block.memory.items():
             if isinstance(memory, Clock):
                 self.clocks.append((number, name))

@@ -376,3 +376,14 @@ def test_every_effect_of_the_catalogue_agrees(
     chosen = switched_on(subject.model, effects_off(subject.model)[owner])
     row = plain_row(subject, chosen, owner)
     assert row.passed, row
+
+
+def test_a_block_at_several_places_has_memories_of_its_own_at_each() -> None:
+    """As the curves of a residual map have."""
+    values = {"residual_map.torque": 1e-4, "residual_map.rate": 1.0, "residual_map.command": 1.0}
+    chosen = model("torque_motor", "measured", values)
+    times = np.linspace(0.0, 0.02, 41)
+    inputs = np.column_stack([np.where(times > 0.005, 10.0, 0.0), np.zeros(41)])
+    plain = integrate(chosen.plant, chosen.values, times, inputs, finer=10)
+    angle = chosen.run(times, inputs)[:, 0]
+    np.testing.assert_allclose(plain.outputs[plain.rows, 0], angle, atol=1e-4 * np.ptp(angle))
