@@ -8,7 +8,7 @@ claimed, so no search tries it as a cause; ``diagnosis.residual_map`` learns it.
 import math
 from typing import Annotated
 
-from servo_models.core.block import Hints, Memory, Notice, Param, effect
+from servo_models.core.block import Hints, Memory, Mode, Notice, Param, effect
 
 SOURCE = "Hastie, Tibshirani, Generalized Additive Models, 1990, ch. 4 (additive curves)"
 KNOTS = 9
@@ -35,16 +35,20 @@ def time_since_reversal(
     elapsed: float,
     reversal: Weight,
     lasted: Annotated[float, Memory()],
-    direction: Annotated[float, Memory()],
+    direction: Annotated[float, Mode()],
 ) -> tuple[float, float, float]:
-    """Time [s] since the motion turned, negative while it is negative."""
+    """Time [s] since the motion turned, negative while it is negative.
+
+    A turn is located in time, so that the response does not hang on the internal step.
+    """
     if reversal <= 0.0:
         return since_reversal, lasted, direction
     lasted = lasted + elapsed
+    since = direction * lasted
     if shaft_speed != 0.0 and shaft_speed * direction <= 0.0:
         lasted = 0.0
         direction = math.copysign(1.0, shaft_speed)
-    return direction * lasted, lasted, direction
+    return since, lasted, direction
 
 
 @effect("residual", source=SOURCE)

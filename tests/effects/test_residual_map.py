@@ -3,6 +3,7 @@ can imitate."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_models.core.simulate import Model, model, simulate
+from servo_models.core.simulate import Model, model, simulate, with_output
 from servo_models.core.types import Array
 from servo_models.effects.residual_map import CURVES, KNOTS, curve, time_since_reversal
 
@@ -47,7 +48,25 @@ def test_time_counts_from_each_turn() -> None:
     for speed in (0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0):
         signed, lasted, direction = time_since_reversal(0.0, speed, 0.1, 1.0, lasted, direction)
         seen.append(signed)
-    assert seen == pytest.approx([0.0, 0.0, 0.1, 0.2, -0.0, -0.1, 0.0])
+    assert seen == pytest.approx([0.0, 0.0, 0.1, 0.2, 0.3, -0.1, -0.2])
+
+
+@pytest.mark.parametrize("step", [2e-4, 1e-3])
+def test_a_turn_is_located_whatever_the_internal_step(step: float) -> None:
+    """Against the zeros of the rate, from a run with many samples."""
+    values = {"internal_step": step, "residual_map.reversal": 1.0, "residual_map.torque": 1e-9}
+    servo = with_output(model("sg90", None, values), "since_reversal")
+    times = np.arange(0.0, 1.2, 1e-4)
+    pulses = 1.5e-3 + 2e-4 * np.sin(2.0 * np.pi * 2.0 * times)
+    found = simulate(servo, times, {"pulse_width": pulses})
+    rate, since = found["rate"], found["since_reversal"]
+    k = np.flatnonzero(rate[:-1] * rate[1:] < 0.0)
+    turns = times[k] + 1e-4 * rate[k] / (rate[k] - rate[k + 1])
+    assert len(turns) >= 4
+    for begin, end in itertools.pairwise(turns):
+        own = (times > begin + 1e-3) & (times < end - 1e-3)
+        way = np.sign(np.mean(rate[own]))
+        np.testing.assert_allclose(since[own], way * (times[own] - begin), atol=2e-5)
 
 
 TIMES = np.linspace(0.0, 1.0, 401)
