@@ -5,8 +5,8 @@ stages of ``Command`` and drives the shaft; its angle passes those of ``Sensor``
 in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by itself.
 
 The states are those of ``Q`` to ``BOUC``; what friction, winding and magnet remember is kept
-in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of the
-servo, which is a share of its supply, and its feedback, which is an angle.
+in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of a
+servo, which is a share of its supply or top speed, and its feedback, which is an angle.
 
 Sources: C. Canudas de Wit et al., "A new model for control of systems with friction", IEEE
 Trans. Automatic Control 40 (1995) 419 (bristle); P. R. Dahl, AIAA J. 14 (1976) 1675 (hysteresis
@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from servo_models.withheld.generator.rigs import SUPPLY, Rig
+from servo_models.withheld.generator.rigs import Rig
 
 F = TypeVar("F", bound=Callable[..., Any])
 Array = NDArray[np.float64]
@@ -38,10 +38,13 @@ class Constants(NamedTuple):
     servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a torque motor
     inertia: float = 1.0
     natural_frequency: float = 1.0
-    damping_ratio: float = 1.0
+    decay: float = 1.0  # of a free shaft's speed [1/s]: 2 zeta omega
     top_speed: float = 0.0  # servo: speed of full drive
+    largest_error: float = 0.0  # servo: that asks for full drive, before all else
+    full: float = 1.0  # servo: largest drive, after all else
+    acceleration: float = 0.0  # servo: largest of the shaft without a load
     rest: float = 0.0  # servo: feedback angle at which the output is 0
-    drive_per_load: float = 0.0
+    drive_per_load: float = 0.0  # servo: 0 for a load that acts on the shaft
     tick: float = 0.0  # firmware: steps of the simulation from one duty to the next
     duty_per_angle: float = 0.0
     supply: float = 0.0
@@ -77,6 +80,7 @@ class Constants(NamedTuple):
     feedback_offset: float = 0.0
     feedback_step: float = 0.0
     asymmetry: float = 0.0
+    error_dead_zone: float = 0.0
     hysteresis: float = 0.0
     turn: float = 1.0
     dead_zone: float = 0.0
@@ -105,6 +109,7 @@ class Constants(NamedTuple):
 class Command(NamedTuple):
     """Stages of the command, in its own unit up to ``scale`` and that of the drive after it."""
 
+    zero: float = 0.0  # command of no drive
     delay: float = 0.0  # s
     hold: float = 0.0  # s
     dead_band: float = 0.0
@@ -123,7 +128,7 @@ class Command(NamedTuple):
 
 
 class Sensor(NamedTuple):
-    """Stages of the reading [rad]."""
+    """Stages of the judged reading, in SI, and units of two others."""
 
     reading_play: float = 0.0
     reading_lag: float = 0.0
@@ -134,6 +139,8 @@ class Sensor(NamedTuple):
     reading_slew: float = 0.0
     reading_offset: float = 0.0
     reading_step: float = 0.0
+    drive_unit: float = 1.0  # what is logged over the drive
+    feedback_unit: float = 1.0
 
 
 BURST = (0.4, 1.6)
@@ -181,6 +188,7 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
         h: step [s].
     """
     late, frame = round(c.delay / h), round(c.hold / h)
+    command = command - c.zero
     received = kept = held = command[0]
     arrived = np.empty_like(command)
     last = np.nan
@@ -233,13 +241,13 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
 
 
 @compiled
-def read(angle: Array, s: Sensor, h: float) -> Array:
-    """Return what a sensor makes of an angle [rad], shape (n,), before noise."""
-    reading = np.empty_like(angle)
+def read(exact: Array, s: Sensor, h: float) -> Array:
+    """Return what a sensor makes of an exact value [SI], shape (n,), before noise."""
+    reading = np.empty_like(exact)
     output = lagged = slewed = before = 0.0
     follow = -math.expm1(-h / max(s.reading_lag, h))
-    for n in range(len(angle)):
-        value = angle[n]
+    for n in range(len(exact)):
+        value = exact[n]
         output += value - output - clip(value - output, s.reading_play)
         if s.reading_lag > 0.0:
             lagged += follow * (0.5 * (before + output) - lagged)
@@ -260,10 +268,12 @@ Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC = range(9)
 """Shaft and load angle and speed, output behind the play, feedback lag or flux linkage (as the
 current that makes it), the drive's resonance, Bouc-Wen's variable."""
 STATES = 9
-ANGLE, DRIVE, FEEDBACK, BENT, PRESS, HEAT = range(STATES, STATES + 6)
-"""Beside the rates: output angle, drive or current, feedback, what the hysteresis reads, load
-on the gears, drive that heats."""
-WIDTH = STATES + 6
+ANGLE, DRIVE, FEEDBACK, RATE, BENT, PRESS, HEAT = range(STATES, STATES + 7)
+"""Beside the rates: output angle, drive or current, feedback, rate of the output, what the
+hysteresis reads, load on the gears, drive that heats."""
+WIDTH = STATES + 7
+SEEN = 4
+"""The first of these, which may be logged."""
 COMMAND, GAIN, STICKING, TORQUE = range(4)
 BRISTLE, FRICTION, WARMTH, LAST, MAGNET, DUTY = range(6)
 MEMORY = 6
@@ -362,8 +372,11 @@ def servo_torque(
     output = d[ANGLE]
     regime = 1000 * sensed(x, r, d)
     seen = d[FEEDBACK]
-    damping = 2.0 * r.damping_ratio * r.natural_frequency
-    drive = (command - seen) * r.natural_frequency**2 / (damping * r.top_speed)
+    error = dead(command - seen, r.error_dead_zone)
+    if r.largest_error > 0.0:
+        regime += 90 * side(error, r.largest_error)
+        error = clip(error, r.largest_error)
+    drive = error * r.natural_frequency**2 / (r.decay * r.top_speed)
     drive += r.asymmetry * abs(drive)
     d[BENT] = drive
     if r.hysteresis > 0.0:
@@ -376,7 +389,7 @@ def servo_torque(
         drive = min(max(drive, -r.ceiling), r.ceiling)
     drive = gain * resonant(drive, x, r, d)
     opposing = math.copysign(x[W], x[W] * drive) / r.top_speed
-    full = 1.0 - r.sag / (1.0 + r.sag) * max(0.0, 1.0 - opposing)
+    full = r.full - r.sag / (1.0 + r.sag) * max(0.0, 1.0 - opposing)
     regime += 10 * side(drive, full)
     drive = min(max(drive, -full), full)
     d[DRIVE] = drive
@@ -384,7 +397,13 @@ def servo_torque(
     d[HEAT] = used
     used *= 1.0 - r.heating * m[WARMTH]
     kink = 1.0 + r.kink_slope * max(0.0, output - r.kink_angle)
-    d[W] += r.inertia * damping * (r.top_speed * used * kink - x[W])
+    push = r.decay * (r.top_speed * used * kink - x[W])
+    if r.acceleration > 0.0:
+        regime += 270 * side(push, r.acceleration)
+        push = clip(push, r.acceleration)
+    d[W] += r.inertia * push
+    if r.drive_per_load == 0.0:
+        d[W] -= load
     return regime
 
 
@@ -409,8 +428,7 @@ def motor_torque(
     pull *= 1.0 + r.kink_slope * max(0.0, x[Q] - r.kink_angle)
     away = x[Q] - r.null
     spring = r.natural_frequency**2 * away * (1.0 + r.hardening * away * away)
-    air = 2.0 * r.damping_ratio * r.natural_frequency * x[W]
-    d[W] += pull - r.inertia * (spring + air) - load
+    d[W] += pull - r.inertia * (spring + r.decay * x[W]) - load
     return 0
 
 
@@ -425,11 +443,13 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         d[i] = 0.0
     d[Q] = x[W]
     regime = 0
-    output = x[LOAD_Q] if r.load_inertia > 0.0 else x[Q]
+    output, d[RATE] = x[Q], x[W]
+    if r.load_inertia > 0.0:
+        output, d[RATE] = x[LOAD_Q], x[LOAD_W]
     if r.play > 0.0:
         regime = side(output - x[PLAY], r.play)
         d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
-        output = x[PLAY]
+        output, d[RATE] = x[PLAY], d[PLAY]
     d[ANGLE] = output
     load = r.constant_load + acts[TORQUE]
     if r.gravity != 0.0:
@@ -525,14 +545,14 @@ def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
     Args:
         r: the constants of the rig.
         acts: shape (n, 4), see ``rates``; each row is held for the step h [s] that follows.
-        seen: written: angle, drive or current, and feedback before each step, shape (n, 3).
+        seen: written: angle, drive or current, feedback, and rate before each step, shape (n, 4).
     """
     x, y = np.zeros(STATES), np.zeros(STATES)
     d, k = np.zeros(WIDTH), np.zeros(WIDTH)
     m = np.zeros(MEMORY)
     for n in range(len(acts)):
         here = rates(x, m, r, acts[n], d)
-        for i in range(3):
+        for i in range(SEEN):
             seen[n, i] = d[ANGLE + i]
         if r.servo == FIRMWARE and n % r.tick == 0:
             duty = r.duty_per_angle * (acts[n, COMMAND] - d[FEEDBACK])
@@ -660,14 +680,15 @@ class Experiment:
         )
         scale = 1.0 + settings.get("load_gain", 0.0)
         outside[:, TORQUE - GAIN] += scale * self.load * plan.held(plan.shares, before)
-        seen = np.empty((len(command), 3))
+        seen = np.empty((len(command), SEEN))
         drive = travelled(command, lost, _some(Command, settings), step)
         constants: Any = np.rec.array([tuple(_some(Constants, settings))], dtype=RECORD)[0]
         run(constants, np.column_stack([drive, outside]), step, seen)
-        seen[:, 0] = read(seen[:, 0].copy(), _some(Sensor, settings), step)
-        if settings.get("servo") == 1.0:
-            seen[:, 1] *= SUPPLY
-            seen[:, 2] *= self.true["potentiometer_gain"]
+        sensor = _some(Sensor, settings)
+        judged = self.readings[0]
+        seen[:, judged] = read(seen[:, judged].copy(), sensor, step)
+        seen[:, DRIVE - ANGLE] *= sensor.drive_unit
+        seen[:, FEEDBACK - ANGLE] *= sensor.feedback_unit
         return seen[before :: plan.stride][:, self.readings]
 
 
