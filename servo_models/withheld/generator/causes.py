@@ -2,10 +2,13 @@
 
 Left out, since a description states it already, with its uncertainty: ``transport_delay`` and
 ``supply_limit`` of the sg90, ``end_stops`` of the torque motor, clock and encoder of the smart
-servo, ``transport_delay`` and ``command_gain`` of the second-order servo.  Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in
-logs of 0.2 s, and what a gyro does, as it is never judged.  Left out, since the generator has no law
-of it: ``coasting_backlash``, ``supply_sag``, ``error_dead_zone`` and ``drive_lag`` of the smart
-servo, ``drive_lag`` of the second-order servo.
+servo, ``transport_delay`` and ``command_gain`` of the second-order servo.
+
+Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in logs of
+0.2 s, and what a gyro does, as it is never judged.
+
+Left out, since the generator has no law of it: ``coasting_backlash``, ``supply_sag``,
+``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo.
 """
 
 from __future__ import annotations
