@@ -35,7 +35,7 @@ from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 
-SERVO, MOTOR, BUS, PULSE = RIGS
+SERVO, MOTOR, BUS, PULSE, LOOP = RIGS
 
 every_bench = pytest.mark.parametrize("rig", RIGS, ids=lambda b: b.actuator)
 
@@ -194,8 +194,8 @@ def test_bristles_end_in_dry_friction_as_they_stiffen() -> None:
 
 
 def test_fastest_and_slowest_are_poles_of_the_paper() -> None:
-    """Torque motor: eq. 9 with Table 1; servo: s^2 + s / T + omega^2 of eq. 7's form; the smart
-    servo as its own actuator has it, without clock and codes."""
+    """Torque motor: eq. 9 with Table 1; servo: s^2 + s / T + omega^2 of eq. 7's form; the others
+    as their own actuators have them, the smart servo without clock and codes."""
     from servo_models.validation.torque_motor.reference import TABLE_1
 
     _, denominator = TABLE_1.equation_9()
@@ -213,6 +213,12 @@ def test_fastest_and_slowest_are_poles_of_the_paper() -> None:
     poles = np.linalg.eigvals(linearise(model(BUS.actuator, BUS.variant, smooth)).joint_a)
     assert 1.0 / np.abs(poles).max() == pytest.approx(BUS.fastest, rel=1e-6)
     assert 1.0 / np.abs(poles.real).min() == pytest.approx(BUS.slowest, rel=1e-6)
+    poles = np.linalg.eigvals(linearise(model(LOOP.actuator, LOOP.variant)).joint_a)
+    poles = poles[np.abs(poles) > 1e-6]  # the angle is an integral
+    assert 1.0 / np.abs(poles).max() == pytest.approx(LOOP.fastest, rel=1e-6)
+    assert 1.0 / np.abs(poles.real).min() == pytest.approx(LOOP.slowest, rel=1e-6)
+    poles = np.linalg.eigvals(linearise(model(PULSE.actuator, PULSE.variant)).joint_a)
+    assert 1.0 / np.abs(poles).max() == pytest.approx(PULSE.fastest, rel=1e-6)
 
 
 @every_bench

@@ -5,10 +5,13 @@ Left out, since a description states it already, with its uncertainty: ``transpo
 servo, ``transport_delay`` and ``command_gain`` of the second-order servo.
 
 Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in logs of
-0.2 s, and what a gyro does, as it is never judged.
+0.2 s, and what a gyro does, as it is never judged; what the encoder's angle, the play and
+the stops of the motor in a speed loop do, as its speed is judged.
 
 Left out, since the generator has no law of it: ``coasting_backlash``, ``supply_sag``,
 ``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo.
+Left out, since a loop without a clock slides between two codes, and no two simulations do so at the
+same pace: ``speed_quantisation`` of the motor.
 """
 
 from __future__ import annotations
@@ -284,11 +287,34 @@ PULSE_SERVO: tuple[Cause, ...] = (
     _one("reading_quantisation", "step", "reading_step", 0.5 * D, 15.0 * D),
 )
 
+SPEED_LOOP: tuple[Cause, ...] = (
+    _one("load_inertia", "inertia", "extra_inertia", 2e-7, 1e-4),
+    _mass(2e-6, 2e-5, 20.0, 50.0),
+    _one("transport_delay", "time", "delay", 2e-4, 0.02, grid=True),
+    _one("sample_hold", "period", "tick", 5e-4, 0.02, "tick", grid=True),
+    _signed("command_gain", "error", "command_gain", 5e-4, 0.3),
+    _signed("command_offset", "value", "command_offset", 0.5, 60.0),
+    _one("rate_limit", "rate", "slew", 1e5, 1e3),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
+    _one("speed_lag", "time_constant", "lag", 2e-4, 0.02),
+    _signed("direction_asymmetry", "ratio", "asymmetry", 0.01, 0.5),
+    _one("drive_dead_zone", "half_width", "dead_zone", 5e-3, 0.4),
+    _one("thermal_drift", "loss", "heating", 0.01, 0.5, "heat", _WARM),
+    _signed("constant_load", "torque", "constant_load", 5e-4, 0.06),
+    _gravity(5e-4, 0.06),
+    _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
+    _one("viscous_friction", "torque", "drag", 5e-4, 0.1, "drag"),
+    _ripple(5e-4, 0.03, 1.0, 8.0),
+    _one("coulomb_friction", "level", "coulomb", 3e-4, 0.03),
+    _stribeck(3e-4, 0.03, 0.02, 0.2),
+)
+
 CATALOGUE = {
     "sg90": SG90,
     "torque_motor": TORQUE_MOTOR,
     "smart_servo": SMART_SERVO,
     "second_order_servo": PULSE_SERVO,
+    "dc_motor_speed": SPEED_LOOP,
 }
 
 
@@ -330,5 +356,10 @@ FOREIGN = {
     "sg90": _causes(torque=0.18, speed=10.0, angle=70.0 * D, hertz=6.0, slow=12.0),
     "torque_motor": _causes(torque=0.04, speed=10.0, angle=2.0 * D, hertz=80.0, slow=10.0),
     "smart_servo": _causes(torque=1.9, speed=5.4, angle=35.0 * D, hertz=2.0, slow=5.0),
+    "dc_motor_speed": tuple(
+        cause
+        for cause in _causes(torque=0.06, speed=400.0, angle=6.0, hertz=5.0, slow=15e3)
+        if cause.name != "gain_kink"  # a motor that turns leaves its angle behind
+    ),
     "second_order_servo": _causes(torque=0.18, speed=8.7, angle=70.0 * D, hertz=5.0, slow=12.0),
 }

@@ -11,7 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+Array = NDArray[np.complex128]
 Values = Mapping[str, float]
 
 
@@ -246,6 +248,50 @@ def pulse_strength(true: Values) -> float:
     return true["inertia"] * min(wanted, true["acceleration_limit"])
 
 
+LOOP_TORQUE, LOOP_SPEED = 0.06, 200.0 * math.pi
+LOOP_STEP = 5e-5
+LOOP = {
+    "rotor_inertia": 1e-5,
+    "torque_constant": 0.03,
+    "viscous_coefficient": 2e-6,
+    "speed_gain": 0.02,
+    "integral_time": 0.05,
+    "current_limit": 5.0,
+}
+
+
+def loop_constants(true: Values) -> dict[str, float]:
+    """A free rotor under the current of a PI loop about its speed."""
+    return {
+        "inertia": true["rotor_inertia"],
+        "natural_frequency": 0.0,
+        "decay": true["viscous_coefficient"] / true["rotor_inertia"],
+        "torque_per_current": true["torque_constant"],
+        "loop_limit": true["current_limit"],
+        "loop_gain": true["speed_gain"],
+        "loop_rate": 1.0 / true["integral_time"],
+        "bristle_stiffness": 100.0,
+    }
+
+
+def loop_units(true: Values) -> dict[str, float]:
+    """All in SI; drag and speed per full speed, heat of the full torque, steps per second."""
+    return {
+        "1": 1.0,
+        "drag": 1.0 / LOOP_SPEED,
+        "speed": LOOP_SPEED,
+        "heat": 1.0 / LOOP_TORQUE**2,
+        "tick": 1.0 / LOOP_STEP,
+    }
+
+
+def loop_poles() -> Array:
+    """Poles [rad/s] of the linear rig: J s^2 + (k K + b) s + k K / T."""
+    pull = LOOP["torque_constant"] * LOOP["speed_gain"]
+    drag = pull + LOOP["viscous_coefficient"]
+    return np.roots([LOOP["rotor_inertia"], drag, pull / LOOP["integral_time"]])
+
+
 def bus_poles() -> tuple[float, float]:
     """Magnitude of the poles, and their distance from the axis [rad/s], of the rig without a clock:
     J s^2 + (k^2 / R) s + k U K / R."""
@@ -392,5 +438,36 @@ RIGS = (
         sampling=(10, 12, 16),
         settle=1.0,
         chirp=(3.0, 6.0),
+    ),
+    Rig(
+        actuator="dc_motor_speed",
+        variant="direct",
+        about="motor in a speed loop on the bench, read by its own encoder",
+        nominal=LOOP,
+        spread={
+            "rotor_inertia": 0.3,
+            "torque_constant": 0.2,
+            "viscous_coefficient": 0.5,
+            "speed_gain": 0.1,
+            "integral_time": 0.1,
+            "current_limit": 0.1,
+        },
+        constants=loop_constants,
+        units=loop_units,
+        command=Signal("speed_command", "rad/s", 1.0, 3),
+        rest=0.0,
+        amplitude=(200.0, 400.0),
+        load=(0.01, 0.05),
+        strength=lambda true: true["torque_constant"] * true["current_limit"],
+        readings=(
+            (Signal("encoder_speed", "rad/s", 1.0), 2),
+            (Signal("current", "A", 1.0), 1),
+        ),
+        fastest=1.0 / float(np.abs(loop_poles()).max()),
+        slowest=-1.0 / float(loop_poles().real.max()),
+        step=LOOP_STEP,
+        sampling=(20, 24, 28),
+        settle=0.5,
+        chirp=(5.0, 15.0),
     ),
 )

@@ -4,7 +4,7 @@ All on one fine grid; delays and frames are whole numbers of its steps.  A comma
 stages of ``Command`` and drives the shaft; its angle passes those of ``Sensor``, each in the order
 in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by itself.
 
-The states are those of ``Q`` to ``BOUC``; what friction, winding and magnet remember is kept
+The states are those of ``Q`` to ``INTEGRAL``; what friction, winding and magnet remember is kept
 in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of a
 servo, which is a share of its supply or top speed, and its feedback, which is an angle.
 
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 class Constants(NamedTuple):
     """Constants of a rig and sizes of what acts on it; what is 0 is absent."""
 
-    servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a torque motor
+    servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a motor
     inertia: float = 1.0
     natural_frequency: float = 1.0
     decay: float = 1.0  # of a free shaft's speed [1/s]: 2 zeta omega
@@ -45,13 +45,16 @@ class Constants(NamedTuple):
     acceleration: float = 0.0  # servo: largest of the shaft without a load
     rest: float = 0.0  # servo: feedback angle at which the output is 0
     drive_per_load: float = 0.0  # servo: 0 for a load that acts on the shaft
-    tick: float = 0.0  # firmware: steps of the simulation from one duty to the next
+    tick: float = 0.0  # steps of the simulation from one drive of a loop to the next
     duty_per_angle: float = 0.0
     supply: float = 0.0
     corner: float = 0.0  # motor: resistance over inductance
     resistance: float = 1.0
     flux_per_angle: float = 0.0  # motor: as a current
     torque_per_current: float = 0.0
+    loop_limit: float = 0.0  # motor: largest current of its speed loop
+    loop_gain: float = 0.0  # current per speed
+    loop_rate: float = 0.0  # inverse of the integral time
     travel: float = 0.0
     stop_frequency: float = 1.0  # of the shaft on its stop
     contact_rate: float = 1.0  # stiffness of the play's contact over the drag of the output
@@ -264,18 +267,18 @@ def read(exact: Array, s: Sensor, h: float) -> Array:
     return reading
 
 
-Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC = range(9)
+Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC, INTEGRAL = range(10)
 """Shaft and load angle and speed, output behind the play, feedback lag or flux linkage (as the
-current that makes it), the drive's resonance, Bouc-Wen's variable."""
-STATES = 9
-ANGLE, DRIVE, FEEDBACK, RATE, BENT, PRESS, HEAT = range(STATES, STATES + 7)
-"""Beside the rates: output angle, drive or current, feedback, rate of the output, what the
-hysteresis reads, load on the gears, drive that heats."""
-WIDTH = STATES + 7
+current that makes it), the drive's resonance, Bouc-Wen's variable, integral part of a loop."""
+STATES = 10
+ANGLE, DRIVE, FEEDBACK, RATE, ASKED, BENT, PRESS, HEAT = range(STATES, STATES + 8)
+"""Beside the rates: output angle, drive or current, feedback, rate of the output, drive that a
+loop with a clock asks for, what the hysteresis reads, load on the gears, what heats."""
+WIDTH = STATES + 8
 SEEN = 4
 """The first of these, which may be logged."""
 COMMAND, GAIN, STICKING, TORQUE = range(4)
-BRISTLE, FRICTION, WARMTH, LAST, MAGNET, DUTY = range(6)
+BRISTLE, FRICTION, WARMTH, LAST, MAGNET, HELD = range(6)
 MEMORY = 6
 FIRMWARE = 2.0
 DAHL = 1.25
@@ -326,12 +329,11 @@ def resonant(value: float, x: Array, r: Constants, d: Array) -> float:
 
 
 @compiled
-def sensed(x: Array, r: Constants, d: Array) -> int:
-    """Write what a loop reads of the output to d[FEEDBACK]; returns its code."""
-    output = d[ANGLE]
-    seen = output
+def sensed(exact: float, x: Array, r: Constants, d: Array) -> int:
+    """Write what a loop reads of an angle or speed to d[FEEDBACK]; returns its code."""
+    seen = exact
     if r.lag > 0.0:
-        d[ELECTRIC] = (output - x[ELECTRIC]) / r.lag
+        d[ELECTRIC] = (exact - x[ELECTRIC]) / r.lag
         seen = x[ELECTRIC]
     seen += r.rest
     ratio = seen / r.full_scale
@@ -345,11 +347,15 @@ def sensed(x: Array, r: Constants, d: Array) -> int:
 
 
 @compiled
-def firmware_torque(x: Array, m: Array, r: Constants, gain: float, load: float, d: Array) -> int:
+def firmware_torque(
+    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
+) -> int:
     """Add the torque of a motor under the duty of its firmware to d[W]; returns its regime."""
-    sensed(x, r, d)
-    d[DRIVE] = m[DUTY]
-    voltage = m[DUTY] * r.supply
+    sensed(d[ANGLE], x, r, d)
+    duty = r.duty_per_angle * (command - d[FEEDBACK])
+    d[ASKED] = clip(duty, r.ceiling if r.ceiling > 0.0 else 1.0)
+    d[DRIVE] = m[HELD]
+    voltage = m[HELD] * r.supply
     voltage += r.asymmetry * abs(voltage)
     voltage = gain * resonant(dead(voltage, r.dead_zone), x, r, d)
     d[HEAT] = voltage / r.supply
@@ -370,7 +376,7 @@ def servo_torque(
 ) -> int:
     """Add the motor's torque of a loop about the output to d[W]; returns its regime."""
     output = d[ANGLE]
-    regime = 1000 * sensed(x, r, d)
+    regime = 1000 * sensed(output, x, r, d)
     seen = d[FEEDBACK]
     error = dead(command - seen, r.error_dead_zone)
     if r.largest_error > 0.0:
@@ -408,16 +414,45 @@ def servo_torque(
 
 
 @compiled
-def motor_torque(
-    x: Array, m: Array, r: Constants, voltage: float, gain: float, load: float, d: Array
-) -> int:
-    """Add the torque of coil and magnet to d[W]; returns its regime."""
+def wound(x: Array, r: Constants, voltage: float, gain: float, d: Array) -> float:
+    """Current of a coil whose flux linkage is a state."""
     linked = (x[ELECTRIC] - r.flux_per_angle * x[Q]) / (1.0 + r.curvature * x[Q] * x[Q])
     current = linked
     if r.knee > 0.0:
         current = math.tan(min(max(r.knee * linked, -1.5), 1.5)) / r.knee
     applied = gain * resonant(voltage, x, r, d) - r.sag * current
     d[ELECTRIC] = r.corner * (applied / r.resistance - current)
+    return current
+
+
+@compiled
+def regulated(
+    x: Array, m: Array, r: Constants, command: float, gain: float, d: Array
+) -> tuple[float, int]:
+    """Current that a PI loop about the speed gives, and its regime.
+
+    At its limit the integral part follows what is given, so that it never winds up.
+    """
+    regime = 1000 * sensed(x[W], x, r, d)
+    wanted = r.loop_gain * (command - d[FEEDBACK]) + x[INTEGRAL]
+    regime += 90 * side(wanted, r.loop_limit)
+    d[ASKED] = clip(wanted, r.loop_limit)
+    d[INTEGRAL] = r.loop_rate * (d[ASKED] - x[INTEGRAL])
+    current = m[HELD] if r.tick > 0.0 else d[ASKED]
+    regime += 30 * side(current, r.dead_zone)
+    return gain * resonant(dead(current, r.dead_zone), x, r, d), regime
+
+
+@compiled
+def motor_torque(
+    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
+) -> int:
+    """Add the torque of a current to d[W], from a speed loop or a voltage; returns its regime."""
+    if r.loop_limit > 0.0:
+        current, regime = regulated(x, m, r, command, gain, d)
+    else:
+        current, regime = wound(x, r, command, gain, d), 0
+    current += r.asymmetry * abs(current)
     d[DRIVE] = current
     d[BENT] = current
     if r.hysteresis > 0.0:
@@ -425,11 +460,13 @@ def motor_torque(
     pull = r.torque_per_current * current
     if r.inverse_torque > 0.0:
         pull /= math.sqrt(1.0 + (r.inverse_torque * pull) ** 2)
+    d[HEAT] = pull
+    pull *= 1.0 - r.heating * m[WARMTH]
     pull *= 1.0 + r.kink_slope * max(0.0, x[Q] - r.kink_angle)
     away = x[Q] - r.null
     spring = r.natural_frequency**2 * away * (1.0 + r.hardening * away * away)
     d[W] += pull - r.inertia * (spring + r.decay * x[W]) - load
-    return 0
+    return regime
 
 
 @compiled
@@ -471,11 +508,11 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         d[BOUC] = (x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)) / r.bouc_travel
         load += r.bouc_torque * z
     if r.servo == FIRMWARE:
-        regime += firmware_torque(x, m, r, acts[GAIN], load, d)
+        regime += firmware_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     elif r.servo > 0.0:
         regime += servo_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     else:
-        motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
+        regime += motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     total = r.inertia + r.extra_inertia
     d[W] -= m[FRICTION]
     if r.travel > 0.0:
@@ -545,18 +582,19 @@ def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
     Args:
         r: the constants of the rig.
         acts: shape (n, 4), see ``rates``; each row is held for the step h [s] that follows.
-        seen: written: angle, drive or current, feedback, and rate before each step, shape (n, 4).
+        seen: written: angle, drive or current, feedback, and rate before each step and before what
+            acts in it, shape (n, 4).
     """
     x, y = np.zeros(STATES), np.zeros(STATES)
     d, k = np.zeros(WIDTH), np.zeros(WIDTH)
     m = np.zeros(MEMORY)
+    rates(x, m, r, acts[0], d)
     for n in range(len(acts)):
-        here = rates(x, m, r, acts[n], d)
         for i in range(SEEN):
             seen[n, i] = d[ANGLE + i]
-        if r.servo == FIRMWARE and n % r.tick == 0:
-            duty = r.duty_per_angle * (acts[n, COMMAND] - d[FEEDBACK])
-            m[DUTY] = clip(duty, r.ceiling if r.ceiling > 0.0 else 1.0)
+        here = rates(x, m, r, acts[n], d)
+        if r.tick > 0.0 and n % r.tick == 0:
+            m[HELD] = d[ASKED]
             here = rates(x, m, r, acts[n], d)
         left = h
         for split in range(SPLITS):
