@@ -45,8 +45,9 @@ A case is of one of these rigs:
 |---|---|---|---|---|
 | `sg90` | `measured` | angle from outside | motor voltage, feedback voltage | 32 |
 | `torque_motor` | `measured` | angle | current | 32 |
-| `smart_servo` | `sts3215` | angle from outside | duty | 23 |
+| `smart_servo` | `sts3215` | angle from outside | duty | 24 |
 | `second_order_servo` | `pulse` | angle from outside | rate of a gyro | 30 |
+| `dc_motor_speed` | `direct` | speed from the motor's encoder | current | 19 |
 
 A rig has nothing wrong, one effect, two, or a cause *outside the catalogue*, and its parameters are
 off by their uncertainty. What a cause does alone to the noise-free reading is its gap (RMS), and

@@ -100,8 +100,9 @@ OTHER_LAW = {
     "hysteresis": 0.15,
     "end_stops": 0.06,
     "backlash": 0.03,
+    "coasting_backlash": 0.05,
 }
-"""Where the law is another one on purpose: part of the gap that may differ."""
+"""Part of the gap that may differ: the law is another one on purpose, or bounces in a play."""
 
 
 class Subject(NamedTuple):
@@ -123,7 +124,8 @@ def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
     plans = rich(rig, np.random.default_rng(1), 1)
     if subject.cause.name == "load_gain":
         plans = tuple(replace(it, load=np.sin(0.1 * np.arange(len(it.command)))) for it in plans)
-    e = experiment(rig, plans, load=rig.load[1])
+    load = 0.0 if subject.cause.name == "coasting_backlash" else rig.load[1]  # it closes the play
+    e = experiment(rig, plans, load=load)
     drawn = draw(subject.cause, np.random.default_rng(4))
     return e, sized(e, drawn, share * float(e.ranges[0]), 0.2)
 

@@ -8,7 +8,7 @@ Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, o
 0.2 s, and what a gyro does, as it is never judged; what the encoder's angle, the play and
 the stops of the motor in a speed loop do, as its speed is judged.
 
-Left out, since the generator has no law of it: ``coasting_backlash``, ``supply_sag``,
+Left out, since the generator has no law of it: ``supply_sag``,
 ``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo.
 Left out, since a loop without a clock slides between two codes, and no two simulations do so at the
 same pace: ``speed_quantisation`` of the motor.
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -59,11 +59,15 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that a model leaves out; ``size`` makes it large or small, ``others`` shape it."""
+    """One thing that a model leaves out; ``size`` makes it large or small, ``others`` shape it.
+
+    ``same`` are parameters that it has always at one value [SI].
+    """
 
     name: str
     size: Quantity
     others: tuple[Quantity, ...] = ()
+    same: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Drawn:
         value = self.sign * size.at(share)
         if size.grid:
             value = max(1, round(value / step)) * step
-        return {size.name: value, **self.others}
+        return {size.name: value, **self.others, **self.cause.same}
 
     def settings(self, share: float, rig: Rig, units: Mapping[str, float]) -> dict[str, float]:
         """Return what the simulation takes."""
@@ -124,6 +128,17 @@ def _mass(low: float, high: float, slow: float, fast: float) -> Cause:
         Quantity("damping", "load_damping", 0.03, 0.15),
     )
     return _one("gear_compliance", "inertia", "load_inertia", low, high, shape=shape)
+
+
+def _coasting(low: float, high: float) -> Cause:
+    """A part of the inertia behind a play; all friction is before it."""
+    shape = (
+        Quantity("share", "coasting_share", 0.1, 0.5),
+        Quantity("contact", "contact_hertz", 40.0, 100.0),
+        Quantity("damping", "contact_damping", 0.2, 0.6),
+    )
+    size = Quantity("half_width", "coasting_play", low, high)
+    return Cause("coasting_backlash", size, shape, {"friction_share": 0.0})
 
 
 def _ripple(low: float, high: float, few: float, many: float) -> Cause:
@@ -235,6 +250,7 @@ SMART_SERVO: tuple[Cause, ...] = (
     _one("transport_delay", "time", "delay", 1e-3, 0.06, grid=True),
     _one("motion_profile", "velocity", "cruise", 30.0, 0.5, shape=(_SPEEDING,)),
     _one("backlash", "half_width", "play", 0.05 * D, 6.0 * D),
+    _coasting(0.05 * D, 6.0 * D),
     _one("sensor_lag", "time_constant", "lag", 1e-3, 0.05),
     _signed("sensor_nonlinearity", "bow", "bow", 2e-3, 0.2),
     _signed("sensor_nonlinearity", "cubic", "cubic", 2e-3, 0.2),

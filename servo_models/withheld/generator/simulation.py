@@ -4,7 +4,7 @@ All on one fine grid; delays and frames are whole numbers of its steps.  A comma
 stages of ``Command`` and drives the shaft; its angle passes those of ``Sensor``, each in the order
 in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by itself.
 
-The states are those of ``Q`` to ``INTEGRAL``; what friction, winding and magnet remember is kept
+The states are those of ``Q`` to ``FAR_W``; what friction, winding and magnet remember is kept
 in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of a
 servo, which is a share of its supply or top speed, and its feedback, which is an angle.
 
@@ -75,6 +75,10 @@ class Constants(NamedTuple):
     load_inertia: float = 0.0
     load_frequency: float = 0.0
     load_damping: float = 0.0
+    coasting_share: float = 0.0  # of the inertia, behind a contact with play
+    coasting_play: float = 0.0  # to either side
+    contact_hertz: float = 0.0  # of the coasting mass on the contact
+    contact_damping: float = 0.0
     play: float = 0.0
     lag: float = 0.0
     bow: float = 0.0
@@ -267,10 +271,11 @@ def read(exact: Array, s: Sensor, h: float) -> Array:
     return reading
 
 
-Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC, INTEGRAL = range(10)
+Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC, INTEGRAL, FAR_Q, FAR_W = range(12)
 """Shaft and load angle and speed, output behind the play, feedback lag or flux linkage (as the
-current that makes it), the drive's resonance, Bouc-Wen's variable, integral part of a loop."""
-STATES = 10
+current that makes it), the drive's resonance, Bouc-Wen's variable, integral part of a loop, angle
+and speed of the coasting mass."""
+STATES = 12
 ANGLE, DRIVE, FEEDBACK, RATE, ASKED, BENT, PRESS, HEAT = range(STATES, STATES + 8)
 """Beside the rates: output angle, drive or current, feedback, rate of the output, drive that a
 loop with a clock asks for, what the hysteresis reads, load on the gears, what heats."""
@@ -470,6 +475,42 @@ def motor_torque(
 
 
 @compiled
+def pushed(x: Array, r: Constants, load: float, d: Array) -> tuple[float, int]:
+    """Torque on a mass that coasts through its play, and its regime; the load acts on that mass.
+
+    The contact is a spring and a damper on either side that push it and never pull.
+    """
+    near, near_rate = (x[LOAD_Q], x[LOAD_W]) if r.load_inertia > 0.0 else (x[Q], x[W])
+    mass = r.coasting_share * (r.inertia + r.extra_inertia)
+    own = 2.0 * math.pi * r.contact_hertz
+    pressed = dead(near - x[FAR_Q], r.coasting_play)
+    push = own * (own * pressed + 2.0 * r.contact_damping * (near_rate - x[FAR_W]))
+    regime = side(near - x[FAR_Q], r.coasting_play)
+    if push * pressed <= 0.0:
+        push, regime = 0.0, 1
+    d[FAR_Q] = x[FAR_W]
+    d[FAR_W] = push - load / mass
+    return mass * push, regime
+
+
+@compiled
+def placed(x: Array, r: Constants, d: Array) -> int:
+    """Write angle and rate of the output to d; returns the regime of its play."""
+    regime = 0
+    output, d[RATE] = x[Q], x[W]
+    if r.load_inertia > 0.0:
+        output, d[RATE] = x[LOAD_Q], x[LOAD_W]
+    if r.coasting_share > 0.0:
+        output, d[RATE] = x[FAR_Q], x[FAR_W]
+    if r.play > 0.0:
+        regime = side(output - x[PLAY], r.play)
+        d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
+        output, d[RATE] = x[PLAY], d[PLAY]
+    d[ANGLE] = output
+    return regime
+
+
+@compiled
 def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
     """Rates of the states and what is seen of them into d, shape (WIDTH,).
 
@@ -479,18 +520,13 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
     for i in range(STATES):
         d[i] = 0.0
     d[Q] = x[W]
-    regime = 0
-    output, d[RATE] = x[Q], x[W]
-    if r.load_inertia > 0.0:
-        output, d[RATE] = x[LOAD_Q], x[LOAD_W]
-    if r.play > 0.0:
-        regime = side(output - x[PLAY], r.play)
-        d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
-        output, d[RATE] = x[PLAY], d[PLAY]
-    d[ANGLE] = output
+    regime = placed(x, r, d)
     load = r.constant_load + acts[TORQUE]
     if r.gravity != 0.0:
-        load += r.gravity * math.sin(output + r.gravity_phase)
+        load += r.gravity * math.sin(d[ANGLE] + r.gravity_phase)
+    if r.coasting_share > 0.0:
+        load, contact = pushed(x, r, load, d)
+        regime += 9 * contact
     if r.load_inertia > 0.0:
         own = r.load_frequency
         twist = own * (x[Q] - x[LOAD_Q]) + 2.0 * r.load_damping * (x[W] - x[LOAD_W])
@@ -513,7 +549,7 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         regime += servo_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     else:
         regime += motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
-    total = r.inertia + r.extra_inertia
+    total = (1.0 - r.coasting_share) * (r.inertia + r.extra_inertia)
     d[W] -= m[FRICTION]
     if r.travel > 0.0:
         beyond = dead(x[Q], r.travel)
