@@ -466,8 +466,8 @@ RIGS = (
         fastest=1.0 / float(np.abs(loop_poles()).max()),
         slowest=-1.0 / float(loop_poles().real.max()),
         step=LOOP_STEP,
-        sampling=(20, 24, 28),
-        settle=0.5,
+        sampling=(8, 10, 12),
+        settle=0.6,
         chirp=(5.0, 15.0),
     ),
 )

@@ -11,7 +11,7 @@ servo, which is a share of its supply or top speed, and its feedback, which is a
 Sources: C. Canudas de Wit et al., "A new model for control of systems with friction", IEEE
 Trans. Automatic Control 40 (1995) 419 (bristle); P. R. Dahl, AIAA J. 14 (1976) 1675 (hysteresis
 with an exponent); R. Bouc (1967), Y. K. Wen, J. Eng. Mech. 102 (1976) 249; K. Heun (1900), third
-order.
+order; M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633 (contacts of a mass in its play).
 """
 
 from __future__ import annotations
