@@ -11,9 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.complex128]
 Values = Mapping[str, float]
 
 
@@ -285,11 +283,13 @@ def loop_units(true: Values) -> dict[str, float]:
     }
 
 
-def loop_poles() -> Array:
-    """Poles [rad/s] of the linear rig: J s^2 + (k K + b) s + k K / T."""
+def loop_poles() -> tuple[float, float]:
+    """Magnitude of the poles, and their distance from the axis [rad/s], of the linear rig:
+    J s^2 + (k K + b) s + k K / T."""
     pull = LOOP["torque_constant"] * LOOP["speed_gain"]
     drag = pull + LOOP["viscous_coefficient"]
-    return np.roots([LOOP["rotor_inertia"], drag, pull / LOOP["integral_time"]])
+    inertia = LOOP["rotor_inertia"]
+    return math.sqrt(pull / LOOP["integral_time"] / inertia), 0.5 * drag / inertia
 
 
 def bus_poles() -> tuple[float, float]:
@@ -319,6 +319,7 @@ def motor_poles(true: Values) -> tuple[float, float]:
 
 FAST, SLOW = motor_poles(MOTOR)
 BUS_FAST, BUS_SLOW = bus_poles()
+LOOP_FAST, LOOP_SLOW = loop_poles()
 DEGREE = math.pi / 180.0
 RIGS = (
     Rig(
@@ -463,8 +464,8 @@ RIGS = (
             (Signal("encoder_speed", "rad/s", 1.0), 2),
             (Signal("current", "A", 1.0), 1),
         ),
-        fastest=1.0 / float(np.abs(loop_poles()).max()),
-        slowest=-1.0 / float(loop_poles().real.max()),
+        fastest=1.0 / LOOP_FAST,
+        slowest=1.0 / LOOP_SLOW,
         step=LOOP_STEP,
         sampling=(8, 10, 12),
         settle=0.6,

@@ -422,7 +422,7 @@ def servo_torque(
 def wound(x: Array, r: Constants, voltage: float, gain: float, d: Array) -> float:
     """Current of a coil whose flux linkage is a state."""
     linked = (x[ELECTRIC] - r.flux_per_angle * x[Q]) / (1.0 + r.curvature * x[Q] * x[Q])
-    current = linked
+    current: float = linked
     if r.knee > 0.0:
         current = math.tan(min(max(r.knee * linked, -1.5), 1.5)) / r.knee
     applied = gain * resonant(voltage, x, r, d) - r.sag * current
