@@ -39,9 +39,19 @@ the models: other laws of friction, play and hysteresis, another integrator, its
 (other effects have one law only). The diagnosis has seen logs and the nominal model. Thresholds
 were set on rigs of other seeds.
 
-A rig of the SG90 or of the torque motor has nothing wrong, one effect, two, or a cause *outside
-the catalogue*, and its parameters are off by their uncertainty. What a cause does alone to the
-noise-free reading is its gap (RMS), and the noise follows from it:
+A case is of one of these rigs:
+
+| rig | variant | judged | may be logged as well | causes of the catalogue |
+|---|---|---|---|---|
+| `sg90` | `measured` | angle from outside | motor voltage, feedback voltage | 32 |
+| `torque_motor` | `measured` | angle | current | 32 |
+| `smart_servo` | `sts3215` | angle from outside | duty | 24 |
+| `second_order_servo` | `pulse` | angle from outside | rate of a gyro | 30 |
+| `dc_motor_speed` | `direct` | speed from the motor's encoder | current | 19 |
+
+A rig has nothing wrong, one effect, two, or a cause *outside the catalogue*, and its parameters are
+off by their uncertainty. What a cause does alone to the noise-free reading is its gap (RMS), and
+the noise follows from it:
 
 | tier | gap [noise floors] | noise | rows per fastest time constant | command |
 |---|---|---|---|---|

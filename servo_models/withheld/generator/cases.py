@@ -48,6 +48,8 @@ KEPT = 0.8
 VARIED = 0.5
 """Part of the loads that change during a log, so that it has a column of them."""
 LOAD_STEPS = 6
+HELD = 0.5
+"""Largest load, over what the true rig can hold."""
 LEAST_VALUE = 0.1
 """True values below this share of the nominal one are drawn again: they would be unphysical."""
 
@@ -183,9 +185,12 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
         if name == "transport_delay.time":
             true[name] = round(true[name] / rig.step) * rig.step
     loaded = rng.random() < 0.5
-    load = rng.choice([-1.0, 1.0]) * rng.uniform(*rig.load) if loaded else 0.0
+    load = 0.0
+    if loaded:
+        load = min(rng.uniform(*rig.load), HELD * rig.strength(true)) * rng.choice([-1.0, 1.0])
     further = [place for _, place in rig.readings[1:]]
-    readings = (0, int(rng.choice(further))) if rng.random() < 0.5 else (0,)
+    judged = rig.readings[0][1]
+    readings = (judged, int(rng.choice(further))) if rng.random() < 0.5 else (judged,)
     seed = int(rng.integers(2**31))
     plans = _plans(rig, tier, rng)
     if loaded and rng.random() < VARIED:

@@ -2,16 +2,23 @@
 
 Left out, since a description states it already, with its uncertainty: ``transport_delay`` and
 ``supply_limit`` of the sg90, ``end_stops`` of the torque motor, clock and encoder of the smart
-servo.  Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in
-logs of 0.2 s, and what a gyro does, as none is logged.  Left out, since the generator has no law of
-it: ``coasting_backlash`` and ``supply_sag`` of the smart servo.
+servo, ``transport_delay`` and ``command_gain`` of the second-order servo.
+
+Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in logs of
+0.2 s, and what a gyro does, as it is never judged; what the encoder's angle, the play and
+the stops of the motor in a speed loop do, as its speed is judged.
+
+Left out, since the generator has no law of it: ``supply_sag``,
+``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo.
+Left out, since a loop without a clock slides between two codes, and no two simulations do so at the
+same pace: ``speed_quantisation`` of the motor.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,11 +59,15 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that a model leaves out; ``size`` makes it large or small, ``others`` shape it."""
+    """One thing that a model leaves out; ``size`` makes it large or small, ``others`` shape it.
+
+    ``same`` are parameters that it has always at one value [SI].
+    """
 
     name: str
     size: Quantity
     others: tuple[Quantity, ...] = ()
+    same: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -73,7 +84,7 @@ class Drawn:
         value = self.sign * size.at(share)
         if size.grid:
             value = max(1, round(value / step)) * step
-        return {size.name: value, **self.others}
+        return {size.name: value, **self.others, **self.cause.same}
 
     def settings(self, share: float, rig: Rig, units: Mapping[str, float]) -> dict[str, float]:
         """Return what the simulation takes."""
@@ -117,6 +128,17 @@ def _mass(low: float, high: float, slow: float, fast: float) -> Cause:
         Quantity("damping", "load_damping", 0.03, 0.15),
     )
     return _one("gear_compliance", "inertia", "load_inertia", low, high, shape=shape)
+
+
+def _coasting(low: float, high: float) -> Cause:
+    """A part of the inertia behind a play; all friction is before it."""
+    shape = (
+        Quantity("share", "coasting_share", 0.1, 0.5),
+        Quantity("contact", "contact_hertz", 40.0, 100.0),
+        Quantity("damping", "contact_damping", 0.2, 0.6),
+    )
+    size = Quantity("half_width", "coasting_play", low, high)
+    return Cause("coasting_backlash", size, shape, {"friction_share": 0.0})
 
 
 def _ripple(low: float, high: float, few: float, many: float) -> Cause:
@@ -216,6 +238,7 @@ TORQUE_MOTOR: tuple[Cause, ...] = (
     _one("sensor_quantisation", "step", "reading_step", 0.03 * D, 0.6 * D),
 )
 
+_SPEED_TURN = Quantity("turn", "turn", 0.1, 2.0, "drive")
 _SPEEDING = Quantity("acceleration_time", "speeding_time", 0.02, 0.3)
 
 SMART_SERVO: tuple[Cause, ...] = (
@@ -227,6 +250,7 @@ SMART_SERVO: tuple[Cause, ...] = (
     _one("transport_delay", "time", "delay", 1e-3, 0.06, grid=True),
     _one("motion_profile", "velocity", "cruise", 30.0, 0.5, shape=(_SPEEDING,)),
     _one("backlash", "half_width", "play", 0.05 * D, 6.0 * D),
+    _coasting(0.05 * D, 6.0 * D),
     _one("sensor_lag", "time_constant", "lag", 1e-3, 0.05),
     _signed("sensor_nonlinearity", "bow", "bow", 2e-3, 0.2),
     _signed("sensor_nonlinearity", "cubic", "cubic", 2e-3, 0.2),
@@ -245,7 +269,69 @@ SMART_SERVO: tuple[Cause, ...] = (
     _stribeck(5e-3, 0.25, 0.02, 0.2),
 )
 
-CATALOGUE = {"sg90": SG90, "torque_motor": TORQUE_MOTOR, "smart_servo": SMART_SERVO}
+PULSE_SERVO: tuple[Cause, ...] = (
+    _one("load_inertia", "inertia", "extra_inertia", 2e-5, 3e-3),
+    _mass(3e-5, 1e-3, 30.0, 60.0),
+    _one("end_stops", "half_range", "travel", 75.0 * D, 20.0 * D),
+    _one("sample_hold", "period", "hold", 4e-3, 0.06, grid=True),
+    _one("dead_band", "half_width", "dead_band", 0.1 * D, 8.0 * D, "command"),
+    _one("command_quantisation", "step", "command_step", 0.2 * D, 6.0 * D),
+    _signed("command_offset", "value", "command_offset", 0.1 * D, 8.0 * D),
+    _one("rate_limit", "rate", "slew", 30.0, 0.6),
+    _one("stiction", "band", "stick_band", 0.1 * D, 20.0 * D, shape=(_SLIP,)),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
+    _one("backlash", "half_width", "play", 0.05 * D, 6.0 * D),
+    _one("sensor_lag", "time_constant", "lag", 1e-3, 0.03),
+    _signed("sensor_nonlinearity", "bow", "bow", 2e-3, 0.3),
+    _signed("sensor_nonlinearity", "cubic", "cubic", 2e-3, 0.3),
+    _signed("sensor_offset", "value", "feedback_offset", 0.1 * D, 8.0 * D),
+    _one("sensor_quantisation", "step", "feedback_step", 0.2 * D, 6.0 * D),
+    _one("error_dead_zone", "half_width", "error_dead_zone", 0.1 * D, 8.0 * D),
+    _signed("direction_asymmetry", "ratio", "asymmetry", 0.01, 0.5),
+    _one("hysteresis", "half_width", "hysteresis", 0.03, 2.5, "drive", (_SPEED_TURN,)),
+    _one("thermal_drift", "loss", "heating", 0.03, 0.5, "heat", _WARM),
+    _signed("constant_load", "torque", "constant_load", 2e-3, 0.15),
+    _gravity(1e-3, 0.17),
+    _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
+    _one("viscous_friction", "torque", "drag", 5e-3, 0.35, "drag"),
+    _ripple(5e-4, 0.09, 6.0, 30.0),
+    _one("coulomb_friction", "level", "coulomb", 5e-4, 0.09),
+    _stribeck(1e-3, 0.09, 0.02, 0.2),
+    _one("reading_lag", "time_constant", "reading_lag", 1e-3, 0.05),
+    _signed("reading_gain", "error", "reading_gain", 5e-3, 0.3),
+    _signed("reading_offset", "value", "reading_offset", 0.2 * D, 15.0 * D),
+    _one("reading_quantisation", "step", "reading_step", 0.5 * D, 15.0 * D),
+)
+
+SPEED_LOOP: tuple[Cause, ...] = (
+    _one("load_inertia", "inertia", "extra_inertia", 2e-7, 1e-4),
+    _mass(2e-6, 2e-5, 20.0, 50.0),
+    _one("transport_delay", "time", "delay", 2e-4, 0.02, grid=True),
+    _one("sample_hold", "period", "tick", 5e-4, 0.02, "tick", grid=True),
+    _signed("command_gain", "error", "command_gain", 5e-4, 0.3),
+    _signed("command_offset", "value", "command_offset", 0.5, 60.0),
+    _one("rate_limit", "rate", "slew", 1e5, 1e3),
+    _signed("load_gain", "error", "load_gain", 0.02, 0.9),
+    _one("speed_lag", "time_constant", "lag", 2e-4, 0.02),
+    _signed("direction_asymmetry", "ratio", "asymmetry", 0.01, 0.5),
+    _one("drive_dead_zone", "half_width", "dead_zone", 5e-3, 0.4),
+    _one("thermal_drift", "loss", "heating", 0.01, 0.5, "heat", _WARM),
+    _signed("constant_load", "torque", "constant_load", 5e-4, 0.06),
+    _gravity(5e-4, 0.06),
+    _one("load_friction", "coefficient", "load_friction", 0.01, 0.8),
+    _one("viscous_friction", "torque", "drag", 5e-4, 0.1, "drag"),
+    _ripple(5e-4, 0.03, 1.0, 8.0),
+    _one("coulomb_friction", "level", "coulomb", 3e-4, 0.03),
+    _stribeck(3e-4, 0.03, 0.02, 0.2),
+)
+
+CATALOGUE = {
+    "sg90": SG90,
+    "torque_motor": TORQUE_MOTOR,
+    "smart_servo": SMART_SERVO,
+    "second_order_servo": PULSE_SERVO,
+    "dc_motor_speed": SPEED_LOOP,
+}
 
 
 def _causes(
@@ -286,4 +372,10 @@ FOREIGN = {
     "sg90": _causes(torque=0.18, speed=10.0, angle=70.0 * D, hertz=6.0, slow=12.0),
     "torque_motor": _causes(torque=0.04, speed=10.0, angle=2.0 * D, hertz=80.0, slow=10.0),
     "smart_servo": _causes(torque=1.9, speed=5.4, angle=35.0 * D, hertz=2.0, slow=5.0),
+    "dc_motor_speed": tuple(
+        cause
+        for cause in _causes(torque=0.06, speed=400.0, angle=6.0, hertz=5.0, slow=15e3)
+        if cause.name != "gain_kink"  # a motor that turns leaves its angle behind
+    ),
+    "second_order_servo": _causes(torque=0.18, speed=8.7, angle=70.0 * D, hertz=5.0, slow=12.0),
 }

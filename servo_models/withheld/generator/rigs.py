@@ -42,7 +42,9 @@ class Rig:
         command: what is commanded, ``rest`` its value at rest [SI].
         amplitude: range of the largest excursion from rest [SI].
         load: range of the load torque [N m], known to the description, or with a column of it.
-        readings: what is logged always, then what may be logged as well: signal and place.
+        strength: from true values to the load torque [N m] that the rig can hold.
+        readings: what is logged always, then what may be logged as well: signal and place
+            (0 angle, 1 drive or current, 2 feedback, 3 rate).
         fastest, slowest: time constants of the nominal rig [s].
         step: of the simulation [s]; ``sampling`` in these steps.
         settle: time [s] for which the rig is held at rest before a log begins.
@@ -60,6 +62,7 @@ class Rig:
     rest: float
     amplitude: tuple[float, float]
     load: tuple[float, float]
+    strength: Callable[[Values], float]
     readings: tuple[tuple[Signal, int], ...]
     fastest: float
     slowest: float
@@ -85,7 +88,7 @@ SERVO = {
 
 
 def servo_constants(true: Values) -> dict[str, float]:
-    """Natural frequency [rad/s], damping ratio and top speed [rad/s] of the loop."""
+    """Natural frequency [rad/s], decay [1/s] and top speed [rad/s] of the loop."""
     lag, top = true["motor_time_constant"], true["motor_gain"] * SUPPLY / GEAR
     band = SUPPLY / (true["amplifier_gain"] * K_F * true["potentiometer_gain"])
     natural = math.sqrt(top / (band * lag))
@@ -93,11 +96,13 @@ def servo_constants(true: Values) -> dict[str, float]:
         "servo": 1.0,
         "inertia": lag * STALL_TORQUE / NO_LOAD,
         "natural_frequency": natural,
-        "damping_ratio": 1.0 / (2.0 * natural * lag),
+        "decay": 1.0 / lag,
         "top_speed": top,
         "rest": REST * VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
         "drive_per_load": STALL_VOLTAGE / STALL_TORQUE / SUPPLY,
         "full_scale": 6.0 / true["potentiometer_gain"],
+        "drive_unit": SUPPLY,
+        "feedback_unit": true["potentiometer_gain"],
         "scale": VOLTS_PER_SECOND / (K_F * true["potentiometer_gain"]),
         "delay": true["transport_delay.time"],
         "stop_frequency": 3e3,
@@ -132,13 +137,11 @@ MOTOR = {
 
 
 def motor_constants(true: Values) -> dict[str, float]:
-    """Electrical corner [rad/s], natural frequency [rad/s] and damping ratio of the rotor."""
-    natural = math.sqrt(true["stiffness"] / true["rotor_inertia"])
-    drag = true["friction_coefficient"] / true["rotor_inertia"]
+    """Electrical corner [rad/s], natural frequency [rad/s] and decay [1/s] of the rotor."""
     return {
         "inertia": true["rotor_inertia"],
-        "natural_frequency": natural,
-        "damping_ratio": drag / (2.0 * natural),
+        "natural_frequency": math.sqrt(true["stiffness"] / true["rotor_inertia"]),
+        "decay": true["friction_coefficient"] / true["rotor_inertia"],
         "corner": true["resistance"] / true["inductance"],
         "resistance": true["resistance"],
         "flux_per_angle": true["back_emf_constant"] / true["inductance"],
@@ -188,6 +191,107 @@ def bus_units(true: Values) -> dict[str, float]:
     return {"1": 1.0, "drag": 1.0 / 10.0, "speed": 10.0}
 
 
+PULSE_REST, PULSE_SPEED, PULSE_STALL, PULSE_ACCELERATION = 1.5e-3, math.pi / 3.0 / 0.12, 0.18, 300.0
+PULSE_GAIN = 0.5 * math.pi / 1e-3
+PULSE_FULL_ANGLE, PULSE_FULL_SPEED = 0.5 * math.pi, 10.0
+PULSE = {
+    "natural_frequency": 30.0,
+    "damping_ratio": 0.8,
+    "transport_delay.time": 0.01,
+    "acceleration_limit": PULSE_ACCELERATION,
+    "inertia": PULSE_STALL / PULSE_ACCELERATION,
+    "pulse_gain": PULSE_GAIN,
+    "speed_limit": PULSE_SPEED,
+}
+
+
+def pulse_constants(true: Values) -> dict[str, float]:
+    """A loop whose error, and the torque behind it, are limited."""
+    natural, ratio = true["natural_frequency"], true["damping_ratio"]
+    return {
+        "servo": 1.0,
+        "inertia": true["inertia"],
+        "natural_frequency": natural,
+        "decay": 2.0 * ratio * natural,
+        "top_speed": true["speed_limit"],
+        "largest_error": 2.0 * ratio * true["speed_limit"] / natural,
+        "full": math.inf,
+        "acceleration": true["acceleration_limit"],
+        "zero": PULSE_REST,
+        "scale": true["pulse_gain"],
+        "full_scale": PULSE_FULL_ANGLE,
+        "delay": true["transport_delay.time"],
+        "stop_frequency": 3e3,
+        "contact_rate": 1e4,
+        "bristle_stiffness": 1000.0,
+    }
+
+
+def pulse_units(true: Values) -> dict[str, float]:
+    """A pulse per angle, shares of the top speed, and the heat of it."""
+    top = true["speed_limit"]
+    return {
+        "1": 1.0,
+        "command": 1.0 / true["pulse_gain"],
+        "drive": 1.0 / top,
+        "drag": 1.0 / top,
+        "speed": top,
+        "heat": (top / PULSE_FULL_SPEED) ** 2,
+    }
+
+
+def pulse_strength(true: Values) -> float:
+    """Torque [N m] at standstill: of the largest acceleration, or of the top speed asked for."""
+    wanted = 2.0 * true["damping_ratio"] * true["natural_frequency"] * true["speed_limit"]
+    return true["inertia"] * min(wanted, true["acceleration_limit"])
+
+
+LOOP_TORQUE, LOOP_SPEED = 0.06, 200.0 * math.pi
+LOOP_STEP = 5e-5
+LOOP = {
+    "rotor_inertia": 1e-5,
+    "torque_constant": 0.03,
+    "viscous_coefficient": 2e-6,
+    "speed_gain": 0.02,
+    "integral_time": 0.05,
+    "current_limit": 5.0,
+}
+
+
+def loop_constants(true: Values) -> dict[str, float]:
+    """A free rotor under the current of a PI loop about its speed."""
+    return {
+        "inertia": true["rotor_inertia"],
+        "natural_frequency": 0.0,
+        "decay": true["viscous_coefficient"] / true["rotor_inertia"],
+        "torque_per_current": true["torque_constant"],
+        "loop_limit": true["current_limit"],
+        "loop_gain": true["speed_gain"],
+        "loop_rate": 1.0 / true["integral_time"],
+        "bristle_stiffness": 100.0,
+    }
+
+
+def loop_units(true: Values) -> dict[str, float]:
+    """All in SI; drag and speed per full speed, heat of the full torque, steps per second."""
+    return {
+        "1": 1.0,
+        "drag": 1.0 / LOOP_SPEED,
+        "speed": LOOP_SPEED,
+        "heat": 1.0 / LOOP_TORQUE**2,
+        "tick": 1.0 / LOOP_STEP,
+    }
+
+
+def loop_poles() -> tuple[float, float]:
+    """Magnitude of the poles, and their distance from the axis [rad/s], of the linear rig:
+    J s^2 + (k K + b) s + k K / T."""
+    pull = LOOP["torque_constant"] * LOOP["speed_gain"]
+    drag = pull + LOOP["viscous_coefficient"]
+    inertia = LOOP["rotor_inertia"]
+    return math.sqrt(pull / LOOP["integral_time"] / inertia), 0.5 * drag / inertia
+
+
 def bus_poles() -> tuple[float, float]:
     """Magnitude of the poles, and their distance from the axis [rad/s], of the rig without a clock:
     J s^2 + (k^2 / R) s + k U K / R."""
@@ -199,7 +303,7 @@ def bus_poles() -> tuple[float, float]:
 def motor_poles(true: Values) -> tuple[float, float]:
     """Magnitude of the fastest and of the slowest pole [rad/s] of the linear rig."""
     c = motor_constants(true)
-    drag, spring = 2.0 * c["damping_ratio"] * c["natural_frequency"], c["natural_frequency"] ** 2
+    drag, spring = c["decay"], c["natural_frequency"] ** 2
     pull = c["torque_per_current"] / c["inertia"]
     # current, angle, speed
     system = np.array(
@@ -215,6 +319,7 @@ def motor_poles(true: Values) -> tuple[float, float]:
 
 FAST, SLOW = motor_poles(MOTOR)
 BUS_FAST, BUS_SLOW = bus_poles()
+LOOP_FAST, LOOP_SLOW = loop_poles()
 DEGREE = math.pi / 180.0
 RIGS = (
     Rig(
@@ -235,6 +340,7 @@ RIGS = (
         rest=REST,
         amplitude=(45.0 * DEGREE * PULSE_PER_ANGLE, 75.0 * DEGREE * PULSE_PER_ANGLE),
         load=(0.01, 0.04),
+        strength=lambda true: STALL_TORQUE * SUPPLY / STALL_VOLTAGE,
         readings=(
             (Signal("angle_reading", "deg", DEGREE), 0),
             (Signal("motor_voltage", "V", 1.0), 1),
@@ -267,6 +373,7 @@ RIGS = (
         rest=0.0,
         amplitude=(16.0, 26.0),
         load=(0.002, 0.008),
+        strength=lambda true: true["stiffness"] * STOP,
         readings=((Signal("angle", "deg", DEGREE), 0), (Signal("current", "mA", 1e-3), 1)),
         fastest=1.0 / FAST,
         slowest=1.0 / SLOW,
@@ -292,6 +399,7 @@ RIGS = (
         rest=0.0,
         amplitude=(45.0 * DEGREE, 75.0 * DEGREE),
         load=(0.2, 0.7),
+        strength=lambda true: true["torque_constant"] * BUS_VOLTS / true["resistance"],
         readings=((Signal("angle", "deg", DEGREE), 0), (Signal("duty", "1", 1.0), 1)),
         fastest=1.0 / BUS_FAST,
         slowest=1.0 / BUS_SLOW,
@@ -299,5 +407,68 @@ RIGS = (
         sampling=(24, 30, 34),
         settle=1.0,
         chirp=(2.0, 4.0),
+    ),
+    Rig(
+        actuator="second_order_servo",
+        variant="pulse",
+        about="hobby servo of an unknown make on the bench, its horn tracked from outside",
+        nominal=PULSE,
+        spread={
+            "natural_frequency": 0.5,
+            "damping_ratio": 0.3,
+            "transport_delay.time": 0.5,
+            "acceleration_limit": 0.5,
+            "inertia": 0.5,
+            "pulse_gain": 0.2,
+            "speed_limit": 0.4,
+        },
+        constants=pulse_constants,
+        units=pulse_units,
+        command=Signal("pulse_width", "us", 1e-6, 2),
+        rest=PULSE_REST,
+        amplitude=(45.0 * DEGREE / PULSE_GAIN, 75.0 * DEGREE / PULSE_GAIN),
+        load=(0.02, 0.08),
+        strength=pulse_strength,
+        readings=(
+            (Signal("angle_reading", "deg", DEGREE), 0),
+            (Signal("rate_reading", "rad/s", 1.0), 3),
+        ),
+        fastest=1.0 / PULSE["natural_frequency"],
+        slowest=75.0 * DEGREE / PULSE_SPEED,
+        step=1e-4,
+        sampling=(10, 12, 16),
+        settle=1.0,
+        chirp=(3.0, 6.0),
+    ),
+    Rig(
+        actuator="dc_motor_speed",
+        variant="direct",
+        about="motor in a speed loop on the bench, read by its own encoder",
+        nominal=LOOP,
+        spread={
+            "rotor_inertia": 0.3,
+            "torque_constant": 0.2,
+            "viscous_coefficient": 0.5,
+            "speed_gain": 0.1,
+            "integral_time": 0.1,
+            "current_limit": 0.1,
+        },
+        constants=loop_constants,
+        units=loop_units,
+        command=Signal("speed_command", "rad/s", 1.0, 3),
+        rest=0.0,
+        amplitude=(200.0, 400.0),
+        load=(0.01, 0.05),
+        strength=lambda true: true["torque_constant"] * true["current_limit"],
+        readings=(
+            (Signal("encoder_speed", "rad/s", 1.0), 2),
+            (Signal("current", "A", 1.0), 1),
+        ),
+        fastest=1.0 / LOOP_FAST,
+        slowest=1.0 / LOOP_SLOW,
+        step=LOOP_STEP,
+        sampling=(8, 10, 12),
+        settle=0.6,
+        chirp=(5.0, 15.0),
     ),
 )

@@ -4,14 +4,14 @@ All on one fine grid; delays and frames are whole numbers of its steps.  A comma
 stages of ``Command`` and drives the shaft; its angle passes those of ``Sensor``, each in the order
 in which a signal meets them; one that is 0 is absent.  ``Outside`` comes and goes by itself.
 
-The states are those of ``Q`` to ``BOUC``; what friction, winding and magnet remember is kept
-in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of the
-servo, which is a share of its supply, and its feedback, which is an angle.
+The states are those of ``Q`` to ``FAR_W``; what friction, winding and magnet remember is kept
+in ``memory`` and moves on at the end of a step.  All quantities in SI but the drive of a
+servo, which is a share of its supply or top speed, and its feedback, which is an angle.
 
 Sources: C. Canudas de Wit et al., "A new model for control of systems with friction", IEEE
 Trans. Automatic Control 40 (1995) 419 (bristle); P. R. Dahl, AIAA J. 14 (1976) 1675 (hysteresis
 with an exponent); R. Bouc (1967), Y. K. Wen, J. Eng. Mech. 102 (1976) 249; K. Heun (1900), third
-order.
+order; M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633 (contacts of a mass in its play).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from servo_models.withheld.generator.rigs import SUPPLY, Rig
+from servo_models.withheld.generator.rigs import Rig
 
 F = TypeVar("F", bound=Callable[..., Any])
 Array = NDArray[np.float64]
@@ -35,20 +35,26 @@ Array = NDArray[np.float64]
 class Constants(NamedTuple):
     """Constants of a rig and sizes of what acts on it; what is 0 is absent."""
 
-    servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a torque motor
+    servo: float = 0.0  # 1 a closed-loop servo, 2 one with firmware, 0 a motor
     inertia: float = 1.0
     natural_frequency: float = 1.0
-    damping_ratio: float = 1.0
+    decay: float = 1.0  # of a free shaft's speed [1/s]: 2 zeta omega
     top_speed: float = 0.0  # servo: speed of full drive
+    largest_error: float = 0.0  # servo: that asks for full drive, before all else
+    full: float = 1.0  # servo: largest drive, after all else
+    acceleration: float = 0.0  # servo: largest of the shaft without a load
     rest: float = 0.0  # servo: feedback angle at which the output is 0
-    drive_per_load: float = 0.0
-    tick: float = 0.0  # firmware: steps of the simulation from one duty to the next
+    drive_per_load: float = 0.0  # servo: 0 for a load that acts on the shaft
+    tick: float = 0.0  # steps of the simulation from one drive of a loop to the next
     duty_per_angle: float = 0.0
     supply: float = 0.0
     corner: float = 0.0  # motor: resistance over inductance
     resistance: float = 1.0
     flux_per_angle: float = 0.0  # motor: as a current
     torque_per_current: float = 0.0
+    loop_limit: float = 0.0  # motor: largest current of its speed loop
+    loop_gain: float = 0.0  # current per speed
+    loop_rate: float = 0.0  # inverse of the integral time
     travel: float = 0.0
     stop_frequency: float = 1.0  # of the shaft on its stop
     contact_rate: float = 1.0  # stiffness of the play's contact over the drag of the output
@@ -69,6 +75,10 @@ class Constants(NamedTuple):
     load_inertia: float = 0.0
     load_frequency: float = 0.0
     load_damping: float = 0.0
+    coasting_share: float = 0.0  # of the inertia, behind a contact with play
+    coasting_play: float = 0.0  # to either side
+    contact_hertz: float = 0.0  # of the coasting mass on the contact
+    contact_damping: float = 0.0
     play: float = 0.0
     lag: float = 0.0
     bow: float = 0.0
@@ -77,6 +87,7 @@ class Constants(NamedTuple):
     feedback_offset: float = 0.0
     feedback_step: float = 0.0
     asymmetry: float = 0.0
+    error_dead_zone: float = 0.0
     hysteresis: float = 0.0
     turn: float = 1.0
     dead_zone: float = 0.0
@@ -105,6 +116,7 @@ class Constants(NamedTuple):
 class Command(NamedTuple):
     """Stages of the command, in its own unit up to ``scale`` and that of the drive after it."""
 
+    zero: float = 0.0  # command of no drive
     delay: float = 0.0  # s
     hold: float = 0.0  # s
     dead_band: float = 0.0
@@ -123,7 +135,7 @@ class Command(NamedTuple):
 
 
 class Sensor(NamedTuple):
-    """Stages of the reading [rad]."""
+    """Stages of the judged reading, in SI, and units of two others."""
 
     reading_play: float = 0.0
     reading_lag: float = 0.0
@@ -134,6 +146,8 @@ class Sensor(NamedTuple):
     reading_slew: float = 0.0
     reading_offset: float = 0.0
     reading_step: float = 0.0
+    drive_unit: float = 1.0  # what is logged over the drive
+    feedback_unit: float = 1.0
 
 
 BURST = (0.4, 1.6)
@@ -181,6 +195,7 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
         h: step [s].
     """
     late, frame = round(c.delay / h), round(c.hold / h)
+    command = command - c.zero
     received = kept = held = command[0]
     arrived = np.empty_like(command)
     last = np.nan
@@ -233,13 +248,13 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
 
 
 @compiled
-def read(angle: Array, s: Sensor, h: float) -> Array:
-    """Return what a sensor makes of an angle [rad], shape (n,), before noise."""
-    reading = np.empty_like(angle)
+def read(exact: Array, s: Sensor, h: float) -> Array:
+    """Return what a sensor makes of an exact value [SI], shape (n,), before noise."""
+    reading = np.empty_like(exact)
     output = lagged = slewed = before = 0.0
     follow = -math.expm1(-h / max(s.reading_lag, h))
-    for n in range(len(angle)):
-        value = angle[n]
+    for n in range(len(exact)):
+        value = exact[n]
         output += value - output - clip(value - output, s.reading_play)
         if s.reading_lag > 0.0:
             lagged += follow * (0.5 * (before + output) - lagged)
@@ -256,16 +271,19 @@ def read(angle: Array, s: Sensor, h: float) -> Array:
     return reading
 
 
-Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC = range(9)
+Q, W, LOAD_Q, LOAD_W, PLAY, ELECTRIC, MODE, MODE_RATE, BOUC, INTEGRAL, FAR_Q, FAR_W = range(12)
 """Shaft and load angle and speed, output behind the play, feedback lag or flux linkage (as the
-current that makes it), the drive's resonance, Bouc-Wen's variable."""
-STATES = 9
-ANGLE, DRIVE, FEEDBACK, BENT, PRESS, HEAT = range(STATES, STATES + 6)
-"""Beside the rates: output angle, drive or current, feedback, what the hysteresis reads, load
-on the gears, drive that heats."""
-WIDTH = STATES + 6
+current that makes it), the drive's resonance, Bouc-Wen's variable, integral part of a loop, angle
+and speed of the coasting mass."""
+STATES = 12
+ANGLE, DRIVE, FEEDBACK, RATE, ASKED, BENT, PRESS, HEAT = range(STATES, STATES + 8)
+"""Beside the rates: output angle, drive or current, feedback, rate of the output, drive that a
+loop with a clock asks for, what the hysteresis reads, load on the gears, what heats."""
+WIDTH = STATES + 8
+SEEN = 4
+"""The first of these, which may be logged."""
 COMMAND, GAIN, STICKING, TORQUE = range(4)
-BRISTLE, FRICTION, WARMTH, LAST, MAGNET, DUTY = range(6)
+BRISTLE, FRICTION, WARMTH, LAST, MAGNET, HELD = range(6)
 MEMORY = 6
 FIRMWARE = 2.0
 DAHL = 1.25
@@ -316,12 +334,11 @@ def resonant(value: float, x: Array, r: Constants, d: Array) -> float:
 
 
 @compiled
-def sensed(x: Array, r: Constants, d: Array) -> int:
-    """Write what a loop reads of the output to d[FEEDBACK]; returns its code."""
-    output = d[ANGLE]
-    seen = output
+def sensed(exact: float, x: Array, r: Constants, d: Array) -> int:
+    """Write what a loop reads of an angle or speed to d[FEEDBACK]; returns its code."""
+    seen = exact
     if r.lag > 0.0:
-        d[ELECTRIC] = (output - x[ELECTRIC]) / r.lag
+        d[ELECTRIC] = (exact - x[ELECTRIC]) / r.lag
         seen = x[ELECTRIC]
     seen += r.rest
     ratio = seen / r.full_scale
@@ -335,11 +352,15 @@ def sensed(x: Array, r: Constants, d: Array) -> int:
 
 
 @compiled
-def firmware_torque(x: Array, m: Array, r: Constants, gain: float, load: float, d: Array) -> int:
+def firmware_torque(
+    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
+) -> int:
     """Add the torque of a motor under the duty of its firmware to d[W]; returns its regime."""
-    sensed(x, r, d)
-    d[DRIVE] = m[DUTY]
-    voltage = m[DUTY] * r.supply
+    sensed(d[ANGLE], x, r, d)
+    duty = r.duty_per_angle * (command - d[FEEDBACK])
+    d[ASKED] = clip(duty, r.ceiling if r.ceiling > 0.0 else 1.0)
+    d[DRIVE] = m[HELD]
+    voltage = m[HELD] * r.supply
     voltage += r.asymmetry * abs(voltage)
     voltage = gain * resonant(dead(voltage, r.dead_zone), x, r, d)
     d[HEAT] = voltage / r.supply
@@ -360,10 +381,13 @@ def servo_torque(
 ) -> int:
     """Add the motor's torque of a loop about the output to d[W]; returns its regime."""
     output = d[ANGLE]
-    regime = 1000 * sensed(x, r, d)
+    regime = 1000 * sensed(output, x, r, d)
     seen = d[FEEDBACK]
-    damping = 2.0 * r.damping_ratio * r.natural_frequency
-    drive = (command - seen) * r.natural_frequency**2 / (damping * r.top_speed)
+    error = dead(command - seen, r.error_dead_zone)
+    if r.largest_error > 0.0:
+        regime += 90 * side(error, r.largest_error)
+        error = clip(error, r.largest_error)
+    drive = error * r.natural_frequency**2 / (r.decay * r.top_speed)
     drive += r.asymmetry * abs(drive)
     d[BENT] = drive
     if r.hysteresis > 0.0:
@@ -376,7 +400,7 @@ def servo_torque(
         drive = min(max(drive, -r.ceiling), r.ceiling)
     drive = gain * resonant(drive, x, r, d)
     opposing = math.copysign(x[W], x[W] * drive) / r.top_speed
-    full = 1.0 - r.sag / (1.0 + r.sag) * max(0.0, 1.0 - opposing)
+    full = r.full - r.sag / (1.0 + r.sag) * max(0.0, 1.0 - opposing)
     regime += 10 * side(drive, full)
     drive = min(max(drive, -full), full)
     d[DRIVE] = drive
@@ -384,21 +408,56 @@ def servo_torque(
     d[HEAT] = used
     used *= 1.0 - r.heating * m[WARMTH]
     kink = 1.0 + r.kink_slope * max(0.0, output - r.kink_angle)
-    d[W] += r.inertia * damping * (r.top_speed * used * kink - x[W])
+    push = r.decay * (r.top_speed * used * kink - x[W])
+    if r.acceleration > 0.0:
+        regime += 270 * side(push, r.acceleration)
+        push = clip(push, r.acceleration)
+    d[W] += r.inertia * push
+    if r.drive_per_load == 0.0:
+        d[W] -= load
     return regime
 
 
 @compiled
-def motor_torque(
-    x: Array, m: Array, r: Constants, voltage: float, gain: float, load: float, d: Array
-) -> int:
-    """Add the torque of coil and magnet to d[W]; returns its regime."""
+def wound(x: Array, r: Constants, voltage: float, gain: float, d: Array) -> float:
+    """Current of a coil whose flux linkage is a state."""
     linked = (x[ELECTRIC] - r.flux_per_angle * x[Q]) / (1.0 + r.curvature * x[Q] * x[Q])
-    current = linked
+    current: float = linked
     if r.knee > 0.0:
         current = math.tan(min(max(r.knee * linked, -1.5), 1.5)) / r.knee
     applied = gain * resonant(voltage, x, r, d) - r.sag * current
     d[ELECTRIC] = r.corner * (applied / r.resistance - current)
+    return current
+
+
+@compiled
+def regulated(
+    x: Array, m: Array, r: Constants, command: float, gain: float, d: Array
+) -> tuple[float, int]:
+    """Current that a PI loop about the speed gives, and its regime.
+
+    At its limit the integral part follows what is given, so that it never winds up.
+    """
+    regime = 1000 * sensed(x[W], x, r, d)
+    wanted = r.loop_gain * (command - d[FEEDBACK]) + x[INTEGRAL]
+    regime += 90 * side(wanted, r.loop_limit)
+    d[ASKED] = clip(wanted, r.loop_limit)
+    d[INTEGRAL] = r.loop_rate * (d[ASKED] - x[INTEGRAL])
+    current = m[HELD] if r.tick > 0.0 else d[ASKED]
+    regime += 30 * side(current, r.dead_zone)
+    return gain * resonant(dead(current, r.dead_zone), x, r, d), regime
+
+
+@compiled
+def motor_torque(
+    x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
+) -> int:
+    """Add the torque of a current to d[W], from a speed loop or a voltage; returns its regime."""
+    if r.loop_limit > 0.0:
+        current, regime = regulated(x, m, r, command, gain, d)
+    else:
+        current, regime = wound(x, r, command, gain, d), 0
+    current += r.asymmetry * abs(current)
     d[DRIVE] = current
     d[BENT] = current
     if r.hysteresis > 0.0:
@@ -406,12 +465,49 @@ def motor_torque(
     pull = r.torque_per_current * current
     if r.inverse_torque > 0.0:
         pull /= math.sqrt(1.0 + (r.inverse_torque * pull) ** 2)
+    d[HEAT] = pull
+    pull *= 1.0 - r.heating * m[WARMTH]
     pull *= 1.0 + r.kink_slope * max(0.0, x[Q] - r.kink_angle)
     away = x[Q] - r.null
     spring = r.natural_frequency**2 * away * (1.0 + r.hardening * away * away)
-    air = 2.0 * r.damping_ratio * r.natural_frequency * x[W]
-    d[W] += pull - r.inertia * (spring + air) - load
-    return 0
+    d[W] += pull - r.inertia * (spring + r.decay * x[W]) - load
+    return regime
+
+
+@compiled
+def pushed(x: Array, r: Constants, load: float, d: Array) -> tuple[float, int]:
+    """Torque on a mass that coasts through its play, and its regime; the load acts on that mass.
+
+    The contact is a spring and a damper on either side that push it and never pull.
+    """
+    near, near_rate = (x[LOAD_Q], x[LOAD_W]) if r.load_inertia > 0.0 else (x[Q], x[W])
+    mass = r.coasting_share * (r.inertia + r.extra_inertia)
+    own = 2.0 * math.pi * r.contact_hertz
+    pressed = dead(near - x[FAR_Q], r.coasting_play)
+    push = own * (own * pressed + 2.0 * r.contact_damping * (near_rate - x[FAR_W]))
+    regime = side(near - x[FAR_Q], r.coasting_play)
+    if push * pressed <= 0.0:
+        push, regime = 0.0, 1
+    d[FAR_Q] = x[FAR_W]
+    d[FAR_W] = push - load / mass
+    return mass * push, regime
+
+
+@compiled
+def placed(x: Array, r: Constants, d: Array) -> int:
+    """Write angle and rate of the output to d; returns the regime of its play."""
+    regime = 0
+    output, d[RATE] = x[Q], x[W]
+    if r.load_inertia > 0.0:
+        output, d[RATE] = x[LOAD_Q], x[LOAD_W]
+    if r.coasting_share > 0.0:
+        output, d[RATE] = x[FAR_Q], x[FAR_W]
+    if r.play > 0.0:
+        regime = side(output - x[PLAY], r.play)
+        d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
+        output, d[RATE] = x[PLAY], d[PLAY]
+    d[ANGLE] = output
+    return regime
 
 
 @compiled
@@ -424,16 +520,13 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
     for i in range(STATES):
         d[i] = 0.0
     d[Q] = x[W]
-    regime = 0
-    output = x[LOAD_Q] if r.load_inertia > 0.0 else x[Q]
-    if r.play > 0.0:
-        regime = side(output - x[PLAY], r.play)
-        d[PLAY] = r.contact_rate * dead(output - x[PLAY], r.play)
-        output = x[PLAY]
-    d[ANGLE] = output
+    regime = placed(x, r, d)
     load = r.constant_load + acts[TORQUE]
     if r.gravity != 0.0:
-        load += r.gravity * math.sin(output + r.gravity_phase)
+        load += r.gravity * math.sin(d[ANGLE] + r.gravity_phase)
+    if r.coasting_share > 0.0:
+        load, contact = pushed(x, r, load, d)
+        regime += 9 * contact
     if r.load_inertia > 0.0:
         own = r.load_frequency
         twist = own * (x[Q] - x[LOAD_Q]) + 2.0 * r.load_damping * (x[W] - x[LOAD_W])
@@ -451,12 +544,12 @@ def rates(x: Array, m: Array, r: Constants, acts: Array, d: Array) -> int:
         d[BOUC] = (x[W] - z * (0.8 * abs(x[W] * z) + 0.2 * x[W] * z)) / r.bouc_travel
         load += r.bouc_torque * z
     if r.servo == FIRMWARE:
-        regime += firmware_torque(x, m, r, acts[GAIN], load, d)
+        regime += firmware_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     elif r.servo > 0.0:
         regime += servo_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
     else:
-        motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
-    total = r.inertia + r.extra_inertia
+        regime += motor_torque(x, m, r, acts[COMMAND], acts[GAIN], load, d)
+    total = (1.0 - r.coasting_share) * (r.inertia + r.extra_inertia)
     d[W] -= m[FRICTION]
     if r.travel > 0.0:
         beyond = dead(x[Q], r.travel)
@@ -525,18 +618,19 @@ def run(r: Constants, acts: Array, h: float, seen: Array) -> None:
     Args:
         r: the constants of the rig.
         acts: shape (n, 4), see ``rates``; each row is held for the step h [s] that follows.
-        seen: written: angle, drive or current, and feedback before each step, shape (n, 3).
+        seen: written: angle, drive or current, feedback, and rate before each step and before what
+            acts in it, shape (n, 4).
     """
     x, y = np.zeros(STATES), np.zeros(STATES)
     d, k = np.zeros(WIDTH), np.zeros(WIDTH)
     m = np.zeros(MEMORY)
+    rates(x, m, r, acts[0], d)
     for n in range(len(acts)):
-        here = rates(x, m, r, acts[n], d)
-        for i in range(3):
+        for i in range(SEEN):
             seen[n, i] = d[ANGLE + i]
-        if r.servo == FIRMWARE and n % r.tick == 0:
-            duty = r.duty_per_angle * (acts[n, COMMAND] - d[FEEDBACK])
-            m[DUTY] = clip(duty, r.ceiling if r.ceiling > 0.0 else 1.0)
+        here = rates(x, m, r, acts[n], d)
+        if r.tick > 0.0 and n % r.tick == 0:
+            m[HELD] = d[ASKED]
             here = rates(x, m, r, acts[n], d)
         left = h
         for split in range(SPLITS):
@@ -660,14 +754,15 @@ class Experiment:
         )
         scale = 1.0 + settings.get("load_gain", 0.0)
         outside[:, TORQUE - GAIN] += scale * self.load * plan.held(plan.shares, before)
-        seen = np.empty((len(command), 3))
+        seen = np.empty((len(command), SEEN))
         drive = travelled(command, lost, _some(Command, settings), step)
         constants: Any = np.rec.array([tuple(_some(Constants, settings))], dtype=RECORD)[0]
         run(constants, np.column_stack([drive, outside]), step, seen)
-        seen[:, 0] = read(seen[:, 0].copy(), _some(Sensor, settings), step)
-        if settings.get("servo") == 1.0:
-            seen[:, 1] *= SUPPLY
-            seen[:, 2] *= self.true["potentiometer_gain"]
+        sensor = _some(Sensor, settings)
+        judged = self.readings[0]
+        seen[:, judged] = read(seen[:, judged].copy(), sensor, step)
+        seen[:, DRIVE - ANGLE] *= sensor.drive_unit
+        seen[:, FEEDBACK - ANGLE] *= sensor.feedback_unit
         return seen[before :: plan.stride][:, self.readings]
 
 
