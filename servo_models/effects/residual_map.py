@@ -44,11 +44,10 @@ def time_since_reversal(
     if reversal <= 0.0:
         return since_reversal, lasted, direction
     lasted = lasted + elapsed
-    since = direction * lasted
     if shaft_speed != 0.0 and shaft_speed * direction <= 0.0:
         lasted = 0.0
         direction = math.copysign(1.0, shaft_speed)
-    return since, lasted, direction
+    return direction * lasted, lasted, direction
 
 
 @effect("residual", source=SOURCE)

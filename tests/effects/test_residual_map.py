@@ -48,7 +48,7 @@ def test_time_counts_from_each_turn() -> None:
     for speed in (0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0):
         signed, lasted, direction = time_since_reversal(0.0, speed, 0.1, 1.0, lasted, direction)
         seen.append(signed)
-    assert seen == pytest.approx([0.0, 0.0, 0.1, 0.2, 0.3, -0.1, -0.2])
+    assert seen == pytest.approx([0.0, 0.0, 0.1, 0.2, -0.0, -0.1, 0.0])
 
 
 @pytest.mark.parametrize("step", [2e-4, 1e-3])

@@ -17,7 +17,6 @@ from itertools import chain
 from math import atan2, hypot, log, pi
 
 import numpy as np
-from scipy.signal import lombscargle
 
 from servo_models.core.block import Harmonic
 from servo_models.core.types import Array
@@ -164,6 +163,8 @@ def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Se
 
 def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
     """Return the counts [periods in a turn] at the highest peaks of errors over the angle."""
+    from scipy.signal import lombscargle  # starting any command would load it
+
     records = list(_over_angle(model, one))
     travelled = max(float(np.ptp(angle)) for angle, _ in records)
     between = [float(np.median(np.abs(np.diff(angle)))) for angle, _ in records if len(angle) > 1]
