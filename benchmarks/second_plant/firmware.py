@@ -65,23 +65,33 @@ class Profile:
     speed: float = 0.0
 
     def toward(self, goal: float) -> float:
-        """Return the angle [rad] of this tick on the way to a goal [rad].
+        """Return the angle [rad] at this tick, and go on toward a goal [rad] until the next."""
+        if self.firmware.speed <= 0.0:
+            return goal
+        angle, left = self.angle, goal - self.angle
+        if self.firmware.acceleration_time > 0.0:
+            self._ramp(left)
+        else:
+            reach = self.firmware.speed * self.firmware.tick
+            self.angle += min(max(left, -reach), reach)
+        return angle
 
-        The speed is the largest from which equal steps down, one a tick, end at the goal.
+    def _ramp(self, left: float) -> None:
+        """Go on for a tick, at a speed from which equal steps down, one a tick, end at the goal.
+
+        With ``w`` the speed after the tick and ``a`` the acceleration, what is left is
+        tick (speed + w) / 2 + w^2 / (2 a).
         """
         most, tick = self.firmware.speed, self.firmware.tick
-        if most <= 0.0:
-            return goal
-        left = goal - self.angle
-        wanted, step = min(most, abs(left) / tick), math.inf
-        if self.firmware.acceleration_time > 0.0:
-            step = most * tick / self.firmware.acceleration_time
-            ticks = math.sqrt(0.25 + 2.0 * abs(left) / (step * tick)) - 0.5
-            wanted = min(wanted, step * ticks)
-        change = math.copysign(wanted, left) - self.speed
-        self.speed += min(max(change, -step), step)
-        self.angle += self.speed * tick
-        return self.angle
+        step = most * tick / self.firmware.acceleration_time
+        if abs(left) <= step * tick and abs(self.speed) <= step:
+            self.angle, self.speed = self.angle + left, 0.0
+            return
+        beyond = abs(left - 0.5 * tick * self.speed) / (step * tick)
+        wanted = step * (math.sqrt(0.25 + 2.0 * beyond) - 0.5)
+        change = math.copysign(min(wanted, most), left - 0.5 * tick * self.speed) - self.speed
+        before, self.speed = self.speed, self.speed + min(max(change, -step), step)
+        self.angle += 0.5 * tick * (before + self.speed)
 
 
 def run(

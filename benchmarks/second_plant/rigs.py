@@ -208,9 +208,7 @@ class Rig:
         }
 
 
-def draw(
-    seed: int, number: int, engines: Sequence[str] = ENGINES, mix: str = "mechanics"
-) -> Rig:
+def draw(seed: int, number: int, engines: Sequence[str] = ENGINES, mix: str = "mechanics") -> Rig:
     """Draw rig ``number`` of ``seed``; engines take turns."""
     rng, drawn = np.random.default_rng([seed, number]), MIXES[mix]
     kind = str(rng.choice(list(drawn.kinds), p=list(drawn.kinds.values())))
