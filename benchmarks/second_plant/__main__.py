@@ -19,14 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.second_plant.figures import BARS, FIGURES, Case, Cases, play_by_share, report
-from benchmarks.second_plant.judge import Observed, Question, observe
+from benchmarks.second_plant.judge import Observed, judged
 from benchmarks.second_plant.mujoco_plant import engine
 from benchmarks.second_plant.rigs import ENGINES, MIXES, Rig, draw, six, write
 from servo_models.cli.console import progress, show
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.report.interchange import conditions
-from servo_models.withheld.oracle import Diagnosed, diagnose_case
+from servo_models.withheld.oracle import Diagnosed
 from servo_models.withheld.run import own_code, work_through
 
 
@@ -86,14 +86,6 @@ def study(folder: Path, rigs: list[Rig], jobs: int, resume: bool) -> Cases:
         Case(answer, Diagnosed(**rows[name]["said"]), Observed(**rows[name]["observed"]))
         for name, answer in answers.items()
     ]
-
-
-def judged(task: tuple[Path, dict[str, Any]]) -> dict[str, Any]:
-    """What is said of a rig, and what could have been said, from a folder and an answer."""
-    folder, answer = task
-    said = diagnose_case(folder / "cases" / answer["case"])
-    observed = observe(Question(folder, answer, Diagnosed(**said)))
-    return {"case": answer["case"], "said": said, "observed": observed}
 
 
 def _answers(folder: Path, rigs: list[Rig]) -> dict[str, dict[str, Any]]:
