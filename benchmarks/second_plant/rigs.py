@@ -320,7 +320,8 @@ def build(
     )
     for cause in causes:
         rig = WRONG[cause](rig, motor, given, rng)
-    return rig
+    # an inertia or a friction beside the play has its part in these
+    return _with(rig, _behind(rig.drive)) if "play" in causes else rig
 
 
 Wrong = Callable[[Rig, Motor, Mapping[str, float], np.random.Generator], Rig]
@@ -336,19 +337,18 @@ def _delay(rig: Rig, _: Motor, given: Mapping[str, float], rng: np.random.Genera
 
 def _play(rig: Rig, _: Motor, given: Mapping[str, float], rng: np.random.Generator) -> Rig:
     play = given.get("play", math.radians(float(rng.uniform(0.4, 1.2))))
-    near = {
-        "backlash.half_width": 0.5 * play,
-        "coasting_backlash.half_width": 0.5 * play,
-        "coasting_backlash.share": rig.drive.output_inertia / rig.true["inertia"],
-        "coasting_backlash.friction_share": _share(rig.drive),
-    }
+    near = {"backlash.half_width": 0.5 * play, "coasting_backlash.half_width": 0.5 * play}
     return _with(rig, near, play=play)
 
 
-def _share(drive: Drive) -> float:
-    """Part of the dry friction that acts at the output."""
-    whole = drive.motor_friction + drive.output_friction
-    return drive.output_friction / whole if whole else 0.0
+def _behind(drive: Drive) -> dict[str, float]:
+    """Parts of inertia and dry friction that are behind the play."""
+    inertia = drive.motor_inertia + drive.output_inertia
+    friction = drive.motor_friction + drive.output_friction
+    return {
+        "coasting_backlash.share": drive.output_inertia / inertia,
+        "coasting_backlash.friction_share": drive.output_friction / friction,
+    }
 
 
 def _gravity(rig: Rig, motor: Motor, _: Mapping[str, float], rng: np.random.Generator) -> Rig:

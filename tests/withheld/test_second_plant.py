@@ -380,6 +380,11 @@ def test_every_drawn_cause_is_in_the_drive_or_the_firmware() -> None:
         rubbed = drive.motor_friction + drive.output_friction
         known = {**rig.true, **near}.get("coulomb_friction.level", 0.0)
         assert known == pytest.approx(rubbed, abs=1e-12)
+        if drive.play:
+            behind = drive.output_inertia / (drive.motor_inertia + drive.output_inertia)
+            assert near["coasting_backlash.share"] == pytest.approx(behind)
+            own = near["coasting_backlash.friction_share"] * rubbed
+            assert own == pytest.approx(drive.output_friction, abs=1e-12)
 
 
 def test_limits_are_drawn_within_what_the_motor_can_do_and_bind() -> None:
