@@ -3,6 +3,7 @@
 ::
 
     python -m benchmarks.second_plant --seed 1 --cases 150 --folder runs/plant-1
+    python -m benchmarks.second_plant --seed 1 --cases 110 --mix limits --folder runs/limits-1
     python -m benchmarks.second_plant --six --folder runs/six      # six rigs with play and delay
 
 ``firmware`` is the loop of a smart servo; ``two_mass`` and ``mujoco_plant`` are what it moves;

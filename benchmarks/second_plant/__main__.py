@@ -3,9 +3,10 @@
 ::
 
     FOLDER/cases, answers.json     the rigs, before anything is diagnosed
-    FOLDER/results.jsonl           what was said, one line a rig
-    FOLDER/observed.jsonl          what could have been said
+    FOLDER/judged.jsonl            what was said and what could have been said, one line a rig
     FOLDER/figures.json            figures, bars, and every rig with all of the above
+
+A folder with more rigs than are asked for gives the figures of its first ones.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.second_plant.figures import BARS, FIGURES, Case, Cases, report
-from benchmarks.second_plant.judge import Observed, Question, observe
+from benchmarks.second_plant.figures import BARS, FIGURES, Case, Cases, play_by_share, report
+from benchmarks.second_plant.judge import Observed, judged
 from benchmarks.second_plant.mujoco_plant import engine
-from benchmarks.second_plant.rigs import ENGINES, Rig, draw, six, write
+from benchmarks.second_plant.rigs import ENGINES, MIXES, Rig, draw, six, write
 from servo_models.cli.console import progress, show
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.report.interchange import conditions
-from servo_models.withheld.oracle import Diagnosed, diagnose_case
+from servo_models.withheld.oracle import Diagnosed
 from servo_models.withheld.run import own_code, work_through
 
 
@@ -34,6 +35,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.second_plant")
     parser.add_argument("--seed", type=int, default=1, help="of the rigs")
     parser.add_argument("--cases", type=int, default=150, help="rigs, engines in turn")
+    parser.add_argument("--mix", default="mechanics", choices=MIXES, help="what causes are drawn")
     parser.add_argument("--six", action="store_true", help="the six rigs with play and delay")
     parser.add_argument("--engines", default=",".join(ENGINES), help="two_mass,mujoco or one")
     parser.add_argument("--folder", type=Path, required=True, help="of rigs and results")
@@ -46,8 +48,10 @@ def main() -> int:
     try:
         if "mujoco" in engines and not given.six:
             engine()
-        rigs = six() if given.six else [draw(given.seed, i, engines) for i in range(given.cases)]
-        title = "second plant, the six" if given.six else f"second plant, seed {given.seed}"
+        rigs, title = six(), "second plant, the six"
+        if not given.six:
+            rigs = [draw(given.seed, i, engines, given.mix) for i in range(given.cases)]
+            title = f"second plant, {given.mix}, seed {given.seed}"
         cases = study(given.folder, rigs, given.jobs, given.resume)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -71,22 +75,17 @@ def study(folder: Path, rigs: list[Rig], jobs: int, resume: bool) -> Cases:
         elif not resume:
             raise UserError(f"'{folder}' is there: name a new folder, or go on with '--resume'")
         answers = _answers(folder, rigs)
-        said = work_through(
-            folder / "results.jsonl",
-            {case: folder / "cases" / case for case in answers},
-            diagnose_case,
+        rows = work_through(
+            folder / "judged.jsonl",
+            {case: (folder, answer) for case, answer in answers.items()},
+            judged,
             jobs,
             lambda done, every: tell(done, every, "diagnosing"),
         )
-        told = {case: Diagnosed(**row) for case, row in said.items()}
-        observed = work_through(
-            folder / "observed.jsonl",
-            {case: Question(folder, answer, told[case]) for case, answer in answers.items()},
-            observe,
-            jobs,
-            lambda done, every: tell(done, every, "judging"),
-        )
-    return [Case(answers[it], told[it], Observed(**observed[it])) for it in answers]
+    return [
+        Case(answer, Diagnosed(**rows[name]["said"]), Observed(**rows[name]["observed"]))
+        for name, answer in answers.items()
+    ]
 
 
 def _answers(folder: Path, rigs: list[Rig]) -> dict[str, dict[str, Any]]:
@@ -96,6 +95,7 @@ def _answers(folder: Path, rigs: list[Rig]) -> dict[str, dict[str, Any]]:
         code = (folder / "code.txt").read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise UserError(f"'{folder}' holds no study: name a new folder") from error
+    known = known[: len(rigs)]
     if known != json.loads(json.dumps([rig.answer() for rig in rigs])):
         raise UserError(f"'{folder}' holds other rigs: ask for these, or name a new folder")
     if code != own_code():
@@ -109,6 +109,9 @@ def document(title: str, cases: Cases) -> dict[str, Any]:
         "title": title,
         "versions": conditions(),
         "figures": {define.__name__: asdict(define(cases)) for define in FIGURES},
+        "play_by_share": {
+            f"{share:.2f}": asdict(figure) for share, figure in play_by_share(cases).items()
+        },
         "bars": {name: " ".join(map(str, bar)) for name, bar in BARS.items()},
         "cases": [
             {

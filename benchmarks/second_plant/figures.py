@@ -17,6 +17,7 @@ from servo_models.withheld.oracle import FAILED, Diagnosed
 from servo_models.withheld.score import NOTHING, Figure, mean, share
 from servo_models.withheld.sections import AT_LEAST, AT_MOST, Bar, met, quantity
 
+PLAY = frozenset({"backlash", "coasting_backlash"})
 UNCLAIMED = (OUTSIDE, FAILED)
 """Verdicts beside which effects that are named are no claim."""
 
@@ -36,6 +37,20 @@ class Case:
     @property
     def causes(self) -> tuple[str, ...]:
         return tuple(self.answer["causes"])
+
+    @property
+    def play_share(self) -> float | None:
+        """Inertia behind the play over all of it; None where there is no play."""
+        if "play" not in self.causes:
+            return None
+        drive = self.answer["drive"]
+        behind = float(drive["output_inertia"])
+        return behind / (behind + float(drive["motor_inertia"]))
+
+    @property
+    def play_first(self) -> bool:
+        """The explanation at first place has play in it."""
+        return bool(PLAY & {*self.said.named}) and self.said.verdict != FAILED
 
     @property
     def right(self) -> bool:
@@ -118,6 +133,30 @@ def false_of_two(cases: Cases) -> Figure:
     return share(case.claimed for case in cases if case.kind == "two")
 
 
+def play_named(cases: Cases) -> Figure:
+    """Play, alone or with another cause, separated or not: the explanation that is told names it.
+    Beside ``outside-catalogue`` none is told."""
+    return _play_named(case for case in cases if case.play_share is not None)
+
+
+def play_first(cases: Cases) -> Figure:
+    """The same, and beside ``outside-catalogue`` the explanation at first place counts as well."""
+    return share(case.play_first for case in cases if case.play_share is not None)
+
+
+def _play_named(cases: Iterable[Case]) -> Figure:
+    return share(case.play_first and case.said.verdict not in UNCLAIMED for case in cases)
+
+
+def play_by_share(cases: Cases) -> dict[float, Figure]:
+    """``play_named`` by the share of the inertia that is behind the play, in hundredths."""
+    by_share: dict[float, list[Case]] = {}
+    for case in cases:
+        if case.play_share is not None:
+            by_share.setdefault(round(case.play_share, 2), []).append(case)
+    return {behind: _play_named(by_share[behind]) for behind in sorted(by_share)}
+
+
 def suspected(cases: Cases) -> Figure:
     """Nothing wrong: the verdict is another one than ``no-gap`` or ``parameters``."""
     return share(case.wrong for case in cases if case.kind == NOTHING)
@@ -140,6 +179,8 @@ FIGURES: tuple[Callable[[Cases], Figure], ...] = (
     false_beside_true,
     both_named,
     false_of_two,
+    play_named,
+    play_first,
     suspected,
     abstained,
     seconds_per_case,
@@ -148,6 +189,7 @@ BARS: dict[str, Bar] = {
     "first_place": (AT_LEAST, 0.9),
     "false_second": (AT_MOST, 0.05),
     "both_named": (AT_LEAST, 0.8),
+    "play_named": (AT_LEAST, 0.7),
     "suspected": (AT_MOST, 0.03),
 }
 
@@ -163,6 +205,7 @@ def report(title: str, cases: Cases) -> Report:
                 "Figures",
                 tables=(Table("", ("figure", "value (95 %)", "cases", "bar", ""), figures),),
             ),
+            Section("Play", tables=(_play(cases),)),
             Section("What causes were taken for", tables=(_taken_for(cases),)),
             Section("Rigs that went wrong", tables=(_wrong(cases),)),
         ),
@@ -176,6 +219,15 @@ def _figure(define: Callable[[Cases], Figure], cases: Cases) -> tuple[Cell, ...]
         good = met(figure, bar)
         beside = (f"{bar[0]} {bar[1]:g}", Mark("met" if good else "missed", good))
     return (define.__name__, quantity(figure), figure.n, *beside)
+
+
+def _play(cases: Cases) -> Table:
+    """By the inertia behind it."""
+    rows = tuple(
+        (f"{behind:.2f}", figure.n, quantity(figure))
+        for behind, figure in play_by_share(cases).items()
+    )
+    return Table("", ("inertia behind the play", "rigs", "play named (95 %)"), rows)
 
 
 def _taken_for(cases: Cases) -> Table:

@@ -1,8 +1,9 @@
 """The firmware of a smart servo: encoder codes in, voltage out, once a tick.
 
 What it commands is a table of goals, each held until the next; a goal arrives late by the delay
-of the bus.  Position gain and limit of the duty are those of the register; friction, play and
-inertia are none of its business.
+of the bus.  With a profile the loop follows a goal of its own, which moves no faster than that
+allows.  Gain, profile and limit of the duty are those of registers; friction, play and inertia are
+none of its business.
 """
 
 from __future__ import annotations
@@ -40,6 +41,9 @@ class Firmware:
         tick: of the loop [s].
         delay: ticks between a goal's time and the tick that sees it.
         noise: of the encoder before it counts [codes, standard deviation].
+        duty_limit: largest duty [1].
+        speed: of the profile [rad/s], 0 for none.
+        acceleration_time: of the profile, from rest to that speed [s].
     """
 
     stiffness: float
@@ -47,6 +51,47 @@ class Firmware:
     tick: float
     delay: int = 0
     noise: float = 0.0
+    duty_limit: float = 1.0
+    speed: float = 0.0
+    acceleration_time: float = 0.0
+
+
+@dataclass
+class Profile:
+    """The goal that the loop follows, a tick at a time, from rest at an angle of 0."""
+
+    firmware: Firmware
+    angle: float = 0.0
+    speed: float = 0.0
+
+    def toward(self, goal: float) -> float:
+        """Return the angle [rad] at this tick, and go on toward a goal [rad] until the next."""
+        if self.firmware.speed <= 0.0:
+            return goal
+        angle, left = self.angle, goal - self.angle
+        if self.firmware.acceleration_time > 0.0:
+            self._ramp(left)
+        else:
+            reach = self.firmware.speed * self.firmware.tick
+            self.angle += min(max(left, -reach), reach)
+        return angle
+
+    def _ramp(self, left: float) -> None:
+        """Go on for a tick, at a speed from which equal steps down, one a tick, end at the goal.
+
+        With ``w`` the speed after the tick and ``a`` the acceleration, what is left is
+        tick (speed + w) / 2 + w^2 / (2 a).
+        """
+        most, tick = self.firmware.speed, self.firmware.tick
+        step = most * tick / self.firmware.acceleration_time
+        if abs(left) <= step * tick and abs(self.speed) <= step:
+            self.angle, self.speed = self.angle + left, 0.0
+            return
+        beyond = abs(left - 0.5 * tick * self.speed) / (step * tick)
+        wanted = step * (math.sqrt(0.25 + 2.0 * beyond) - 0.5)
+        change = math.copysign(min(wanted, most), left - 0.5 * tick * self.speed) - self.speed
+        before, self.speed = self.speed, self.speed + min(max(change, -step), step)
+        self.angle += 0.5 * tick * (before + self.speed)
 
 
 def run(
@@ -69,12 +114,14 @@ def run(
     codes = np.empty(len(goals), dtype=np.int64)
     total = rest + ticks * len(goals)
     noise = firmware.noise * rng.standard_normal(total) if firmware.noise else np.zeros(total)
+    profile = Profile(firmware)
     for now in range(total):
         code = math.floor(plant.angle() / CODE + noise[now] + 0.5)
         row, within = divmod(now - rest, ticks)
         if row >= 0 and within == 0:
             codes[row] = code
         seen = max(now - firmware.delay - rest, 0) // ticks
-        duty = firmware.stiffness * (float(goals[seen]) - code * CODE)
-        plant.advance(min(max(duty, -1.0), 1.0) * firmware.supply, firmware.tick)
+        duty = firmware.stiffness * (profile.toward(float(goals[seen])) - code * CODE)
+        most = firmware.duty_limit
+        plant.advance(min(max(duty, -most), most) * firmware.supply, firmware.tick)
     return codes

@@ -22,19 +22,10 @@ from servo_models.core.workers import Workers
 from servo_models.data.description import read_description
 from servo_models.diagnosis.search.crossval import consistency
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.withheld.oracle import RIVALS, Diagnosed, fit_from, fitter_of
+from servo_models.withheld.oracle import RIVALS, Diagnosed, diagnose_case, fit_from, fitter_of
 
 TENTH, BY_CHANCE = 0.1, 0.05
 """Share of a rival's squared error that the truth has to take away, and chance that it does."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """A rig to be judged: the folder of all, its answer, and what was said of it."""
-
-    folder: Path
-    answer: dict[str, Any]
-    said: Diagnosed
 
 
 @dataclass(frozen=True)
@@ -71,19 +62,26 @@ def sets_of(causes: Iterable[str]) -> list[frozenset[str]]:
     return [frozenset().union(*chosen) for chosen in product(*(NAMES[it] for it in causes))]
 
 
-def observe(question: Question) -> dict[str, Any]:
-    """Return the ``Observed`` of a rig as a dictionary."""
-    said = question.said
+def judged(task: tuple[Path, dict[str, Any]]) -> dict[str, Any]:
+    """Return what is said of a rig and what could have been said, from a folder and an answer."""
+    folder, answer = task
+    case = folder / "cases" / answer["case"]
+    said = diagnose_case(case)
+    observed = observe(case, answer, Diagnosed(**said))
+    return {"case": answer["case"], "said": said, "observed": asdict(observed)}
+
+
+def observe(case: Path, answer: Mapping[str, Any], said: Diagnosed) -> Observed:
+    """Return what could have been said of the rig in a folder, of which something was said."""
     if not said.floors:
-        return asdict(Observed(said.case))
+        return Observed(said.case)
     with warnings.catch_warnings(), Workers(1):
         warnings.simplefilter("ignore")
-        return asdict(_observed(question))
+        return _observed(case, answer, said)
 
 
-def _observed(question: Question) -> Observed:
-    said, answer = question.said, question.answer
-    described = read_description(question.folder / "cases" / said.case / "description.toml")
+def _observed(case: Path, answer: Mapping[str, Any], said: Diagnosed) -> Observed:
+    described = read_description(case / "description.toml")
     fitter = fitter_of(described, said)
     true = {**answer["parameters"], **answer["effects"]}
     tried = dict(zip(map(frozenset, said.tried), said.values))

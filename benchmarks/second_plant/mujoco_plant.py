@@ -52,6 +52,8 @@ def scene(drive: Drive, stiff: bool) -> str:
         <joint name="play" axis="0 1 0" limited="true" range="{-half} {half}"
                solreflimit="0.002 1"/>"""
     about = drive.torque_constant / drive.resistance
+    most = drive.torque_limit
+    limit = f' forcelimited="true" forcerange="{-most} {most}"' if most else ""
     return f"""
 <mujoco>
   <compiler angle="radian"/>
@@ -74,7 +76,7 @@ def scene(drive: Drive, stiff: bool) -> str:
   </tendon>
   <actuator>
     <general joint="motor" gainprm="{about}" biastype="affine"
-             biasprm="0 0 {-about * drive.torque_constant}"/>
+             biasprm="0 0 {-about * drive.torque_constant}"{limit}/>
   </actuator>
 </mujoco>"""
 

@@ -8,6 +8,10 @@ What counts as right, decided before anything was diagnosed:
 =================  ==========================================================================
 wrong              any of these sets of effects names it
 =================  ==========================================================================
+torque_limit       current_limit
+duty_limit         drive_saturation
+profile_speed      motion_profile
+profile_trapezoid  motion_profile
 delay              transport_delay
 play               backlash; coasting_backlash
 gravity            gravity_load
@@ -20,6 +24,9 @@ friction_stiff     coulomb_friction; stribeck_friction; both
 Soft friction is proportional to tanh(v / 0.3 to 1 rad/s) in the two-mass engine, and MuJoCo's
 own default in the other, which creeps.  Stiff friction is that of Coulomb, in half of the two-mass
 rigs with Stribeck's excess.  Of two, one of each has to be named, and nothing else.
+
+A limit is 0.25 to 0.6 of the torque, duty or speed that the motor can do, and one that moves the
+codes of the logs: where it does not, the whole rig is drawn again.
 """
 
 from __future__ import annotations
@@ -27,9 +34,9 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +61,55 @@ NAMES: dict[str, list[list[str]]] = {
         ["coulomb_friction", "viscous_friction"],
     ],
     "friction_stiff": FRICTIONS,
+    "torque_limit": [["current_limit"]],
+    "duty_limit": [["drive_saturation"]],
+    "profile_speed": [["motion_profile"]],
+    "profile_trapezoid": [["motion_profile"]],
 }
 """By cause, the sets of effects that name it."""
-APART = [{"friction_soft", "friction_stiff"}, {"friction_soft", "viscous"}]
+LIMITS = ("torque_limit", "duty_limit", "profile_speed", "profile_trapezoid")
+MECHANICS = tuple(name for name in NAMES if name not in LIMITS)
+APART = [
+    {"friction_soft", "friction_stiff"},
+    {"friction_soft", "viscous"},
+    {"profile_speed", "profile_trapezoid"},
+]
 """Causes that are not drawn together, since they are two words for one."""
-PAIRS = [pair for pair in combinations(NAMES, 2) if set(pair) not in APART]
-KINDS = {"nothing": 0.16, "one": 0.49, "two": 0.35}
+
+
+def _pairs(causes: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    return tuple(pair for pair in causes if set(pair) not in APART)
+
+
+@dataclass(frozen=True)
+class Mix:
+    """What rigs are drawn from: the shares of the kinds, and one or two causes, each alike often.
+
+    A cause or a pair that stands there several times is drawn as many times as often.
+    """
+
+    kinds: Mapping[str, float]
+    one: tuple[str, ...]
+    two: tuple[tuple[str, str], ...]
+
+
+BESIDE_PLAY = (*LIMITS, *(name for name in MECHANICS if name not in ("play", "inertia")))
+"""An inertia would change the share of it that is behind the play."""
+MIXES = {
+    "mechanics": Mix(
+        {"nothing": 0.16, "one": 0.49, "two": 0.35}, MECHANICS, _pairs(combinations(MECHANICS, 2))
+    ),
+    "limits": Mix(
+        {"nothing": 0.1, "one": 0.5, "two": 0.4},
+        (*LIMITS, *3 * ("play",)),
+        (
+            *3 * tuple(("play", name) for name in BESIDE_PLAY),
+            *_pairs(combinations(LIMITS, 2)),
+            *product(LIMITS, (name for name in MECHANICS if name != "play")),
+        ),
+    ),
+}
+"""Mechanics alone; limits of motor and firmware, and play in about half of the rigs."""
 
 UNCERTAINTY = {
     "torque_constant": 0.1,
@@ -73,6 +123,10 @@ FARTHEST = 2.0
 """Standard deviations by which a true value is off, at the most."""
 BEHIND = (0.02, 0.3)
 """Inertia behind the gear over all of it: from a bare servo to one that carries an arm."""
+SHARES = (0.02, 0.1, 0.3, 0.5)
+"""The same behind the play of the mix of limits, each alike often."""
+BINDS = 4.0
+"""RMS of the codes by which a limit has to move the logs at least."""
 REST = 1.0
 """Time [s] for which the first goal is held before a log begins."""
 
@@ -154,17 +208,43 @@ class Rig:
         }
 
 
-def draw(seed: int, number: int, engines: Sequence[str] = ENGINES) -> Rig:
+def draw(seed: int, number: int, engines: Sequence[str] = ENGINES, mix: str = "mechanics") -> Rig:
     """Draw rig ``number`` of ``seed``; engines take turns."""
-    rng = np.random.default_rng([seed, number])
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    rng, drawn = np.random.default_rng([seed, number]), MIXES[mix]
+    kind = str(rng.choice(list(drawn.kinds), p=list(drawn.kinds.values())))
     causes: tuple[str, ...] = ()
     if kind == "one":
-        causes = (str(rng.choice(list(NAMES))),)
+        causes = (str(rng.choice(drawn.one)),)
     elif kind == "two":
-        causes = PAIRS[int(rng.integers(len(PAIRS)))]
+        causes = drawn.two[int(rng.integers(len(drawn.two)))]
+    given: dict[str, float] = {}
+    if "play" in causes and mix == "limits":
+        given["behind"] = float(rng.choice(SHARES))
     engine = engines[number % len(engines)]
-    return build(f"{number:04d}", engine, causes, {}, rng)
+    rig = build(f"{number:04d}", engine, causes, given, rng)
+    while not all(binds(rig, cause) for cause in causes if cause in LIMITS):
+        rig = build(f"{number:04d}", engine, causes, given, rng)
+    return rig
+
+
+def binds(rig: Rig, limit: str) -> bool:
+    """Return whether a limit moves the codes of the logs."""
+    free = replace(
+        rig,
+        drive=replace(rig.drive, **NO_LIMIT[limit][0]),
+        firmware=replace(rig.firmware, **NO_LIMIT[limit][1]),
+    )
+    moved = np.concatenate(rig.codes()) - np.concatenate(free.codes())
+    return bool(np.sqrt(np.mean(moved**2.0)) >= BINDS)
+
+
+NO_LIMIT: dict[str, tuple[dict[str, float], dict[str, Any]]] = {
+    "torque_limit": ({"torque_limit": 0.0}, {}),
+    "duty_limit": ({}, {"duty_limit": 1.0}),
+    "profile_speed": ({}, {"speed": 0.0}),
+    "profile_trapezoid": ({}, {"speed": 0.0}),
+}
+"""Of a drive and of a firmware, what switches a limit off."""
 
 
 def six() -> list[Rig]:
@@ -210,7 +290,7 @@ def build(
         true["coulomb_friction.level"] = float(rng.uniform(0.01, 0.04)) * motor.stall_torque
     off = {key: float(np.clip(rng.standard_normal(), -FARTHEST, FARTHEST)) for key in true}
     nominal = {key: value / (1.0 + UNCERTAINTY[key] * off[key]) for key, value in true.items()}
-    behind = math.exp(float(rng.uniform(*np.log(BEHIND))))
+    behind = given.get("behind", math.exp(float(rng.uniform(*np.log(BEHIND)))))
     friction, slack = true.get("coulomb_friction.level", 0.0), float(rng.uniform(0.2, 0.5))
     drive = Drive(
         constant,
@@ -240,7 +320,8 @@ def build(
     )
     for cause in causes:
         rig = WRONG[cause](rig, motor, given, rng)
-    return rig
+    # an inertia or a friction beside the play has its part in these
+    return _with(rig, _behind(rig.drive)) if "play" in causes else rig
 
 
 Wrong = Callable[[Rig, Motor, Mapping[str, float], np.random.Generator], Rig]
@@ -256,19 +337,18 @@ def _delay(rig: Rig, _: Motor, given: Mapping[str, float], rng: np.random.Genera
 
 def _play(rig: Rig, _: Motor, given: Mapping[str, float], rng: np.random.Generator) -> Rig:
     play = given.get("play", math.radians(float(rng.uniform(0.4, 1.2))))
-    near = {
-        "backlash.half_width": 0.5 * play,
-        "coasting_backlash.half_width": 0.5 * play,
-        "coasting_backlash.share": rig.drive.output_inertia / rig.true["inertia"],
-        "coasting_backlash.friction_share": _share(rig.drive),
-    }
+    near = {"backlash.half_width": 0.5 * play, "coasting_backlash.half_width": 0.5 * play}
     return _with(rig, near, play=play)
 
 
-def _share(drive: Drive) -> float:
-    """Part of the dry friction that acts at the output."""
-    whole = drive.motor_friction + drive.output_friction
-    return drive.output_friction / whole if whole else 0.0
+def _behind(drive: Drive) -> dict[str, float]:
+    """Parts of inertia and dry friction that are behind the play."""
+    inertia = drive.motor_inertia + drive.output_inertia
+    friction = drive.motor_friction + drive.output_friction
+    return {
+        "coasting_backlash.share": drive.output_inertia / inertia,
+        "coasting_backlash.friction_share": drive.output_friction / friction,
+    }
 
 
 def _gravity(rig: Rig, motor: Motor, _: Mapping[str, float], rng: np.random.Generator) -> Rig:
@@ -322,11 +402,44 @@ def _rubbing(rig: Rig, level: float) -> Rig:
     return _with(rig, near, motor_friction=2.0 / 3.0 * level, output_friction=level / 3.0)
 
 
+def _torque(rig: Rig, motor: Motor, _: Mapping[str, float], rng: np.random.Generator) -> Rig:
+    limit = float(rng.uniform(*LIMITED)) * motor.stall_torque
+    near = {"current_limit.limit": limit / rig.drive.torque_constant}
+    return _with(rig, near, torque_limit=limit)
+
+
+def _duty(rig: Rig, _: Motor, __: Mapping[str, float], rng: np.random.Generator) -> Rig:
+    limit = float(rng.uniform(*LIMITED))
+    firmware = replace(rig.firmware, duty_limit=limit)
+    return _with(replace(rig, firmware=firmware), {"drive_saturation.limit": limit})
+
+
+def _speed(rig: Rig, motor: Motor, _: Mapping[str, float], rng: np.random.Generator) -> Rig:
+    return _profile(rig, float(rng.uniform(*LIMITED)) * motor.top_speed, 0.0)
+
+
+def _trapezoid(rig: Rig, motor: Motor, _: Mapping[str, float], rng: np.random.Generator) -> Rig:
+    """Up to its speed in 50 to 300 ms."""
+    speed = float(rng.uniform(*LIMITED)) * motor.top_speed
+    return _profile(rig, speed, float(rng.uniform(0.05, 0.3)))
+
+
+def _profile(rig: Rig, speed: float, acceleration_time: float) -> Rig:
+    firmware = replace(rig.firmware, speed=speed, acceleration_time=acceleration_time)
+    near = {
+        "motion_profile.velocity": speed,
+        "motion_profile.acceleration_time": acceleration_time,
+    }
+    return _with(replace(rig, firmware=firmware), near)
+
+
 def _with(rig: Rig, near: Mapping[str, float], **drive: float) -> Rig:
     """A rig with something else, and the parameters of effects that come near to it."""
     return replace(rig, effects={**rig.effects, **near}, drive=replace(rig.drive, **drive))
 
 
+LIMITED = (0.25, 0.6)
+"""A limit over what the motor can do."""
 FULL_SPEED = 10.0
 """Speed [rad/s] that friction of a ``smart_servo`` calls full."""
 WRONG: dict[str, Wrong] = {
@@ -337,6 +450,10 @@ WRONG: dict[str, Wrong] = {
     "inertia": _inertia,
     "friction_soft": _soft,
     "friction_stiff": _stiff,
+    "torque_limit": _torque,
+    "duty_limit": _duty,
+    "profile_speed": _speed,
+    "profile_trapezoid": _trapezoid,
 }
 
 

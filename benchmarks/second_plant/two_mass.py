@@ -1,6 +1,6 @@
 """A geared motor as two masses: rotor, gear with play, output.
 
-    J_m w_m' = k (V - k w_m) / R - c_m w_m - friction - gear
+    J_m w_m' = k i - c_m w_m - friction - gear,   i = (V - k w_m) / R within a limit
     J_o w_o' = gear - gravity sin(a_o + phase) - c_o w_o - friction
 
 All is seen at the output.  The gear is a spring and a damper that push only outside the play.
@@ -40,6 +40,7 @@ class Drive:
         contact: natural frequency [Hz] of the output on the gear.
         contact_damping: damping ratio of that.
         gravity: torque [N m] of the arm held level; at angle + ``phase`` = 0 it hangs.
+        torque_limit: of the current, as the torque [N m] that it makes; 0 for none.
     """
 
     torque_constant: float
@@ -58,6 +59,7 @@ class Drive:
     contact_damping: float = 0.3
     gravity: float = 0.0
     phase: float = 0.0
+    torque_limit: float = 0.0
 
 
 NAMES = tuple(it.name for it in fields(Drive))
@@ -141,6 +143,7 @@ def _advance(
         contact_damping,
         gravity,
         phase,
+        torque_limit,
     ) = constants
     frequency = 2.0 * math.pi * contact
     stiffness = output_inertia * frequency * frequency
@@ -149,6 +152,8 @@ def _advance(
     for _ in range(steps):
         gear = _gear(a_m - a_o, w_m - w_o, 0.5 * play, stiffness, damping)
         motor = torque_constant * (voltage - torque_constant * w_m) / resistance
+        if torque_limit > 0.0:
+            motor = min(max(motor, -torque_limit), torque_limit)
         w_m += step * (motor - motor_drag * w_m - gear) / motor_inertia
         w_o += step * (gear - gravity * math.sin(a_o + phase) - output_drag * w_o) / output_inertia
         w_m = _slowed(

@@ -10,10 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import servo_models as sm
+from benchmarks.second_plant import __main__ as command
 from benchmarks.second_plant import figures, rigs
-from benchmarks.second_plant.firmware import CODE, Firmware, Plant, run
+from benchmarks.second_plant.firmware import CODE, Firmware, Plant, Profile, run
 from benchmarks.second_plant.judge import Observed, sets_of
 from benchmarks.second_plant.mujoco_plant import MujocoPlant, engine
 from benchmarks.second_plant.two_mass import STEP, Drive, TwoMass
@@ -111,6 +115,23 @@ def test_a_motor_comes_to_its_speed_in_its_time_constant(build: Build) -> None:
     times = 1e-3 * np.arange(1, len(found) + 1)
     exact = 5.0 / MOTOR.torque_constant * (times - TAU * (1.0 - np.exp(-times / TAU)))
     assert np.allclose(found, exact, rtol=0.0, atol=0.005 * exact[-1])
+
+
+@both_engines
+def test_a_limited_current_is_a_constant_torque_until_the_back_emf_takes_over(build: Build) -> None:
+    volts, limit = 5.0, 0.2
+    k, inertia = MOTOR.torque_constant, MOTOR.motor_inertia + MOTOR.output_inertia
+    free = (volts - limit * MOTOR.resistance / k) / k  # speed from which the limit is not reached
+    ends = free * inertia / limit
+    found = angles(build(replace(MOTOR, torque_limit=limit)), volts, 3.0 * TAU)
+    times = 1e-3 * np.arange(1, len(found) + 1)
+    after = np.maximum(times - ends, 0.0)
+    top, way = volts / k, 0.5 * limit / inertia * np.minimum(times, ends) ** 2
+    way += top * after - (top - free) * TAU * (1.0 - np.exp(-after / TAU))
+    assert 0.2 * times[-1] < ends < 0.8 * times[-1]
+    assert np.allclose(found, way, rtol=0.0, atol=0.005 * way[-1])
+    other = angles(build(replace(MOTOR, torque_limit=limit)), -volts, 3.0 * TAU)
+    assert np.allclose(other, -found, rtol=0.0, atol=1e-6)
 
 
 @both_engines
@@ -234,6 +255,88 @@ def test_duty_has_a_limit_and_the_encoder_rounds() -> None:
     assert codes.tolist() == [0, 3, 3, 3]
 
 
+def test_duty_has_a_lower_limit_in_a_register() -> None:
+    goals = np.array([0.0, 10.0, 10.0, -10.0, -10.0])
+    loop = Firmware(1.0, 20.0 * CODE, 1e-3, duty_limit=0.25)
+    codes = run(loop, Follower(), goals, 1, 0, np.random.default_rng(0))
+    assert codes.tolist() == [0, 0, 5, 5, -5]
+
+
+TICK = 1e-3
+PROFILED = Firmware(1.0, 5.0, TICK, speed=2.0, acceleration_time=0.1)
+ACCELERATION = PROFILED.speed / PROFILED.acceleration_time
+
+
+def profiled(firmware: Firmware, goals: Array) -> Array:
+    """The angles at the ticks of a profile."""
+    profile = Profile(firmware)
+    return np.array([profile.toward(float(goal)) for goal in goals])
+
+
+@pytest.mark.parametrize("goal", [1.0, -0.3, 0.15, 0.05])
+def test_a_profile_is_the_trapezoid_or_triangle_of_its_closed_form(goal: float) -> None:
+    ticks = 900
+    found = profiled(PROFILED, np.full(ticks, goal))
+    size, times = abs(goal), TICK * np.arange(ticks)
+    top = min(PROFILED.speed, math.sqrt(ACCELERATION * size))
+    ramp, whole = top / ACCELERATION, size / top + top / ACCELERATION
+    rising = 0.5 * ACCELERATION * times**2
+    falling = size - 0.5 * ACCELERATION * (whole - times) ** 2
+    between = 0.5 * top * ramp + top * (times - ramp)
+    exact = np.where(times < ramp, rising, np.where(times < whole - ramp, between, falling))
+    exact[times >= whole] = size
+    near = ACCELERATION * TICK**2  # a ramp ends between two ticks
+    assert np.allclose(found, math.copysign(1.0, goal) * exact, rtol=0.0, atol=near)
+    assert found[-1] == goal
+
+
+def test_a_profile_without_acceleration_time_is_a_limit_of_the_rate() -> None:
+    firmware = replace(PROFILED, acceleration_time=0.0)
+    goals = np.repeat([0.01, -0.02], 40)
+    exact = np.minimum(2e-3 * np.arange(40), 0.01)
+    exact = np.concatenate([exact, np.maximum(0.01 - 2e-3 * np.arange(40), -0.02)])
+    assert np.allclose(profiled(firmware, goals), exact, rtol=0.0, atol=1e-12)
+
+
+@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 300)), min_size=1, max_size=5))
+def test_a_profile_keeps_its_limits_whenever_the_goal_moves(
+    steps: list[tuple[float, int]],
+) -> None:
+    last = steps[-1][0]
+    goals = np.concatenate([*(np.full(n, goal) for goal, n in steps), np.full(2500, last)])
+    found = profiled(PROFILED, goals)
+    speed = np.diff(found, prepend=0.0) / TICK
+    assert np.abs(speed).max() <= PROFILED.speed * (1.0 + 1e-9)
+    # an end is met within a step of the speed, which is one acceleration more
+    assert np.abs(np.diff(speed)).max() <= 2.0 * ACCELERATION * TICK * (1.0 + 1e-9)
+    assert found[-1] == last
+
+
+@pytest.mark.parametrize("engine", rigs.ENGINES)
+@pytest.mark.parametrize("limit", rigs.LIMITS)
+def test_the_product_with_the_true_limit_follows_a_rig_within_a_code(
+    engine: str, limit: str
+) -> None:
+    if engine == "mujoco":
+        pytest.importorskip("mujoco")
+    rng = np.random.default_rng(7)
+    rig = rigs.build("one", engine, (limit,), {"noise": 0.0}, rng)
+    while not rigs.binds(rig, limit):
+        rig = rigs.build("one", engine, (limit,), {"noise": 0.0}, rng)
+    loop = {"gain": 100.0, "sample_hold.period": rig.firmware.tick, **rig.true}
+    every = rig.ticks * rig.firmware.tick
+    right, without = [], []
+    for goals, codes in zip(rig.goals, rig.codes()):
+        inputs = {"goal": goals, "supply": np.full(len(goals), rig.firmware.supply)}
+        for errors, effects in ((right, rig.effects), (without, {})):
+            model = sm.model("smart_servo", "xl330", {**loop, **effects})
+            found = sm.simulate(model, every * np.arange(len(goals)), inputs)["angle_reading"]
+            errors.append(found / CODE - codes)
+    left = float(np.sqrt(np.mean(np.concatenate(right) ** 2)))
+    assert left < 1.0
+    assert float(np.sqrt(np.mean(np.concatenate(without) ** 2))) > 4.0 * left
+
+
 def test_without_mujoco_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(UserError, match="pip install"):
@@ -277,6 +380,42 @@ def test_every_drawn_cause_is_in_the_drive_or_the_firmware() -> None:
         rubbed = drive.motor_friction + drive.output_friction
         known = {**rig.true, **near}.get("coulomb_friction.level", 0.0)
         assert known == pytest.approx(rubbed, abs=1e-12)
+        if drive.play:
+            behind = drive.output_inertia / (drive.motor_inertia + drive.output_inertia)
+            assert near["coasting_backlash.share"] == pytest.approx(behind)
+            own = near["coasting_backlash.friction_share"] * rubbed
+            assert own == pytest.approx(drive.output_friction, abs=1e-12)
+
+
+def test_limits_are_drawn_within_what_the_motor_can_do_and_bind() -> None:
+    low, high = 0.25, 0.6
+    for number in range(12):
+        rig = rigs.draw(8, number, ("two_mass",), "limits")
+        drive, loop = rig.drive, rig.firmware
+        stall = drive.torque_constant * loop.supply / drive.resistance
+        for on, share in (
+            ("torque_limit" in rig.causes, drive.torque_limit / stall),
+            ("duty_limit" in rig.causes, loop.duty_limit),
+            (
+                bool({"profile_speed", "profile_trapezoid"} & {*rig.causes}),
+                loop.speed * drive.torque_constant / loop.supply,
+            ),
+        ):
+            assert low <= share <= high if on else share in (0.0, 1.0)
+        assert ("profile_trapezoid" in rig.causes) == (loop.acceleration_time > 0.0)
+        if "play" in rig.causes:
+            behind = drive.output_inertia / (drive.motor_inertia + drive.output_inertia)
+            assert min(abs(behind - share) for share in rigs.SHARES) < 1e-9
+
+
+def test_a_folder_gives_its_first_rigs_and_no_others(tmp_path: Path) -> None:
+    three = [rigs.draw(3, number, ("two_mass",)) for number in range(3)]
+    folder = tmp_path / "study"
+    rigs.write(folder, three, lambda done, every: None)
+    (folder / "code.txt").write_text(command.own_code(), encoding="utf-8")
+    assert list(command._answers(folder, three[:2])) == ["0000", "0001"]
+    with pytest.raises(UserError, match="other rigs"):
+        command._answers(folder, three[1:])
 
 
 def test_two_causes_are_named_by_one_set_of_each() -> None:
@@ -287,10 +426,18 @@ def test_two_causes_are_named_by_one_set_of_each() -> None:
     assert sets_of(()) == [frozenset()]
 
 
-def case(causes: str, verdict: str, named: str, separated: bool = True) -> figures.Case:
+def case(
+    causes: str, verdict: str, named: str, separated: bool = True, behind: float = 0.3
+) -> figures.Case:
     kinds = ("nothing", "one", "two")
     wrong, effects = causes.split(), named.split()
-    answer = {"case": "1", "kind": kinds[len(wrong)], "engine": "two_mass", "causes": wrong}
+    answer = {
+        "case": "1",
+        "kind": kinds[len(wrong)],
+        "engine": "two_mass",
+        "causes": wrong,
+        "drive": {"motor_inertia": 2.0 - 2.0 * behind, "output_inertia": 2.0 * behind},
+    }
     chances = {name: 0.9 - 0.1 * i for i, name in enumerate(effects)}
     said = Diagnosed("1", verdict, 2.0, named=effects, chances=chances)
     return figures.Case(answer, said, Observed("1", separated=separated))
@@ -300,7 +447,7 @@ CASES = [
     case("delay", "effect", "transport_delay"),
     case("delay", "effects", "transport_delay viscous_friction"),
     case("play", "effect", "drive_lag"),
-    case("play", "outside-catalogue", "backlash drive_lag"),
+    case("play", "outside-catalogue", "backlash drive_lag", behind=0.02),
     case("inertia", "parameters", ""),
     case("friction_stiff", "effects", "coulomb_friction stribeck_friction", separated=False),
     case("delay play", "effects", "backlash transport_delay"),
@@ -320,6 +467,13 @@ def test_figures_counted_by_hand() -> None:
     assert counted["false_of_two"] == (0.0, 2)
     assert counted["suspected"] == (pytest.approx(1 / 2), 2)
     assert counted["abstained"] == (pytest.approx(1 / 8), 8)
+    assert counted["play_named"] == (pytest.approx(1 / 4), 4)
+    assert counted["play_first"] == (pytest.approx(2 / 4), 4)
+    by_share = figures.play_by_share(CASES)
+    assert [(behind, it.value, it.n) for behind, it in by_share.items()] == [
+        (0.02, 0.0, 1),
+        (0.3, pytest.approx(1 / 3), 3),
+    ]
     assert counted["separated"] == (pytest.approx(7 / 8), 8)
 
 
