@@ -111,7 +111,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
         tell(c, 0, "this FMU is for co-simulation only, not for model exchange");
     else if (!guid || strcmp(guid, GUID) != 0)
         tell(c, 0, "the GUID is not that of this library: modelDescription.xml and the library are"
-                " from two builds; unpack the FMU again");
+                   " from two builds; unpack the FMU again");
     else if (!(c->core = new_instance(tell, c)))
         tell(c, 0, "fmi2Instantiate: no memory for an instance");
     if (!c->core) {

@@ -48,7 +48,7 @@ typedef struct {
     int32_t phase;
     int32_t has_x;
     int32_t off[EFFECTS + 1]; /* effects that were neutral when the parameters were last used */
-    int32_t warned[NOTICES + 1]; /* of which notices, until reset or a restored state */
+    int32_t warned[NOTICES + 1]; /* whether of each notice */
     char trouble[MESSAGE];    /* what has failed, until reset or a restored state */
 } State;
 
@@ -82,10 +82,10 @@ typedef struct {
 static int refuse(Instance *I, const char *format, ...);
 static int fail(Instance *I, const char *format, ...);
 
-static void say(Instance *I, const char *message)
+static void say(Instance *I, int is_warning, const char *message)
 {
     if (I->tell)
-        I->tell(I->host, 0, message);
+        I->tell(I->host, is_warning, message);
 }
 
 /* Tell the host and leave the instance as it is. */
@@ -96,7 +96,7 @@ static int refuse(Instance *I, const char *format, ...)
     va_start(arguments, format);
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
-    say(I, message);
+    say(I, 0, message);
     return 0;
 }
 
@@ -111,7 +111,7 @@ static int fail(Instance *I, const char *format, ...)
     I->now.time = NAN;
     if (!I->now.trouble[0]) /* no stray bytes of the stack: they would be saved */
         memcpy(I->now.trouble, message, strlen(message) + 1);
-    say(I, message);
+    say(I, 0, message);
     return 0;
 }
 
@@ -199,8 +199,7 @@ static void warn(Instance *I, double time)
         if (I->now.x[notices[i].place] != 0.0 && !I->now.warned[i]) {
             I->now.warned[i] = 1;
             snprintf(message, sizeof message, "%s, at t = %g s", notices[i].message, time);
-            if (I->tell)
-                I->tell(I->host, 1, message);
+            say(I, 1, message);
         }
 }
 

@@ -111,7 +111,7 @@ def units(problem: Problem, vector: Array) -> Array:
     """Return what a relative change of 1 is [scales]: the value itself, unless it is near 0 or the
     problem says less."""
     own = np.where(np.abs(vector) >= NEAR_ZERO, np.abs(vector), 1.0)
-    return np.minimum(own, problem.units)
+    return np.minimum(own, problem.large_changes)
 
 
 def _independent(unseen: Array) -> Array:
@@ -326,7 +326,7 @@ def _middles(problem: Problem, vector: Array, count: int) -> list[Array]:
     They are the same whatever was simulated before.
     """
     random = np.random.default_rng(count)
-    size = np.minimum(np.abs(vector), problem.units)
+    size = np.minimum(np.abs(vector), problem.large_changes)
     aside = [ASIDE * size * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
     return [moved(problem, vector, (-1.0) ** k * aside[k // 2]) for k in range(count)]
 

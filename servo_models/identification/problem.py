@@ -165,7 +165,7 @@ class Problem:
         return float(np.std(values)) or 1.0 if len(values) else 1.0
 
     @cached_property
-    def units(self) -> Array:
+    def large_changes(self) -> Array:
         """Changes [scales] that count as large, shape (p,): infinity for one like its own value.
 
         Of a ripple's count it is the one by which the ripple's phase moves by 1 rad.

@@ -99,10 +99,15 @@ def _free(model: FittedModel, one: Candidate, harmonic: Harmonic) -> list[Free]:
     return found
 
 
+def _count(one: Candidate) -> Free:
+    """The count of its first sine."""
+    name = f"{one.name}.{one.hints.count}"
+    return next(it for it in one.free if it.name == name)
+
+
 def _least_count(one: Candidate) -> float:
     """Of a further sine [periods in a turn]."""
-    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
-    return count.low * LEAST_PERIODS_IN_TRAVEL / LEAST_RIPPLE_PERIODS_IN_TRAVEL
+    return _count(one).low * LEAST_PERIODS_IN_TRAVEL / LEAST_RIPPLE_PERIODS_IN_TRAVEL
 
 
 def _pursuit(
@@ -171,8 +176,7 @@ def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
     step = min((it for it in between if it > 0.0), default=0.0)
     if not travelled or not step:
         return []
-    (count,) = (it for it in one.free if it.name == f"{one.name}.{one.hints.count}")
-    high = min(count.high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
+    high = min(_count(one).high, 2.0 * pi / (LEAST_SAMPLES_IN_A_PERIOD * step))
     counts = np.arange(_least_count(one), high, SPACING_RAD / travelled)
     power = np.zeros(len(counts))
     for angle, errors in records:
