@@ -1,9 +1,9 @@
 """Further sines of a ripple: cogging of a motor has several, each of a count of its own.
 
 The first one is found as any effect is.  The spectrum of what is left, over the angle instead of
-time, then shows which counts there may be.  One more sine is fitted beside those of a model, and as
-many are fitted at once, begun at the nominal parameters: beside too few sines, parameters go where
-they imitate the rest.
+time, then shows which counts there may be.  Each number of sines is fitted from two starts.  One
+adds a sine to the model so far.  The other has all sines at once and nominal parameters: beside too
+few sines, parameters drift to where they imitate the missing ones.
 Sources: Fyfe, Munck, Mechanical Systems and Signal Processing 11 (1997) 187 (order tracking: a
 spectrum over the angle); Scargle, Astrophysical Journal 263 (1982) 835 (spectrum of unequal
 samples); Pati, Rezaiifar, Krishnaprasad, Asilomar Conference 27 (1993) 40 (matching pursuit).
@@ -143,7 +143,8 @@ def _beside(linear: Linearisation, taken: Sequence[Screened]) -> tuple[float, Ar
 
 
 def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Settings:
-    """Values [SI] at steps of shares, the largest sine first, and at those of parameters or not."""
+    """Values [SI] of a start: sines, the largest first, and parameters, moved by their steps where
+    that leaves less."""
     one, p = taken[0].candidate, linear.slopes.shape[1]
     size, hints = one.trial_values[0][one.switches[0]], one.hints
     key = f"{one.name}.{hints.count}"
