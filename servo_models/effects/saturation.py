@@ -10,6 +10,7 @@ from servo_models.core.block import LIMITS_OVER_TYPICAL, Ambiguity, Hints, Param
     source="Gelb, Vander Velde, Multiple-Input Describing Functions, 1968",
     hints=Hints(
         family="limit",
+        inverse=True,
         trial_values=LIMITS_OVER_TYPICAL,
         ambiguity=Ambiguity(
             "a ladder of steps up to the largest that the rig allows, back to back and spaced;"

@@ -70,6 +70,21 @@ def test_formula(effect: Block, given: dict[str, float], formula: Callable[[Arra
     np.testing.assert_allclose(y, formula(U), rtol=1e-13, atol=1e-15)
 
 
+@pytest.mark.parametrize("effect", list({it.name: it for it, *_ in FORMULAS}.values()))
+def test_an_effect_that_weakens_as_its_switch_grows_says_so(effect: Block) -> None:
+    switches = [name for name, param in effect.params.items() if param.switch]
+    wires = dict.fromkeys(effect.wires[1:], 0.3)
+    others = {name: param.default for name, param in effect.params.items()}
+    small, large = (
+        max(
+            abs(effect(u, **wires, **{**others, **dict.fromkeys(switches, size)}) - u)
+            for u in U.tolist()
+        )
+        for size in (0.2, 0.4)
+    )
+    assert effect.hints.inverse == (small > large)
+
+
 def test_quantisation_rounds_to_the_nearest_code() -> None:
     step = 5.0 / 1024.0
     y = np.array([quantisation(u, step=step, rounding=0.5) for u in U])
