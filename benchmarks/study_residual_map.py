@@ -12,8 +12,10 @@ of the command that changes at one value.  *load*: torque with the square of a l
 The diagnosis begins with the nominal actuator.  *Closed* is the share of what named effects leave
 above the noise, both squared, on blocks that no fit has seen; without a map it is 0.  *Distance* is
 the RMS difference of curve and truth at the knots, weighted by samples, over the range of the truth
-where the logs went; infinite where the map is of something else.  *Beside a line* is the same after
-a straight line is taken from both, since damping or gain of the model may hold it.
+where the logs went; infinite where the map is of something else.  *With named* adds to the curve
+what named effects do to the same wire as functions of the same thing.  *Beside a line* is this
+after a straight line is taken from both, since damping or gain of the model may hold it.  Where the
+map acts on another wire than the law, the truth is what moves the output there as far, at rest.
 
 Run: ``python -m benchmarks.study_residual_map [--cases 120] [--seed 0] [--out rows.jsonl]``.
 """
@@ -35,19 +37,27 @@ from servo_models.core.block import Block, Param
 from servo_models.core.plant import Placement, Plant
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
-from servo_models.diagnosis.residual_map import ResidualMap
+from servo_models.diagnosis.residual_map import Curve, ResidualMap
 from servo_models.diagnosis.result import Diagnosis
+from servo_models.effects.residual_map import KNOTS
 from servo_models.withheld.score import share
 
 CAUSES = ("quadratic", "asymmetric", "kink", "load", "position", "none")
 OF = {
-    "quadratic": ("torque", "rate"),
-    "asymmetric": ("torque", "rate"),
-    "kink": ("reading", "command"),
-    "load": ("torque", "load"),
-    "position": ("torque", "position"),
+    "quadratic": "rate",
+    "asymmetric": "rate",
+    "kink": "command",
+    "load": "load",
+    "position": "position",
 }
-"""Where each acts, and of what it is."""
+"""What each is of."""
+WIRES = {
+    "rate": ("shaft_speed",),
+    "position": ("shaft_angle", "angle"),
+    "command": (),
+    "load": ("load_torque",),
+}
+"""On which a named effect is a function of the same thing, beside the wire of the curve."""
 GAP_OVER_FLOOR = (5.0, 20.0)
 SAMPLES = 600
 """Of a log."""
@@ -162,7 +172,7 @@ class Case:
             return self.size * x * np.abs(x) / self.rig.torque**2
         if self.cause == "position":
             return self.size * np.exp(-(((x - self.middle) / self.width) ** 2))
-        return -self.size * np.maximum(x - self.middle, 0.0)
+        return self.size * np.maximum(x - self.middle, 0.0)
 
 
 def with_law(plant: Plant, law: Block) -> Plant:
@@ -297,50 +307,79 @@ def row_of(number: int, seed: int) -> dict[str, object]:
         "closed": (before**2 - learnt.after**2) / (before**2 - floor**2) if learnt else 0.0,
     }
     if case.cause != "none":
-        row["distance"], row["beside_line"] = distances(case, learnt)
+        row |= distances(case, learnt)
     return row
 
 
-def distances(case: Case, learnt: ResidualMap | None) -> tuple[float, float]:
-    """RMS distance of the curve from the truth over its range, as it is and beside a line."""
-    size, regressor = OF[case.cause]
-    curve = next((c for c in learnt.curves if c.regressor == regressor), None) if learnt else None
-    if learnt is None or curve is None or learnt.size != size:
-        return math.inf, math.inf
-    truth = case.truth(curve.knots)
-    if case.cause == "kink":  # what the reading is short of, in its own unit
-        truth = truth * reading_per_command(case)
+def distances(case: Case, learnt: ResidualMap | None) -> dict[str, float]:
+    """RMS distance of the curve from the truth over its range: alone, with named, beside a line."""
+    of = OF[case.cause]
+    curve = next((c for c in learnt.curves if c.regressor == of), None) if learnt else None
+    if learnt is None or curve is None:
+        return dict.fromkeys(("distance", "with_named", "beside_line"), math.inf)
+    acts_on = case.rig.command if case.cause == "kink" else "load_torque"
+    truth = case.truth(curve.knots) * same_at_rest(case.rig, acts_on, learnt)
     weights = np.sqrt(curve.samples)
+    whole = float(np.ptp(truth[curve.samples > 0]))
 
     def rms(values: Array) -> float:
         values = values - np.average(values, weights=weights**2)
-        return float(np.sqrt(np.average(values**2, weights=weights**2)))
+        return float(np.sqrt(np.average(values**2, weights=weights**2))) / whole
 
     def beside(values: Array) -> Array:
         line = np.column_stack([np.ones(len(values)), curve.knots])
         found = np.linalg.lstsq(line * weights[:, None], values * weights, rcond=None)[0]
         return np.asarray(values - line @ found)
 
-    seen = curve.samples > 0
-    whole = float(np.ptp(truth[seen]))
-    return rms(curve.values - truth) / whole, rms(beside(curve.values - truth)) / whole
+    alone = curve.values - truth
+    together = alone + named(case.rig, learnt, curve)
+    return {
+        "distance": rms(alone),
+        "with_named": rms(together),
+        "beside_line": rms(beside(together)),
+    }
 
 
-def reading_per_command(case: Case) -> float:
-    """Steady change of what the loop reads [SI] over that of the command [SI]."""
-    plant, rig = case.rig.nominal.plant, case.rig
-    reading = next(
-        link.on[0] for link in plant.placements["residual_map"] if "reading" in link.effect.params
-    )
-    ends = []
-    for sign in (-1.0, 1.0):
-        held = np.full(SAMPLES, rig.rest + 0.1 * sign * rig.amplitude)
-        ends.append(
-            sm.simulate(rig.nominal, rig.step * np.arange(SAMPLES), {rig.command: held})[reading][
-                -1
-            ]
+def named(rig: Rig, learnt: ResidualMap, curve: Curve) -> Array:
+    """What named effects add to the wire of the map, as functions of what its curve is of [SI]."""
+    plant, values = rig.nominal.plant, learnt.values
+    of = {curve.wire, *WIRES[curve.regressor]}
+    total = np.zeros(len(curve.knots))
+    for link in plant.chain:
+        if not isinstance(link, Placement) or link.name not in learnt.fitted.effects:
+            continue
+        effect, (first, *others) = link.effect, map(link.wire_of, link.effect.wires)
+        if effect.memory or not of.issuperset(others) or first not in {*of, learnt.wire}:
+            continue
+        given = {name: values[f"{link.name}.{name}"] for name in effect.params}
+        base = curve.knots if first in of else np.zeros(len(curve.knots))
+        added = [effect(u, *[x] * len(others), **given) - u for u, x in zip(base, curve.knots)]
+        total += np.array(added) * (
+            1.0 if first == learnt.wire else same_at_rest(rig, first, learnt)
         )
-    return float(ends[1] - ends[0]) / (0.2 * rig.amplitude)
+    return total
+
+
+def same_at_rest(rig: Rig, input_: str, learnt: ResidualMap) -> float:
+    """What the map has to add to its wire to move the output as far as 1 of an input does [SI]."""
+
+    def reached(values: Mapping[str, float], added: float) -> float:
+        held = {rig.command: rig.rest, "load_torque": 0.0}
+        held[input_] += added
+        inputs = {name: np.full(SAMPLES, value) for name, value in held.items()}
+        return float(
+            measured(rig, sm.model(rig.actuator, rig.variant, values), inputs)[rig.outputs[0]][-1]
+        )
+
+    def pushed(level: float) -> dict[str, float]:
+        knots = {f"{learnt.name}.command_knot_{k + 1}": level for k in range(KNOTS)}
+        return {size: unit, f"{learnt.name}.command": 1.0, **knots}
+
+    size = f"{learnt.name}.{learnt.size}"
+    unit = 0.01 * rig.nominal.plant.parameters[size].param.high
+    small = 0.1 * (rig.amplitude if input_ == rig.command else rig.torque)
+    by_input = (reached({}, small) - reached({}, -small)) / (2.0 * small)
+    return by_input * 2.0 * unit / (reached(pushed(1.0), 0.0) - reached(pushed(-1.0), 0.0))
 
 
 def main() -> None:
@@ -358,6 +397,7 @@ def main() -> None:
         if options.out:
             with options.out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
+    print(table([row for row in rows if row["verdict"] == "outside-catalogue"]))
     print(table(rows))
 
 
@@ -368,6 +408,7 @@ def table(rows: list[dict[str, object]]) -> str:
         "map": lambda r: r["map"] is not None,
         "closed": lambda r: float(r["closed"]) >= CLOSED_BAR,  # type: ignore[arg-type]
         "distance": lambda r: float(r.get("distance", math.inf)) <= DISTANCE_BAR,  # type: ignore[arg-type]
+        "with named": lambda r: float(r.get("with_named", math.inf)) <= DISTANCE_BAR,  # type: ignore[arg-type]
         "line": lambda r: float(r.get("beside_line", math.inf)) <= DISTANCE_BAR,  # type: ignore[arg-type]
     }
     lines = ["| cause | cases | " + " | ".join(tests) + " |", "|---|---|" + "---|" * len(tests)]
