@@ -3,7 +3,9 @@
 Logs are simulated by the model itself: actuator, command, noise (0.2 % of the range) and how it
 begins come from the seed.  *rest*: at rest.  *settled*: the first row had been held.  *stepped*:
 another command had been held, and row 0 steps.  *moving*: cut out of a longer motion.  *released*:
-the shaft stands away from rest, no command.  Nothing but the readings says which.
+the shaft stands away from rest, no command.  Nothing but the readings says which.  A motor that is
+free to turn settles nowhere: *settled* and *stepped*, it spins as the log begins, and *released*
+it coasts.
 
 A start that is found is *right* where the true model, so begun, meets the first part of the log to
 1.2 times its noise.  It is sought with the true parameters, and with one of them off by 20 %.  From
@@ -36,6 +38,10 @@ ACTUATORS = {
     ("sg90", "measured"): "amplifier_gain",
     ("smart_servo", "xl330"): "resistance",
     ("smart_servo", "sts3215"): "resistance",
+    ("second_order_servo", "pulse"): "natural_frequency",
+    ("dc_motor", "geared"): "torque_constant",
+    ("dc_motor_current", "direct"): "torque_constant",
+    ("dc_motor_speed", "direct"): "torque_constant",
     ("torque_motor", "measured"): "stiffness",
     ("linear_drive", "identified"): "mass",
 }
@@ -80,25 +86,24 @@ def drawn(random: np.random.Generator, true: Model, way: str) -> Case:
     elif way == "released":
         whole[:] = rest
     assert true.shaft
-    angle = true.shaft.angle
-    state = true.at_rest(true.vector)
+    angle, rate = true.shaft.angle, true.shaft.rate
+    state, since = true.at_rest(true.vector), 0.0
     if way in ("settled", "stepped", "released"):
-        played(
-            true, np.array([0.0, 3.0 * hold]), np.full(2, start.before.get(name, whole[0])), state
-        )
+        since = 3.0 * hold
+        held = np.full(2, start.before.get(name, whole[0]))
+        played(true, np.array([0.0, since]), held, state)
+    elif way == "moving":
+        since = step * before
+        played(true, step * np.arange(before + 1), command[: before + 1], state)
+    motion, free = motion_of(true, state), turns_on(true)
     if way == "released":
-        far = true.plant.wire[angle].scale * random.uniform(0.1, 0.5) * random.choice([-1.0, 1.0])
-        start = Start({angle: far, true.shaft.rate: 0.0})
+        far = random.uniform(0.1, 0.5) * random.choice([-1.0, 1.0])
+        sizes = {name: far * true.plant.wire[name].scale for name in (angle, rate)}
+        start = Start({**motion, **sizes} if free else {**motion, **sizes, rate: 0.0})
         true.shaft.place(state, start.shaft)
-    since = 0.0 if way in ("rest", "moving") else 3.0 * hold
-    if way == "moving":
-        out = played(true, step * np.arange(count + before), command, state)[before:]
-        motion = {
-            it: float(out[0, true.plant.outputs.index(it)]) for it in (angle, true.shaft.rate)
-        }
+    elif way == "moving" or (free and way in ("settled", "stepped")):
         start = Start(motion)
-    else:
-        out = played(true, since + step * np.arange(count), whole, state)
+    out = played(true, since + step * np.arange(count), whole, state)
     clean = out[:, true.plant.outputs.index(angle)]
     noise = NOISE * float(np.ptp(clean))
     log = Log(
@@ -119,6 +124,26 @@ def drawn(random: np.random.Generator, true: Model, way: str) -> Case:
     told = start if start.shaft or start.before else None
     begun = replace(log, assumed=False, start=told, settle=0.0 if way == "rest" else hold)
     return Case(way, true, log, begun, noise)
+
+
+def turns_on(true: Model) -> bool:
+    """Whether the shaft goes on turning while a command is held."""
+    state, (_, size) = true.at_rest(true.vector), true.actuator.step
+    played(true, np.array([0.0, 3.0 * true.stop_time]), np.full(2, size), state)
+    assert true.shaft
+    rate = motion_of(true, state)[true.shaft.rate]
+    return abs(rate) > AT_REST * true.plant.wire[true.shaft.rate].scale
+
+
+def motion_of(true: Model, state: Array) -> dict[str, float]:
+    """Where the shaft of a state is, how fast it turns [SI], and what else it carries on."""
+    shaft = true.shaft
+    assert shaft
+    return {
+        shaft.angle: float(state[shaft.angles[0]]),
+        shaft.rate: float(state[shaft.speeds[0]]) * shaft.rate_over_speed,
+        **{name: float(state[place]) for name, place in shaft.carried.items()},
+    }
 
 
 def shape(random: np.random.Generator, count: int) -> Array:
