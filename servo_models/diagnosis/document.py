@@ -143,6 +143,7 @@ def _residual_map(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "text": found.sentence,
         "before": found.before,
         "after": found.after,
+        "beside": list(found.fitted.effects),
         "curves": [
             {
                 "of": curve.regressor,

@@ -197,13 +197,15 @@ def _shape(diagnosis: Diagnosis) -> Section:
     found = diagnosis.residual_map
     if found is None:
         return Section(SHAPE)
+    beside = found.fitted.effects
     return Section(
         SHAPE,
         f"{found.sentence[0].upper()}{found.sentence[1:]}. It was learnt from the errors that the"
         f" diagnosed model leaves: {number(found.before, 3)} noise floors on stretches that no fit"
         f" has seen, {number(found.after, 3)} with it. It takes any form, so it speaks for no"
-        " effect and against none. What the parameters can do as well, such as a straight line of"
-        " the rate, is in them.",
+        " effect and against none. What the parameters"
+        f"{' and ' + summary.listed(beside) if beside else ''} can do as well, such as a straight"
+        " line of the rate, is in them.",
         tables=tuple(tables.curve(diagnosis, curve) for curve in found.curves),
         pictures=tuple(pictures.curve(diagnosis, curve) for curve in found.curves),
     )
