@@ -342,7 +342,7 @@ def distances(case: Case, learnt: ResidualMap | None) -> dict[str, float]:
 
 def named(rig: Rig, learnt: ResidualMap, curve: Curve) -> Array:
     """What named effects add to the wire of the map, as functions of what its curve is of [SI]."""
-    plant, values = rig.nominal.plant, learnt.values
+    plant, values = rig.nominal.plant, {**rig.nominal.values, **learnt.values}
     of = {curve.wire, *WIRES[curve.regressor]}
     total = np.zeros(len(curve.knots))
     for link in plant.chain:
