@@ -317,8 +317,10 @@ def distances(case: Case, learnt: ResidualMap | None) -> dict[str, float]:
     curve = next((c for c in learnt.curves if c.regressor == of), None) if learnt else None
     if learnt is None or curve is None:
         return dict.fromkeys(("distance", "with_named", "beside_line"), math.inf)
-    acts_on = case.rig.command if case.cause == "kink" else "load_torque"
-    truth = case.truth(curve.knots) * same_at_rest(case.rig, acts_on, learnt)
+    acts_on, points = "load_torque", curve.knots
+    if case.cause == "kink":  # the curve may be of what the command asks for, in another unit
+        acts_on, points = case.rig.command, np.linspace(*reach_of(case, case.rig.command), KNOTS)
+    truth = case.truth(points) * same_at_rest(case.rig, acts_on, learnt)
     weights = np.sqrt(curve.samples)
     whole = float(np.ptp(truth[curve.samples > 0]))
 
@@ -340,16 +342,23 @@ def distances(case: Case, learnt: ResidualMap | None) -> dict[str, float]:
     }
 
 
+def reach_of(case: Case, signal: str) -> tuple[float, float]:
+    """Least and largest value [SI] of a signal in the logs."""
+    values = np.concatenate([log[signal] for log in case.logs.values()])
+    return float(values.min()), float(values.max())
+
+
 def named(rig: Rig, learnt: ResidualMap, curve: Curve) -> Array:
     """What named effects add to the wire of the map, as functions of what its curve is of [SI]."""
     plant, values = rig.nominal.plant, {**rig.nominal.values, **learnt.values}
     of = {curve.wire, *WIRES[curve.regressor]}
+    given_to = {learnt.wire, *of & {wire.name for wire in plant.inputs}}
     total = np.zeros(len(curve.knots))
     for link in plant.chain:
         if not isinstance(link, Placement) or link.name not in learnt.fitted.effects:
             continue
         effect, (first, *others) = link.effect, map(link.wire_of, link.effect.wires)
-        if effect.memory or not of.issuperset(others) or first not in {*of, learnt.wire}:
+        if effect.memory or not of.issuperset(others) or first not in given_to:
             continue
         given = {name: values[f"{link.name}.{name}"] for name in effect.params}
         base = curve.knots if first in of else np.zeros(len(curve.knots))
