@@ -34,6 +34,9 @@ SURE_SIGMAS = 5.0
 """Standard errors of a rate from which a log begins in motion."""
 MOVED = 0.1
 """Of the range of a reading, in the time in which the actuator answers a step: the least rate."""
+TURNS_ON = (0.5, 1.1)
+"""Way in the second half of a hold over what the last rate would make of it: a motor that speeds up
+evenly makes 0.75, one at its speed 1, one that slows down more, and one that only swings less."""
 SIMPLER_SQUARES = 1.3
 """Squares of errors over the least, up to which a simpler start is taken."""
 NO_STEP_SQUARES = 0.5
@@ -107,8 +110,9 @@ def _seen(model: Model, log: Log) -> str:
 
 
 def _begins_otherwise(model: Model, log: Log) -> bool:
-    """Whether the first readings are elsewhere than the model, or move."""
-    if begins_elsewhere(prepared(model, log), {}):
+    """Whether the first readings are elsewhere than the model, or move, or it settles nowhere."""
+    run = prepared(model, log)
+    if _turns_on(run) or begins_elsewhere(run, {}):
         return True
     name = _seen(model, log)
     if not name:
@@ -116,6 +120,21 @@ def _begins_otherwise(model: Model, log: Log) -> bool:
     rate, error = _first_rate(model, log, name, _noise(model, log, name))
     far = abs(rate) * model.stop_time > MOVED * np.ptp(log.outputs[name])
     return bool(far and abs(rate) > SURE_SIGMAS * error)
+
+
+def _turns_on(run: Run) -> bool:
+    """Whether a model for which the first row is held turns on and on, as a free motor does."""
+    plant, shaft, hold = run.model.plant, run.model.shaft, run.log.settle
+    if shaft is None or hold <= 0.0:
+        return False
+    times = np.array([0.0, 0.5, 1.0]) * hold
+    rows = np.repeat(run.inputs[:1], len(times), axis=0)
+    out = run.model.from_rest(run.model.vector, times, rows)
+    _, middle, end = out[:, plant.outputs.index(shaft.angle)]
+    steady = 0.5 * hold * out[-1, plant.outputs.index(shaft.rate)]
+    moves = abs(steady) > STILL * plant.wire[shaft.angle].scale
+    least, most = TURNS_ON
+    return bool(moves and least < (end - middle) / steady < most)
 
 
 def _noise(model: Model, log: Log, output: str) -> float:

@@ -134,6 +134,27 @@ def test_the_first_row_of_a_given_start_is_that_start(
     np.testing.assert_allclose(first, list(motion.values()), rtol=1e-12, atol=1e-300)
 
 
+def test_a_motor_that_spins_as_its_log_begins_is_found_in_motion() -> None:
+    """It settles nowhere: where its encoder stands says nothing of how long it has turned."""
+    true = model("dc_motor", "geared")
+    times = np.arange(0.0, 3.5, 5e-4)
+    voltage = np.where(times < 2.0, 1.5, 9.0 * np.sign(np.sin(4.0 * np.pi * times)))
+    turned = simulate(true, times, {"voltage": voltage})["angle"]
+    late = times > 1.99
+    angle = turned[late] - turned[late][0]  # the encoder counts from here
+    noise = 2e-3 * np.ptp(angle) * np.random.default_rng(7).standard_normal(len(angle))
+    log = log_of(
+        times[late] - times[late][0],
+        {"voltage": voltage[late]},
+        {"angle": angle + noise},
+        settle=true.stop_time,
+    )
+    (found,) = with_starts(true, [assumed(log)])
+    assert found.start
+    errors = prepared(true, found).outputs({})[:, 0] - angle
+    assert np.sqrt(np.mean(errors**2)) < np.std(noise)
+
+
 def test_what_agrees_is_left_alone() -> None:
     voltage = prbs(800, 7)
     log = assumed(bench_log(voltage, rig(TRUE, voltage)))
