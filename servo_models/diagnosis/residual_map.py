@@ -74,6 +74,8 @@ WORDS = {
 }
 SIMPLE = 0.97
 """Share of the variance of a curve from which a simple function is named."""
+SIMPLER = 3.0
+"""Variance that a proportion may leave, over what a higher power with one term more leaves."""
 NOTHING = 0.1
 """Slope over that of the other side up to which it is none."""
 EQUAL = 0.2
@@ -159,12 +161,16 @@ def form(curve: Curve) -> str:
     weights = np.sqrt(curve.samples[seen])
     scale, of = float(np.abs(x).max()), WORDS[curve.regressor]
     if x.min() < -BOTH_SIDES * scale and x.max() > BOTH_SIDES * scale:
+        fits = []
         for power, words in POWERS.items():
             sides = [np.maximum(x / scale, 0.0) ** power, np.maximum(-x / scale, 0.0) ** power]
             line = [x / scale] if power > 1.0 else []
             (up, down, *_), share = _explained([*sides, np.ones(len(x)), *line], y, weights)
+            left = (1.0 - share) / (1.0 if line else SIMPLER)
             if share >= SIMPLE:
-                return f"{words} {of}{_one_way(up, -down, of)}"
+                fits.append((left, f"{words} {of}{_one_way(up, -down, of)}"))
+        if fits:
+            return min(fits)[1]
     for bend in x[1:-1]:
         basis = [np.ones(len(x)), x / scale, np.maximum(x - bend, 0.0) / scale]
         (_, before, more), share = _explained(basis, y, weights)

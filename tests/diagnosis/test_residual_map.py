@@ -9,6 +9,8 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
@@ -143,6 +145,13 @@ FORMS = {
 def test_simple_forms_are_told_in_words(words: str) -> None:
     samples = np.full(len(X), 100)
     assert form(Curve("rate", "shaft_speed", X, FORMS[words], 0.0 * X, samples)) == words
+
+
+@given(slope=st.floats(-5.0, 5.0), power=st.sampled_from([2.0, 3.0]))
+def test_a_power_is_told_whatever_line_stands_beside_it(slope: float, power: float) -> None:
+    curve = np.sign(X) * np.abs(X) ** power + slope * X
+    found = form(Curve("load", "load_torque", X, curve, 0.0 * X, np.full(len(X), 100)))
+    assert found == f"grows with the {'square' if power == 2.0 else 'cube'} of the load"
 
 
 def test_a_kink_is_told_as_one() -> None:
