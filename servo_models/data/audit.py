@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ EXACT = 1e-6
 """A reading without steps or noise counts as exact to this share of its range."""
 NO_NOISE = "millionth of the range, no noise"
 """The origin of such a floor."""
+MOVES = 3.0
+"""Spread of a reading over its noise floor from which something moves."""
 ODD = 3.0
 """Medians of all logs above which the floor of one is its own: of two logs both always count."""
 
@@ -37,8 +39,8 @@ class Audit:
     """What a log is worth.
 
     ``at_rest`` is the share of samples in which nothing moves; ``outliers`` names single readings
-    far from their neighbours, one sentence an output; ``commanded`` is False where neither this log
-    nor those beside it have an input that changes, see ``commands_vary``.
+    far from their neighbours, one sentence an output.  ``commanded`` is False where neither this
+    log nor those beside it have an input that changes, ``moves`` where no output of theirs moves.
     """
 
     log: Log
@@ -48,6 +50,7 @@ class Audit:
     at_rest: float
     outliers: tuple[str, ...] = ()
     commanded: bool = True
+    moves: bool = True
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -55,7 +58,7 @@ class Audit:
         return (
             *self.outliers,
             *_about_time(self.sampling),
-            *_about_commands(self.commands, self.commanded),
+            *_about_commands(self.commands, self.commanded, self.moves),
             *(text for reading in self.readings for text in _about_reading(reading)),
         )
 
@@ -73,12 +76,28 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
 
     A sensor is an output from a column of one name, unit and scale.
     """
-    steps, commanded = _steps(logs, plant), commands_vary(logs, plant)
-    return tuple(_audit(log, plant, found, commanded) for log, found in zip(logs, steps))
+    found = [_audit(log, plant, steps) for log, steps in zip(logs, _steps(logs, plant))]
+    commanded, moves = _commands_vary(logs, plant), any(map(_moves, found))
+    return tuple(replace(it, commanded=commanded, moves=moves) for it in found)
 
 
-def commands_vary(logs: Sequence[Log], plant: Plant) -> bool:
-    """Return whether an input changes, in a log or from one to another, or a log begins in motion.
+def tell_of_motion(logs: Sequence[Log], plant: Plant) -> bool:
+    """Return whether an input changes, or an output moves: an arm that is let go needs no command.
+
+    It also counts that inputs differ from one log to another, or that a log begins in motion.
+    """
+    return _commands_vary(logs, plant) or audits(logs, plant)[0].moves
+
+
+def _moves(found: Audit) -> bool:
+    """Whether an output of a log moves beyond its noise."""
+    return any(
+        float(np.std(found.log.outputs[it.name])) > MOVES * it.floor.value for it in found.readings
+    )
+
+
+def _commands_vary(logs: Sequence[Log], plant: Plant) -> bool:
+    """Whether an input changes, in a log or from one to another, or a log begins in motion.
 
     A step in the first row of a log that begins at rest is a change.
     """
@@ -115,12 +134,12 @@ def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
     return found
 
 
-def _audit(log: Log, plant: Plant, steps: Mapping[str, Step], commanded: bool) -> Audit:
+def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     clock = _sampling(log)
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
-    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd, commanded)
+    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
@@ -415,9 +434,17 @@ def _about_time(sampling: Sampling) -> Iterator[str]:
         )
 
 
-def _about_commands(commands: Sequence[Command], commanded: bool) -> Iterator[str]:
-    if not commanded:
-        yield "no input ever changes: nothing can be determined; log a moving command"
+def _about_commands(commands: Sequence[Command], commanded: bool, moves: bool) -> Iterator[str]:
+    if not commanded and moves:
+        yield (
+            "something moves though no input ever changes: it was let go or runs on, or its command"
+            " is missing; log the command if there was one"
+        )
+    elif not commanded:
+        yield (
+            "no input ever changes, and nothing moves: nothing can be determined; log a command"
+            " that moves"
+        )
     for command in commands:
         if command.at_limit > CLIPPED:
             yield (

@@ -312,7 +312,9 @@ def test_the_command_tells_its_levels_reversals_clock_and_band() -> None:
 def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings() -> None:
     t, y = 0.01 * np.arange(500), smooth(500)
     assert said(audited(t, np.clip(20.0 * y, -10.0, 10.0), y), "actuator's limit")
-    assert said(audited(t, np.zeros(500), y), "ever changes")
+    assert said(audited(t, np.zeros(500), y), "something moves though no input ever changes")
+    noise = 1e-3 * np.random.default_rng(2).standard_normal(500)
+    assert said(audited(t, np.zeros(500), noise), "no input ever changes, and nothing moves")
 
 
 def test_an_input_that_is_the_same_in_a_whole_run_is_no_fault_beside_other_runs() -> None:

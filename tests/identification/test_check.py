@@ -198,7 +198,12 @@ def test_check_warns_where_no_input_moves(run: Run, csv: Path) -> None:
     table.write_csv(csv)
     code, out, _ = run("check", described(csv))
     assert code == 1
-    assert "no input ever changes" in out
+    assert "something moves though no input ever changes" in out
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(len(table))
+    table.with_columns(angle_deg=noise).write_csv(csv)
+    code, out, _ = run("check", described(csv))
+    assert code == 1
+    assert "no input ever changes, and nothing moves" in out
 
 
 def test_a_delay_that_is_to_be_estimated_is_judged(tmp_path: Path) -> None:

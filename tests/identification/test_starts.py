@@ -21,7 +21,7 @@ from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
 from servo_models.identification.transfer.measurements import check_signals
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
-from tests.support.logs import log_of
+from tests.support.logs import changed, log_of, measured
 
 SILENT = np.zeros(400)
 """A free decay: no voltage."""
@@ -79,6 +79,30 @@ def test_a_standstill_still_tells_nothing() -> None:
     still = assumed(bench_log(SILENT, np.zeros(400)))
     with pytest.raises(UserError, match="no input ever changes"):
         fit(nominal(), [still], ("stiffness",))
+
+
+def test_an_arm_that_is_let_go_tells_its_load_without_a_command() -> None:
+    """A pendulum under its own weight: no input changes, and still the log is worth a fit."""
+    true = model("smart_servo", "xl330", {"gravity_load.torque": 0.1, "gravity_load.phase": 1.2})
+    times = np.arange(0.0, 1.0, 5e-3)
+    off = {"enabled": np.zeros(len(times)), "goal": np.zeros(len(times))}
+    log = assumed(measured(true, times, off, {"angle_reading": 1e-3}))
+    begun = changed(true, {"gravity_load.torque": 0.13})
+    found = fit(begun, [log], ("gravity_load.torque",))
+    assert abs(found.values[0] - 0.1) < 4.0 * found.standard_errors[0] < 0.02
+
+
+@pytest.mark.parametrize(("name", "command"), [("dc_motor", 6.0), ("dc_motor_current", 0.3)])
+def test_a_step_in_row_0_sets_a_motor_at_rest_in_motion(name: str, command: float) -> None:
+    """Taken as settled, it would have turned at full speed before."""
+    true = model(name, "direct")
+    times = np.arange(0.0, 1.0, 2e-3)
+    inputs = {true.actuator.step[0]: np.full(len(times), command)}
+    log = measured(true, times, inputs, {"encoder_angle": 0.01}, settle=true.stop_time)
+    (found,) = with_starts(true, [assumed(log)])
+    errors = prepared(true, found).outputs({})[:, 0] - log.outputs["encoder_angle"]
+    assert np.sqrt(np.mean(errors**2)) < 0.011
+    assert found.notes
 
 
 def test_a_step_in_row_0_is_that_of_the_command_held_before() -> None:
