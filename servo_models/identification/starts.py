@@ -76,7 +76,9 @@ def _with_start(model: Model, log: Log) -> Log:
     else:
         return log
     taken = _simplest(model, ways)
-    return taken if taken is log else replace(taken, notes=(*log.notes, _words(model, taken)))
+    return (
+        taken if taken is log else replace(taken, notes=(*log.notes, _words(model, taken, asked)))
+    )
 
 
 def _simplest(model: Model, ways: Sequence[Log]) -> Log:
@@ -217,22 +219,20 @@ def _settled(run: Run, shaft: Shaft, command: str, value: float) -> float | None
 # Words
 
 
-def _words(model: Model, log: Log) -> str:
-    """How a log was found to begin."""
-    wires = model.plant.wire
+def _words(model: Model, log: Log, asked: bool) -> str:
+    """How a log was found to begin; that it may be wrong, unless it was ``asked`` for."""
+    wires, cure = model.plant.wire, "" if asked else f"; {CURE}"
     if log.start is None:
         found = "is settled at its first row" if log.settle else "begins at rest"
-        return f"its first samples show that it {found}; {CURE}"
+        return f"its first samples show that it {found}{cure}"
     if log.start.before:
         held = _listed(log.start.before, wires)
-        return (
-            f"its first samples show that it begins as the command steps: about {held} had been"
-            f" held before, which every fit estimates; {CURE}"
-        )
-    moving = _listed(log.start.shaft, wires)
+        begins = f"as the command steps: about {held} had been held before"
+    else:
+        begins = f"at about {_listed(log.start.shaft, wires)}"
     return (
-        f"its first samples show that it begins at about {moving}, which every fit estimates;"
-        f" {CURE}"
+        f"its first samples and the nominal parameters together say that it begins {begins}, which"
+        f" every fit estimates{cure}"
     )
 
 
