@@ -293,6 +293,8 @@ def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
     taken = diagnosis.selection.taken
     yield from false_starts(taken.problem.runs, taken.values)
+    for run in taken.problem.runs:
+        yield from run.notices(taken.values)
     yield from (
         f"'{name}' is a flag, 0 or 1, and is left out of errors" for name in diagnosis.flags
     )

@@ -72,8 +72,10 @@ def curve(
 
     It is written as a sum of distances to the knots, each times the bend of the line there.
     """
-    if weight <= 0.0 or high <= low:
+    if weight <= 0.0:
         return residual, beyond
+    if high <= low:
+        return residual, 1.0
     at = LAST * (regressor - low) / (high - low)
     if at < -ROUNDING or at > LAST + ROUNDING:
         beyond = 1.0

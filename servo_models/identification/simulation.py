@@ -14,6 +14,7 @@ from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from servo_models.core.bounds import inside
+from servo_models.core.flat import noticed
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid, with_output
 from servo_models.core.types import Array
@@ -98,6 +99,18 @@ class Run:
             return np.asarray(self.inputs[-len(self.log.times) :, inputs.index(wire)])
         again = prepared(with_output(self.model, wire), self.log, self.steps)
         return np.asarray(again.simulate(values)[:, again.model.plant.outputs.index(wire)])
+
+    def notices(self, values: Mapping[str, float]) -> list[str]:
+        """What the model has to warn of in this run, such as a curve held beyond its range."""
+        flat, vector = self.model.flat, self._vector(values)
+        if not flat.notices:
+            return []
+        if self.beginning:
+            _, state = self.beginning.ran(vector, len(self.log.times))
+        else:
+            state = self.model.at_rest(vector)
+            self.model.ran(vector, state, self.times, self.inputs)
+        return [f"log '{self.log.name}': {text}" for text in noticed(flat, state.tolist()).values()]
 
     def _vector(self, values: Mapping[str, float]) -> Array:
         """The parameter vector [SI] of a simulation with these values."""
@@ -234,7 +247,11 @@ class Beginning:
 
     def simulate(self, vector: Array) -> Array:
         """All outputs with a parameter vector [SI], shape (n, outputs)."""
-        return self._outputs(vector, self.values(vector), len(self.run.log.times))
+        return self.ran(vector, len(self.run.log.times))[0]
+
+    def ran(self, vector: Array, rows: int) -> tuple[Array, Array]:
+        """All outputs of the first rows, and the state that is reached."""
+        return self._ran(vector, self.values(vector), rows)
 
     def values(self, vector: Array) -> dict[str, float]:
         """What the start names [SI], fitted if it is to be."""
@@ -262,12 +279,12 @@ class Beginning:
         """Errors of the first part over the range of each output, and of the prior."""
         log, rows = self.run.log, self._rows
         values = dict(zip([*self.start.shaft, *self.start.before], x.tolist()))
-        found = self._outputs(vector, values, rows[-1] + 1)[rows][:, self.run.columns]
+        found = self._ran(vector, values, rows[-1] + 1)[0][rows][:, self.run.columns]
         measured = np.column_stack([log.outputs[name][rows] for name in log.outputs])
         errors = (found - measured) / [np.ptp(it) or 1.0 for it in log.outputs.values()]
         return np.concatenate([errors.ravel(), START_PRIOR * (x - first) / self._scales])
 
-    def _outputs(self, vector: Array, values: Mapping[str, float], rows: int) -> Array:
+    def _ran(self, vector: Array, values: Mapping[str, float], rows: int) -> tuple[Array, Array]:
         run, settle = self.run, self.run.log.settle
         state = run.model.at_rest(vector)
         if settle > 0.0:
@@ -280,7 +297,8 @@ class Beginning:
         if run.model.shaft:
             run.model.shaft.place(state, values)
         part = slice(len(run.times) - len(run.log.times), None)
-        return run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows])
+        found = run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows])
+        return found, state
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:

@@ -13,7 +13,10 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import Model, model, simulate, with_output
 from servo_models.core.types import Array
+from servo_models.data.log import Start
 from servo_models.effects.residual_map import CURVES, KNOTS, curve, time_since_reversal
+from servo_models.identification.fit import fit
+from tests.support.logs import changed, measured
 
 value = st.floats(-1.0, 1.0)
 number = st.floats(-50.0, 50.0)
@@ -123,10 +126,36 @@ def test_a_run_beyond_its_range_is_told() -> None:
     assert not simulate(servo, TIMES, {"pulse_width": STEPS}).warnings
 
 
+def test_ends_that_are_crossed_leave_no_range_and_are_told() -> None:
+    crossed = {"residual_map.command_low": 1.6e-3, "residual_map.command_high": 1.4e-3}
+    on = {"residual_map.torque": 0.01, "residual_map.command": 1.0, **crossed}
+    servo = model("sg90")
+    plain = simulate(servo, TIMES, {"pulse_width": STEPS})
+    mapped = simulate(changed(servo, on), TIMES, {"pulse_width": STEPS})
+    assert len(mapped.warnings) == 1
+    assert np.array_equal(mapped["angle"], plain["angle"])
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_log_beyond_its_range_is_told_where_it_is_fitted(moved: bool) -> None:
+    """Named by its log, however that begins."""
+    known = {"residual_map.command_low": 1.4e-3, "residual_map.command_high": 1.6e-3}
+    servo = changed(
+        model("sg90"), {"residual_map.torque": 1e-3, "residual_map.command": 1.0, **known}
+    )
+    log = measured(servo, TIMES, {"pulse_width": STEPS}, {"angle": 1e-3})
+    if moved:
+        log = replace(log, start=Start({"angle": 0.0, "rate": 0.0}))
+    inside = replace(log, inputs={"pulse_width": np.clip(STEPS, 1.41e-3, 1.59e-3)}, name="small")
+    told = fit(servo, [log, inside], ("motor_gain",)).warnings
+    assert sum("went beyond the range of its curve" in text for text in told) == 1
+    assert any("log 'log': residual_map: 'pulse_width' went beyond" in text for text in told)
+
+
 def test_the_range_of_a_wire_that_is_no_output_is_known_as_well() -> None:
     on = {"residual_map.torque": 0.01, "residual_map.reversal": 1.0}
     known = {"residual_map.reversal_low": -1e-3, "residual_map.reversal_high": 1e-3}
     servo = model("sg90")
-    changed = replace(servo, values={**servo.values, **on, **known})
-    warnings = simulate(changed, TIMES, {"pulse_width": STEPS}).warnings
+    mapped = changed(servo, {**on, **known})
+    warnings = simulate(mapped, TIMES, {"pulse_width": STEPS}).warnings
     assert "'since_reversal' went beyond the range of its curve" in " ".join(warnings)
