@@ -25,6 +25,7 @@ from servo_models.withheld.generator.cases import (
     draw_case,
     draw_experiment,
     large_step,
+    load_shares,
     rich,
     sized,
     with_log,
@@ -35,7 +36,7 @@ from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 
-SERVO, MOTOR, BUS, PULSE, LOOP = RIGS
+SERVO, MOTOR, BUS, PULSE, LOOP, WOUND, FREE = RIGS
 
 every_bench = pytest.mark.parametrize("rig", RIGS, ids=lambda b: b.actuator)
 
@@ -122,8 +123,9 @@ def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
     """A cause that makes a gap of ``share`` of the range."""
     rig = subject.rig
     plans = rich(rig, np.random.default_rng(1), 1)
-    if subject.cause.name == "load_gain":
-        plans = tuple(replace(it, load=np.sin(0.1 * np.arange(len(it.command)))) for it in plans)
+    if subject.cause.name == "load_gain" or rig.integrators:
+        rng = np.random.default_rng(6)
+        plans = tuple(replace(it, load=load_shares(rig, len(it.command), rng)) for it in plans)
     load = 0.0 if subject.cause.name == "coasting_backlash" else rig.load[1]  # it closes the play
     e = experiment(rig, plans, load=load)
     drawn = draw(subject.cause, np.random.default_rng(4))
