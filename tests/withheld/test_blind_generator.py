@@ -140,6 +140,8 @@ def test_a_cause_is_the_products_effect_of_that_size(subject: Subject) -> None:
     bound = OTHER_LAW.get(found.name, SAME)
     if found.name == "sensor_quantisation" and "feedback_step" in found.settings(e):
         bound = 0.1  # a loop chatters between codes at the pace of either integrator
+    if found.name == "rate_limit" and e.rig is FREE:
+        bound = 0.05  # the product's steps of half a millisecond are long for such a ramp
     assert rms(e.logs(found.settings(e)), theirs) < bound * found.gap
 
 
@@ -221,8 +223,36 @@ def test_fastest_and_slowest_are_poles_of_the_paper() -> None:
     poles = poles[np.abs(poles) > 1e-6]  # the angle is an integral
     assert 1.0 / np.abs(poles).max() == pytest.approx(LOOP.fastest, rel=1e-6)
     assert 1.0 / np.abs(poles.real).min() == pytest.approx(LOOP.slowest, rel=1e-6)
+    stiff = {"winding_lag.time_constant": 0.0}
+    poles = np.linalg.eigvals(linearise(model(WOUND.actuator, WOUND.variant, stiff)).joint_a)
+    assert 1.0 / np.abs(poles).max() == pytest.approx(WOUND.fastest, rel=1e-6)
     poles = np.linalg.eigvals(linearise(model(PULSE.actuator, PULSE.variant)).joint_a)
     assert 1.0 / np.abs(poles).max() == pytest.approx(PULSE.fastest, rel=1e-6)
+
+
+def test_the_slowest_of_a_free_motor_is_the_time_that_it_says() -> None:
+    """The output turned by 60 degrees at the no-load speed of 24 V; the bare rotor turned once by
+    one ampere from rest, both without friction."""
+    values = model(WOUND.actuator, WOUND.variant).values
+    speed = 24.0 / values["torque_constant"] / values["gear_ratio"]
+    assert speed * WOUND.slowest == pytest.approx(math.radians(60.0))
+    values = model(FREE.actuator, FREE.variant).values
+    pushed = values["torque_constant"] * 1.0 / values["rotor_inertia"]
+    assert 0.5 * pushed * FREE.slowest**2 == pytest.approx(2.0 * math.pi)
+
+
+@pytest.mark.parametrize("rig", [WOUND, FREE], ids=lambda b: b.actuator)
+def test_steps_and_loads_bring_back_what_nothing_holds(rig: Rig) -> None:
+    """As many sums of them as integrals lie before the angle end where they began."""
+    rng = np.random.default_rng(9)
+    for _ in range(20):
+        step = draw_experiment(rig, "poor", rng).plans[0].command
+        for signal in (step, load_shares(rig, len(step), rng)):
+            assert signal[0] == 0.0
+            assert np.abs(signal).max() > 0.1
+            for _ in range(rig.integrators):
+                signal = np.cumsum(signal)
+                assert abs(signal[-1]) < 1e-9
 
 
 @every_bench
@@ -233,7 +263,7 @@ def test_true_constants_scatter_as_the_description_says(rig: Rig) -> None:
         standard = [(true[name] / rig.nominal[name] - 1.0) / spread for true in drawn]
         cut = norm.cdf((LEAST_VALUE - 1.0) / spread)
         share = kstest(standard, lambda z, c=cut: (norm.cdf(z) - c) / (1.0 - c)).pvalue
-        assert share > 1e-3, name
+        assert share > 1e-4, name  # some thirty of them: one in 300 runs fails by chance
 
 
 @pytest.mark.parametrize("tier", TIERS)

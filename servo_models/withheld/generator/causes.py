@@ -5,13 +5,17 @@ Left out, since a description states it already, with its uncertainty: ``transpo
 servo, ``transport_delay`` and ``command_gain`` of the second-order servo.
 
 Left out, since its log cannot show it: ``thermal_drift`` of the torque motor, over 1 s in logs of
-0.2 s, and what a gyro does, as it is never judged; what the encoder's angle, the play and
-the stops of the motor in a speed loop do, as its speed is judged.
+0.2 s, and of the motor on a current, whose winding stays cold; what a gyro does, as it is never
+judged; what the encoder's angle, the play and the stops of the motor in a speed loop do, as its
+speed is judged; the play behind the encoder, and what its speed does, of the motors that nothing
+holds.
 
 Left out, since the generator has no law of it: ``supply_sag``,
 ``error_dead_zone`` and ``drive_lag`` of the smart servo, ``drive_lag`` of the second-order servo.
 Left out, since a loop without a clock slides between two codes, and no two simulations do so at the
-same pace: ``speed_quantisation`` of the motor.
+same pace: ``speed_quantisation`` of the motor.  Left out, since what nothing holds keeps for good
+what a touch took from it, which no two laws of a stop agree on: ``end_stops`` of the motors on a
+voltage and on a current.
 """
 
 from __future__ import annotations
@@ -328,7 +332,6 @@ SPEED_LOOP: tuple[Cause, ...] = (
 ON_VOLTAGE: tuple[Cause, ...] = (
     _one("load_inertia", "inertia", "extra_inertia", 5e-4, 0.4),
     _mass(2e-3, 0.02, 15.0, 40.0),
-    _one("end_stops", "half_range", "travel", 70.0 * D, 2.0 * D),
     _signed("command_gain", "error", "input_gain", 5e-4, 0.4),
     _one("transport_delay", "time", "delay", 1e-4, 0.02, grid=True),
     _one("sample_hold", "period", "hold", 4e-4, 0.06, grid=True),

@@ -305,7 +305,6 @@ def wound_constants(true: Values) -> dict[str, float]:
         "corner": corner,
         "resistance": true["resistance"],
         "flux_per_angle": rotor["torque_per_current"] * corner / true["resistance"],
-        "stop_frequency": 3e3,
     }
 
 
