@@ -195,7 +195,7 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
     seed = int(rng.integers(2**31))
     plans = _plans(rig, tier, rng)
     if loaded and (rng.random() < VARIED or rig.integrators):
-        plans = tuple(replace(plan, load=load_shares(rig, len(plan.command), rng)) for plan in plans)
+        plans = tuple(replace(it, load=load_shares(rig, len(it.command), rng)) for it in plans)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
 
 

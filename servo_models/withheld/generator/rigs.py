@@ -514,9 +514,7 @@ RIGS = (
         rest=0.0,
         amplitude=(0.5 * WOUND_VOLTS, WOUND_VOLTS),
         load=(0.5, 3.0),
-        strength=lambda true: (
-            GEARBOX * true["torque_constant"] * WOUND_VOLTS / true["resistance"]
-        ),
+        strength=lambda true: GEARBOX * true["torque_constant"] * WOUND_VOLTS / true["resistance"],
         readings=(
             (Signal("encoder_angle", "rad", 1.0), 2),
             (Signal("current", "A", 1.0), 1),
