@@ -49,7 +49,7 @@ A case is of one of these rigs:
 | `second_order_servo` | `pulse` | angle from outside | rate of a gyro | 30 |
 | `dc_motor_speed` | `direct` | speed from the motor's encoder | current | 19 |
 | `dc_motor` | `geared` | angle from the motor's encoder | current | 24 |
-| `dc_motor_current` | `direct` | angle from the motor's encoder | current | 23 |
+| `dc_motor_current` | `direct` | angle from the motor's encoder | current | 22 |
 
 Nothing holds the last two: what they play, and their load, goes both ways for equal times, so that
 they come back.

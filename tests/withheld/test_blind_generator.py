@@ -140,8 +140,6 @@ def test_a_cause_is_the_products_effect_of_that_size(subject: Subject) -> None:
     bound = OTHER_LAW.get(found.name, SAME)
     if found.name == "sensor_quantisation" and "feedback_step" in found.settings(e):
         bound = 0.1  # a loop chatters between codes at the pace of either integrator
-    if found.name == "rate_limit" and e.rig is FREE:
-        bound = 0.05  # the product's steps of half a millisecond are long for such a ramp
     assert rms(e.logs(found.settings(e)), theirs) < bound * found.gap
 
 
