@@ -239,7 +239,7 @@ def _principal(known: _Probes, here: NDArray[np.int64]) -> tuple[Array, Array, A
     spread = (left / singular**2) @ left.T
     # of J'J and 1e-15 of its trace, which rounding can outweigh where J'J is formed
     ridge = math.sqrt(1e-15) * np.linalg.norm(mean) * np.eye(len(here))
-    lower = np.linalg.qr(np.vstack([mean, ridge]), mode="r").T
+    lower = np.linalg.qr(np.vstack([mean, ridge]))[1].T
     inverse = np.linalg.inv(lower)
     shares, axes = np.linalg.eigh(inverse @ spread @ inverse.T)
     return mean * unit, (inverse.T @ axes) / unit[:, None], shares

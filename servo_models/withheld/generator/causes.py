@@ -16,8 +16,8 @@ Left out, since a loop without a clock slides between two codes, and no two simu
 same pace: ``speed_quantisation`` of the motor.
 
 Left out of the motors that nothing holds, since their angle keeps every small difference for good:
-``end_stops``, where no two laws of a stop agree, and ``rate_limit`` of the motor on a current, whose
-ramp the product integrates in steps of half a millisecond.
+``end_stops``, where no two laws of a stop agree, and ``rate_limit`` of the motor on a current, with
+a ramp that the product integrates in steps of half a millisecond.
 """
 
 from __future__ import annotations
