@@ -48,6 +48,11 @@ A case is of one of these rigs:
 | `smart_servo` | `sts3215` | angle from outside | duty | 24 |
 | `second_order_servo` | `pulse` | angle from outside | rate of a gyro | 30 |
 | `dc_motor_speed` | `direct` | speed from the motor's encoder | current | 19 |
+| `dc_motor` | `geared` | angle from the motor's encoder | current | 24 |
+| `dc_motor_current` | `direct` | angle from the motor's encoder | current | 22 |
+
+Nothing holds the last two: what they play, and their load, goes both ways for equal times, so that
+they come back.
 
 A rig has nothing wrong, one effect, two, or a cause *outside the catalogue*, and its parameters are
 off by their uncertainty. What a cause does alone to the noise-free reading is its gap (RMS), and

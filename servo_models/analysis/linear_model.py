@@ -66,12 +66,20 @@ class LinearModel:
 
     def slowest(self) -> float:
         """Return the longest time constant [s] of the poles that decay, 0 without any."""
-        poles = np.linalg.eigvals(self.matrices()[0]).astype(complex)
-        if self.period:
-            poles = np.log(poles[poles != 0.0]) / self.period
+        poles = self._poles()
         rates = -poles.real
         decaying = rates[rates > 1e-9 * np.max(abs(poles), initial=0.0)]
         return float(1.0 / decaying.min()) if len(decaying) else 0.0
+
+    def integrates(self) -> bool:
+        """Whether a pole stands at 0, so that nothing brings the output back."""
+        sizes = abs(self._poles())
+        return bool(np.any(sizes <= 1e-9 * np.max(sizes, initial=0.0)))
+
+    def _poles(self) -> NDArray[np.complex128]:
+        """Poles [rad/s] of A, of discrete ones those that are not a mere delay."""
+        poles = np.linalg.eigvals(self.matrices()[0]).astype(complex)
+        return np.log(poles[poles != 0.0]) / self.period if self.period else poles
 
     def channel(self, input_: str, output: str) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C, D from one input to one output, shapes (n, n), (n, 1), (1, n), (1, 1)."""

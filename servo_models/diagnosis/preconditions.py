@@ -51,8 +51,10 @@ def without_flags(logs: Iterable[Log], plant: Plant) -> tuple[tuple[Log, ...], t
 
 
 def slowest_time_constant(model: Model) -> float:
-    """Return the slowest time constant [s] about rest; 0 where nothing decays or rests."""
+    """Return the slowest time constant [s] about rest; 0 where nothing decays or rests, or where
+    the output has no place of rest to settle at, as a motor that nothing holds."""
     try:
-        return linearise(model).slowest()
+        linear = linearise(model)
     except UserError:
         return 0.0
+    return 0.0 if linear.integrates() else linear.slowest()

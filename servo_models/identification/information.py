@@ -16,6 +16,7 @@ ACM TOMS 38 (2012) (derivatives of noisy simulations).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -236,8 +237,9 @@ def _principal(known: _Probes, here: NDArray[np.int64]) -> tuple[Array, Array, A
     left, singular, right = np.linalg.svd(told, full_matrices=False)
     mean = (known.slopes / np.sqrt(noise)) @ (right.T / singular) @ left.T
     spread = (left / singular**2) @ left.T
-    gram = mean.T @ mean
-    lower = np.linalg.cholesky(gram + 1e-15 * np.trace(gram) * np.eye(len(gram)))
+    # of J'J and 1e-15 of its trace, which rounding can outweigh where J'J is formed
+    ridge = math.sqrt(1e-15) * np.linalg.norm(mean) * np.eye(len(here))
+    lower = np.linalg.qr(np.vstack([mean, ridge]))[1].T
     inverse = np.linalg.inv(lower)
     shares, axes = np.linalg.eigh(inverse @ spread @ inverse.T)
     return mean * unit, (inverse.T @ axes) / unit[:, None], shares

@@ -298,6 +298,7 @@ def test_poles_of_known_time_constants(times: list[float], clocked: bool, free: 
         tuple("x" * n), (), (), (), {}, {}, {}, period,
     )  # fmt: skip
     assert linear.slowest() == pytest.approx(max(times), rel=1e-6)
+    assert linear.integrates() is free
 
 
 def test_nothing_that_decays_has_no_slowest_time_constant() -> None:

@@ -248,6 +248,13 @@ def test_a_log_shorter_than_what_the_loop_needs_to_settle_is_refused(
     check_duration(long_enough.model, long_enough.logs)
 
 
+def test_a_motor_that_nothing_holds_may_be_logged_for_a_moment(tmp_path: Path) -> None:
+    """Its angle has no place to settle at; its speed alone would take J / b = 5 s."""
+    motor = Loop("dc_motor_current", "direct", "current_command", "encoder_angle", 1e-5, 2e-6)
+    told = read_description(describe_loop(tmp_path, motor, 0.5))
+    check_duration(told.model, told.logs)
+
+
 def test_names_of_outputs_are_looked_at_before_the_work(run: Run, tmp_path: Path) -> None:
     path = describe(tmp_path)
     for option, name in (("--json", "d.txt"), ("--out", "p.json"), ("--report", "d.pdf")):

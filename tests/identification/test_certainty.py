@@ -22,7 +22,7 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import identify
-from servo_models.identification.information import information
+from servo_models.identification.information import _principal, _Probes, information
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.uncertainty import spread
@@ -244,3 +244,20 @@ def test_the_count_of_a_fast_ripple_is_known_as_well_as_its_slopes_say() -> None
     found = spread(problem, vector)
     assert not found.groups
     np.testing.assert_allclose(found.standard_errors / problem.scales, bound, rtol=0.15)
+
+
+@given(st.integers(0, 10_000), st.floats(1e-3, 1e3), st.sampled_from([-1.0, 1.0]))
+def test_of_two_slopes_along_one_line_one_combination_is_seen_and_one_is_not(
+    seed: int, size: float, sign: float
+) -> None:
+    """Whatever rounding makes of J'J, which has no inverse."""
+    line = np.random.default_rng(seed).standard_normal(1000)
+    slopes = np.outer(line, [1.0, sign * size])
+    random = np.array([1e-3, 1e-3])
+    known = _Probes(np.eye(2), slopes, random, random, np.zeros((1000, 2)), random > 1.0)
+    own, along, shares = _principal(known, np.arange(2))
+    seen, unseen = np.linalg.norm(own @ along, axis=0)
+    assert seen == pytest.approx(1.0)
+    assert unseen < 1e-3
+    assert shares[0] < 1e-3
+    assert shares[1] > 1e3

@@ -107,7 +107,8 @@ def test_tiers_are_those_that_were_fixed(folder: tuple[Path, str]) -> None:
             assert excursion.max() <= rig.amplitude[1] * 1.001
             assert excursion[0] == 0.0
             sizes = np.unique(np.round(log.inputs[rig.command.name] - rig.rest, 9))
-            assert (len(sizes) == 2) == (answer["tier"] == "poor")
+            one_step = 3 if rig.integrators else 2  # both ways, where nothing holds the rig
+            assert (len(sizes) == one_step) == (answer["tier"] == "poor")
         if hard:
             codes = joined(description, answer["judged"]) / answer["quantum"]
             assert np.abs(codes - np.round(codes)).max() < 0.01

@@ -25,6 +25,7 @@ from servo_models.withheld.generator.cases import (
     draw_case,
     draw_experiment,
     large_step,
+    load_shares,
     rich,
     sized,
     with_log,
@@ -35,7 +36,7 @@ from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 
-SERVO, MOTOR, BUS, PULSE, LOOP = RIGS
+SERVO, MOTOR, BUS, PULSE, LOOP, WOUND, FREE = RIGS
 
 every_bench = pytest.mark.parametrize("rig", RIGS, ids=lambda b: b.actuator)
 
@@ -122,8 +123,9 @@ def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
     """A cause that makes a gap of ``share`` of the range."""
     rig = subject.rig
     plans = rich(rig, np.random.default_rng(1), 1)
-    if subject.cause.name == "load_gain":
-        plans = tuple(replace(it, load=np.sin(0.1 * np.arange(len(it.command)))) for it in plans)
+    if subject.cause.name == "load_gain" or rig.integrators:
+        rng = np.random.default_rng(6)
+        plans = tuple(replace(it, load=load_shares(rig, len(it.command), rng)) for it in plans)
     load = 0.0 if subject.cause.name == "coasting_backlash" else rig.load[1]  # it closes the play
     e = experiment(rig, plans, load=load)
     drawn = draw(subject.cause, np.random.default_rng(4))
@@ -219,8 +221,37 @@ def test_fastest_and_slowest_are_poles_of_the_paper() -> None:
     poles = poles[np.abs(poles) > 1e-6]  # the angle is an integral
     assert 1.0 / np.abs(poles).max() == pytest.approx(LOOP.fastest, rel=1e-6)
     assert 1.0 / np.abs(poles.real).min() == pytest.approx(LOOP.slowest, rel=1e-6)
+    stiff = {"winding_lag.time_constant": 0.0}
+    poles = np.linalg.eigvals(linearise(model(WOUND.actuator, WOUND.variant, stiff)).joint_a)
+    assert 1.0 / np.abs(poles).max() == pytest.approx(WOUND.fastest, rel=1e-6)
     poles = np.linalg.eigvals(linearise(model(PULSE.actuator, PULSE.variant)).joint_a)
     assert 1.0 / np.abs(poles).max() == pytest.approx(PULSE.fastest, rel=1e-6)
+
+
+def test_the_slowest_of_a_free_motor_is_the_time_that_it_says() -> None:
+    """The output turned by 60 degrees at the no-load speed of 24 V; the bare rotor turned once by
+    one ampere from rest, both without friction."""
+    values = model(WOUND.actuator, WOUND.variant).values
+    speed = 24.0 / values["torque_constant"] / values["gear_ratio"]
+    assert speed * WOUND.slowest == pytest.approx(math.radians(60.0))
+    values = model(FREE.actuator, FREE.variant).values
+    pushed = values["torque_constant"] * 1.0 / values["rotor_inertia"]
+    assert 0.5 * pushed * FREE.slowest**2 == pytest.approx(2.0 * math.pi)
+
+
+@pytest.mark.parametrize("rig", [WOUND, FREE], ids=lambda b: b.actuator)
+def test_steps_and_loads_bring_back_what_nothing_holds(rig: Rig) -> None:
+    """As many sums of them as integrals lie before the angle end where they began."""
+    rng = np.random.default_rng(9)
+    for _ in range(20):
+        step = draw_experiment(rig, "poor", rng).plans[0].command
+        for signal in (step, load_shares(rig, len(step), rng)):
+            assert signal[0] == 0.0
+            assert np.abs(signal).max() > 0.1
+            summed = signal
+            for _ in range(rig.integrators):
+                summed = np.cumsum(summed)
+                assert abs(summed[-1]) < 1e-9
 
 
 @every_bench
@@ -231,7 +262,7 @@ def test_true_constants_scatter_as_the_description_says(rig: Rig) -> None:
         standard = [(true[name] / rig.nominal[name] - 1.0) / spread for true in drawn]
         cut = norm.cdf((LEAST_VALUE - 1.0) / spread)
         share = kstest(standard, lambda z, c=cut: (norm.cdf(z) - c) / (1.0 - c)).pvalue
-        assert share > 1e-3, name
+        assert share > 1e-4, name  # some thirty of them: one in 300 runs fails by chance
 
 
 @pytest.mark.parametrize("tier", TIERS)

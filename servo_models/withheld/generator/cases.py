@@ -46,7 +46,8 @@ DEAF = -5.0
 KEPT = 0.8
 """Two causes that leave less than this share of the larger gap undo one another."""
 VARIED = 0.5
-"""Part of the loads that change during a log, so that it has a column of them."""
+"""Part of the loads that change during a log, so that it has a column of them; where nothing holds
+the rig, all do."""
 LOAD_STEPS = 6
 HELD = 0.5
 """Largest load, over what the true rig can hold."""
@@ -193,8 +194,8 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
     readings = (judged, int(rng.choice(further))) if rng.random() < 0.5 else (judged,)
     seed = int(rng.integers(2**31))
     plans = _plans(rig, tier, rng)
-    if loaded and rng.random() < VARIED:
-        plans = tuple(replace(plan, load=_shares(len(plan.command), rng)) for plan in plans)
+    if loaded and (rng.random() < VARIED or rig.integrators):
+        plans = tuple(replace(it, load=load_shares(rig, len(it.command), rng)) for it in plans)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
 
 
@@ -203,10 +204,10 @@ def _plans(rig: Rig, tier: str, rng: np.random.Generator) -> tuple[Plan, ...]:
     return large_step(rig, rng) if tier == POOR else rich(rig, rng, THIN[tier])
 
 
-def _shares(rows: int, rng: np.random.Generator) -> Array:
+def load_shares(rig: Rig, rows: int, rng: np.random.Generator) -> Array:
     """Steps of a load, over its size."""
     levels = rng.uniform(-1.0, 1.0, LOAD_STEPS)
-    return np.asarray(levels[LOAD_STEPS * np.arange(rows) // rows])
+    return _stepped(rig, levels, LOAD_STEPS * np.arange(rows) // rows)
 
 
 def _settings(experiment: Experiment, *acting: Acting) -> dict[str, float]:
@@ -333,7 +334,8 @@ def large_step(rig: Rig, rng: np.random.Generator) -> tuple[Plan, ...]:
     there = round(count * rng.uniform(0.08, 0.12))
     back = round(count * rng.uniform(0.45, 0.6))
     excursion = np.zeros(count)
-    excursion[there:back] = rng.choice([-1.0, 1.0]) * rng.uniform(*rig.amplitude)
+    level = rng.choice([-1.0, 1.0]) * rng.uniform(*rig.amplitude)
+    excursion[there:back] = _held(rig, level, back - there)
     return (_plan(rig, stride, excursion),)
 
 
@@ -373,28 +375,54 @@ def _plan(rig: Rig, stride: int, excursion: Array) -> Plan:
     return Plan(stride, np.round(numbers, rig.command.digits) * rig.command.unit_size)
 
 
+def _signs(integrators: int) -> Array:
+    """The Thue-Morse sequence: held for equal times each, they undo so many integrators."""
+    signs = np.ones(1)
+    for _ in range(integrators):
+        signs = np.concatenate([signs, -signs])
+    return signs
+
+
+def _held(rig: Rig, level: float, rows: int) -> Array:
+    """A level held for some rows; of a rig that nothing holds rest, and both ways in turns."""
+    signs = _signs(rig.integrators)
+    each = rows // (len(signs) + (rig.integrators > 0))
+    held = np.repeat(level * signs, each)
+    return np.concatenate([np.zeros(rows - len(held)), held])
+
+
+def _stepped(rig: Rig, levels: Array, which: NDArray[np.int64]) -> Array:
+    """Levels held, each for the rows that say its number, in rising order."""
+    rows = np.bincount(which, minlength=len(levels))
+    return np.concatenate([_held(rig, level, count) for level, count in zip(levels, rows)])
+
+
 def _steps(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array:
     """Rest, then every size once, in any order and direction."""
     lead = round(LEAD * rig.slowest / (stride * rig.step))
     levels = rng.permutation(LEVELS) * rng.choice([-1.0, 1.0], len(LEVELS))
     edges = np.linspace(lead, count, len(levels) + 1)
     edges[1:-1] += rng.uniform(-0.2, 0.2, len(levels) - 1) * (edges[1] - edges[0])
-    which = np.searchsorted(edges, np.arange(count), side="right") - 1
-    return np.where(which >= 0, levels[which], 0.0)
+    which = np.searchsorted(edges, np.arange(count), side="right")
+    return _stepped(rig, np.append(0.0, levels), which)
 
 
 def _triangle(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array:
-    """Rest, then one slow and small triangle, both ways."""
+    """Rest, then one slow and small triangle, both ways, or two that undo two integrators."""
     lead = round(LEAD * rig.slowest / (stride * rig.step))
-    phase = np.maximum(np.arange(count) - lead, 0) / (count - lead)
+    signs = _signs(max(0, rig.integrators - 1))
+    phase = len(signs) * np.maximum(np.arange(count) - lead, 0) / (count - lead)
     wave = 1.0 - 4.0 * np.abs(np.mod(phase + 0.25, 1.0) - 0.5)
+    wave *= signs[phase.astype(int)]
     return np.asarray(rng.uniform(0.08, 0.25) * rng.choice([-1.0, 1.0]) * wave)
 
 
 def _chirp(rig: Rig, rng: np.random.Generator, count: int, stride: int) -> Array:
-    """A sine whose frequency grows in equal ratios from one and a half periods of its length."""
+    """A sine whose frequency grows in equal ratios from one and a half periods of its length; a
+    cosine where nothing holds the rig, which would leave with the mean of a sine's integral."""
     seconds = count * stride * rig.step
     low, high = 1.5 / seconds, rng.uniform(*rig.chirp)
     time = np.arange(count) / count
     turns = low * seconds * ((high / low) ** time - 1.0) / np.log(high / low)
+    turns += 0.25 * (rig.integrators > 0)
     return np.asarray(rng.uniform(0.2, 0.5) * np.sin(2.0 * np.pi * turns))

@@ -44,11 +44,13 @@ class Rig:
         load: range of the load torque [N m], known to the description, or with a column of it.
         strength: from true values to the load torque [N m] that the rig can hold.
         readings: what is logged always, then what may be logged as well: signal and place
-            (0 angle, 1 drive or current, 2 feedback, 3 rate).
+            (0 angle, 1 drive or current, 2 feedback or encoder, 3 rate).
         fastest, slowest: time constants of the nominal rig [s].
         step: of the simulation [s]; ``sampling`` in these steps.
         settle: time [s] for which the rig is held at rest before a log begins.
         chirp: range of the highest frequency [Hz].
+        integrators: from the command to the angle of a rig that nothing holds: what it plays and
+            its load are balanced, so that it comes back.
     """
 
     actuator: str
@@ -70,6 +72,7 @@ class Rig:
     sampling: tuple[int, ...]
     settle: float
     chirp: tuple[float, float]
+    integrators: int = 0
 
 
 LOAD = Signal("load_torque", "N.m", 1.0)
@@ -248,39 +251,67 @@ def pulse_strength(true: Values) -> float:
 
 LOOP_TORQUE, LOOP_SPEED = 0.06, 200.0 * math.pi
 LOOP_STEP = 5e-5
-LOOP = {
-    "rotor_inertia": 1e-5,
-    "torque_constant": 0.03,
-    "viscous_coefficient": 2e-6,
-    "speed_gain": 0.02,
-    "integral_time": 0.05,
-    "current_limit": 5.0,
-}
+GEARBOX, ENCODER_SCALE = 50.0, 2.0 * math.pi
+ROTOR = {"rotor_inertia": 1e-5, "torque_constant": 0.03, "viscous_coefficient": 2e-6}
+ROTOR_SPREAD = {"rotor_inertia": 0.3, "torque_constant": 0.2, "viscous_coefficient": 0.5}
+LOOP = {**ROTOR, "speed_gain": 0.02, "integral_time": 0.05, "current_limit": 5.0}
+WOUND = {**ROTOR, "resistance": 2.0, "winding_lag.time_constant": 5e-4}
+
+
+def rotor_constants(true: Values, ratio: float = 1.0) -> dict[str, float]:
+    """A free rotor on a current, seen behind a gearbox; its encoder is on the rotor."""
+    return {
+        "inertia": ratio * ratio * true["rotor_inertia"],
+        "natural_frequency": 0.0,
+        "decay": true["viscous_coefficient"] / true["rotor_inertia"],
+        "torque_per_current": ratio * true["torque_constant"],
+        "bristle_stiffness": 100.0 * ratio * ratio,
+        "feedback_unit": ratio,
+        "reading_scale": ENCODER_SCALE / ratio,
+    }
+
+
+def rotor_units(ratio: float = 1.0) -> dict[str, float]:
+    """All in SI; drag and speed per full speed, heat of the full torque, the encoder's angle."""
+    return {
+        "1": 1.0,
+        "drag": ratio / LOOP_SPEED,
+        "speed": LOOP_SPEED / ratio,
+        "heat": 1.0 / (ratio * LOOP_TORQUE) ** 2,
+        "encoder": 1.0 / ratio,
+    }
 
 
 def loop_constants(true: Values) -> dict[str, float]:
     """A free rotor under the current of a PI loop about its speed."""
     return {
-        "inertia": true["rotor_inertia"],
-        "natural_frequency": 0.0,
-        "decay": true["viscous_coefficient"] / true["rotor_inertia"],
-        "torque_per_current": true["torque_constant"],
+        **rotor_constants(true),
         "loop_limit": true["current_limit"],
         "loop_gain": true["speed_gain"],
         "loop_rate": 1.0 / true["integral_time"],
-        "bristle_stiffness": 100.0,
     }
 
 
 def loop_units(true: Values) -> dict[str, float]:
-    """All in SI; drag and speed per full speed, heat of the full torque, steps per second."""
+    """Those of the rotor, and steps per second."""
+    return {**rotor_units(), "tick": 1.0 / LOOP_STEP}
+
+
+def wound_constants(true: Values) -> dict[str, float]:
+    """A geared rotor whose winding is on a voltage."""
+    rotor, corner = rotor_constants(true, GEARBOX), 1.0 / true["winding_lag.time_constant"]
     return {
-        "1": 1.0,
-        "drag": 1.0 / LOOP_SPEED,
-        "speed": LOOP_SPEED,
-        "heat": 1.0 / LOOP_TORQUE**2,
-        "tick": 1.0 / LOOP_STEP,
+        **rotor,
+        "corner": corner,
+        "resistance": true["resistance"],
+        "flux_per_angle": rotor["torque_per_current"] * corner / true["resistance"],
     }
+
+
+def wound_pole() -> float:
+    """Pole [rad/s] of the geared motor's speed, its winding apart: (k^2 / R + b) / J."""
+    brake = WOUND["torque_constant"] ** 2 / WOUND["resistance"]
+    return (brake + WOUND["viscous_coefficient"]) / WOUND["rotor_inertia"]
 
 
 def loop_poles() -> tuple[float, float]:
@@ -321,6 +352,13 @@ FAST, SLOW = motor_poles(MOTOR)
 BUS_FAST, BUS_SLOW = bus_poles()
 LOOP_FAST, LOOP_SLOW = loop_poles()
 DEGREE = math.pi / 180.0
+WOUND_VOLTS, FREE_AMPERES = 24.0, 1.0
+SWING = 60.0 * DEGREE * GEARBOX * WOUND["torque_constant"] / WOUND_VOLTS
+"""In which the full voltage turns the output by 60 degrees [s]."""
+SPIN = math.sqrt(
+    2.0 * ENCODER_SCALE * ROTOR["rotor_inertia"] / (ROTOR["torque_constant"] * FREE_AMPERES)
+)
+"""In which one ampere turns the bare rotor once, from rest [s]."""
 RIGS = (
     Rig(
         actuator="sg90",
@@ -445,14 +483,7 @@ RIGS = (
         variant="direct",
         about="motor in a speed loop on the bench, read by its own encoder",
         nominal=LOOP,
-        spread={
-            "rotor_inertia": 0.3,
-            "torque_constant": 0.2,
-            "viscous_coefficient": 0.5,
-            "speed_gain": 0.1,
-            "integral_time": 0.1,
-            "current_limit": 0.1,
-        },
+        spread={**ROTOR_SPREAD, "speed_gain": 0.1, "integral_time": 0.1, "current_limit": 0.1},
         constants=loop_constants,
         units=loop_units,
         command=Signal("speed_command", "rad/s", 1.0, 3),
@@ -470,5 +501,55 @@ RIGS = (
         sampling=(8, 10, 12),
         settle=0.6,
         chirp=(5.0, 15.0),
+    ),
+    Rig(
+        actuator="dc_motor",
+        variant="geared",
+        about="geared motor on a voltage on the bench, read by the encoder on its motor",
+        nominal=WOUND,
+        spread={**ROTOR_SPREAD, "resistance": 0.2, "winding_lag.time_constant": 0.5},
+        constants=wound_constants,
+        units=lambda true: rotor_units(GEARBOX),
+        command=Signal("voltage", "V", 1.0, 4),
+        rest=0.0,
+        amplitude=(0.5 * WOUND_VOLTS, WOUND_VOLTS),
+        load=(0.5, 3.0),
+        strength=lambda true: GEARBOX * true["torque_constant"] * WOUND_VOLTS / true["resistance"],
+        readings=(
+            (Signal("encoder_angle", "rad", 1.0), 2),
+            (Signal("current", "A", 1.0), 1),
+        ),
+        fastest=1.0 / wound_pole(),
+        slowest=SWING,
+        step=LOOP_STEP,
+        sampling=(16, 18, 20),
+        settle=0.02,
+        chirp=(5.0, 15.0),
+        integrators=1,
+    ),
+    Rig(
+        actuator="dc_motor_current",
+        variant="direct",
+        about="bare motor on a current on the bench, read by its own encoder",
+        nominal=ROTOR,
+        spread=ROTOR_SPREAD,
+        constants=rotor_constants,
+        units=lambda true: rotor_units(),
+        command=Signal("current_command", "A", 1.0, 5),
+        rest=0.0,
+        amplitude=(FREE_AMPERES, 3.0 * FREE_AMPERES),
+        load=(2e-3, 0.01),
+        strength=lambda true: true["torque_constant"] * FREE_AMPERES,
+        readings=(
+            (Signal("encoder_angle", "rad", 1.0), 2),
+            (Signal("current", "A", 1.0), 1),
+        ),
+        fastest=SPIN,
+        slowest=SPIN,
+        step=LOOP_STEP,
+        sampling=(16, 18, 20),
+        settle=0.02,
+        chirp=(5.0, 15.0),
+        integrators=2,
     ),
 )

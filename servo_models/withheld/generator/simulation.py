@@ -117,6 +117,7 @@ class Command(NamedTuple):
     """Stages of the command, in its own unit up to ``scale`` and that of the drive after it."""
 
     zero: float = 0.0  # command of no drive
+    input_gain: float = 0.0  # before all else
     delay: float = 0.0  # s
     hold: float = 0.0  # s
     dead_band: float = 0.0
@@ -195,7 +196,7 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
         h: step [s].
     """
     late, frame = round(c.delay / h), round(c.hold / h)
-    command = command - c.zero
+    command = (1.0 + c.input_gain) * (command - c.zero)
     received = kept = held = command[0]
     arrived = np.empty_like(command)
     last = np.nan
@@ -452,11 +453,17 @@ def regulated(
 def motor_torque(
     x: Array, m: Array, r: Constants, command: float, gain: float, load: float, d: Array
 ) -> int:
-    """Add the torque of a current to d[W], from a speed loop or a voltage; returns its regime."""
+    """Add the torque of a current to d[W], from a speed loop, a voltage or as it is; returns its
+    regime."""
+    regime = 0
     if r.loop_limit > 0.0:
         current, regime = regulated(x, m, r, command, gain, d)
     else:
-        current, regime = wound(x, r, command, gain, d), 0
+        d[FEEDBACK] = x[Q]
+        if r.corner > 0.0:
+            current = wound(x, r, command, gain, d)
+        else:
+            current = gain * resonant(command, x, r, d)
     current += r.asymmetry * abs(current)
     d[DRIVE] = current
     d[BENT] = current
