@@ -185,14 +185,14 @@ def read_log(
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
+    for kind, signals in (("inputs", inputs), ("outputs", outputs)):
+        for name, one in signals.items():
+            _check_shift(section, f"{kind}.{name}.shift", one.shift, times)
     fed = {
         name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
         for name, m in inputs.items()
     }
-    measured = {
-        name: _moved(m.shift, times, _output(m, clock, readings[name]), readings[name].flag)
-        for name, m in outputs.items()
-    }
+    measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
     constants = _constants(section.section("constants"), chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
     time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
@@ -437,15 +437,34 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     return f": in {units[0]} it would fit" if units else ""
 
 
-def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
+def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
+    """An output in SI at the times of the log."""
     values = in_si(mapped, clock.numbers(mapped.column))
     check_size(mapped, clock.columns, clock.rows, values, wire)
-    if not wire.flag and np.ptp(values) < LEAST:
+    moved = _moved(mapped.shift, times, values, wire.flag)
+    if not wire.flag and np.ptp(moved) < LEAST:
+        which = f", in what a shift of {mapped.shift:g} s leaves of it" if np.ptp(values) else ""
         raise UserError(
-            f"{clock.columns.where(mapped.column)} is constant over the log: output"
+            f"{clock.columns.where(mapped.column)} is constant over the log{which}: output"
             f" '{wire.name}' says nothing; leave it out or record one that moves"
         )
-    return values
+    return moved
+
+
+def _check_shift(section: Section, key: str, shift: float, times: Array) -> None:
+    """Refuse a shift [s] that leaves a column too few values at the times of the log."""
+    lasts = f"the log lasts {times[-1]:g} s"
+    cure = 'correct it, and give its unit, such as "5 ms"'
+    if abs(shift) > times[-1] + SAME_TIME:
+        section.fail(key, f"{shift:g} s, but {lasts}; {cure}")
+    since = times - shift
+    left = int(np.count_nonzero((since >= -SAME_TIME) & (since <= times[-1] + SAME_TIME)))
+    if left < LEAST_SAMPLES:
+        section.fail(
+            key,
+            f"{shift:g} s leaves {left} of {len(times)} samples, for {lasts}: at least"
+            f" {LEAST_SAMPLES} are needed; {cure}, or record longer",
+        )
 
 
 def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
