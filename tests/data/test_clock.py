@@ -175,6 +175,50 @@ def test_a_gap_is_found_among_rounded_stamps(tmp_path: Path) -> None:
     assert described.logs[0].notes
 
 
+def wandering(first: float, last: float, lost: int = 0, jitter: float = 0.0) -> str:
+    """Rows in stamps of 1 ms of a clock whose period [ms] goes from ``first`` to ``last``."""
+    steps = np.linspace(first, last, ROWS)
+    steps += jitter * np.random.default_rng(3).uniform(-1.0, 1.0, ROWS)
+    rows = [
+        (stamp, float(k // 50 % 3), 0.1 * k)
+        for k, stamp in enumerate(np.round(np.cumsum(steps)))
+        if not 700 <= k < 700 + lost
+    ]
+    return text_of(rows)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "jitter"),
+    [(1.9, 2.1, 0.0), (2.0, 2.0, 0.1), (2.4, 2.6, 0.0), (2.6, 2.4, 0.0), (1.2, 1.4, 0.0)],
+)
+@pytest.mark.parametrize("lost", [0, 5])
+def test_stamps_that_are_coarser_than_a_wandering_clock_are_no_gaps(
+    tmp_path: Path, first: float, last: float, jitter: float, lost: int
+) -> None:
+    described = describe(tmp_path, data=wandering(first, last, lost, jitter))
+    (found,) = audits(described.logs, described.model.plant)
+    gaps = found.sampling.gaps
+    assert len(gaps) == (lost > 0)
+    if lost:
+        assert gaps[0].row == 700 + 1
+    assert found.sampling.step == pytest.approx(0.5e-3 * (first + last), rel=0.01)
+    (said,) = [text for text in found.warnings if "coarser" in text]
+    assert "time stamps in steps of 1 ms are coarser than the clock" in said
+    assert "log with finer stamps" in said
+
+
+@pytest.mark.parametrize("period", [1.0, 2.0])
+def test_lost_rows_of_an_even_clock_are_gaps_in_coarse_stamps_too(
+    tmp_path: Path, period: float
+) -> None:
+    lost = set(range(100, 1400, 33))
+    rows = [(period * k, float(k // 50 % 3), 0.1 * k) for k in range(ROWS) if k not in lost]
+    described = describe(tmp_path, data=text_of(rows))
+    (found,) = audits(described.logs, described.model.plant)
+    assert len(found.sampling.gaps) == len(lost)
+    assert not any("coarser" in text for text in found.warnings)
+
+
 def test_check_and_diagnosis_tell_what_was_done(tmp_path: Path) -> None:
     described, _ = told(tmp_path)
     (note,) = described.logs[0].notes
