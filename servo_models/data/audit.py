@@ -235,7 +235,7 @@ def _sampling(log: Log) -> Sampling:
 
 
 def _are_rounded(steps: Array, stamp: float) -> bool:
-    """Whether stamps in steps of ``stamp`` [s] are too coarse to tell a slower clock from lost rows.
+    """Whether stamps in steps of ``stamp`` [s] are coarse, so that steps differ by rounding.
 
     Stamps on an even grid have been put back on it before.
     """
@@ -437,9 +437,9 @@ def _about_time(sampling: Sampling) -> Iterator[str]:
         )
     if sampling.rounded:
         yield (
-            f"time stamps in steps of {1e3 * sampling.stamp:.4g} ms are coarser than the clock: rows"
-            f" are {1e3 * sampling.step:.4g} ms apart on the whole, but on no even grid, and a time"
-            " is off by up to a step of the stamps; log with finer stamps"
+            f"time stamps in steps of {1e3 * sampling.stamp:.4g} ms are coarser than the clock:"
+            f" rows are {1e3 * sampling.step:.4g} ms apart on the whole, but on no even grid, and a"
+            " time is off by up to a step of the stamps; log with finer stamps"
         )
     if sampling.jitter > max(JITTERY * sampling.step, sampling.stamp):
         yield (
