@@ -151,3 +151,15 @@ def test_a_reading_that_never_changes_and_a_log_too_short(tmp_path: Path) -> Non
     assert "column 'angle_deg' is constant" in complaint(tmp_path, data=text_of(still))
     assert "15 samples" in complaint(tmp_path, data=text_of(TABLE[:15]))
     assert len(describe(tmp_path, data=text_of(TABLE[:16])).logs[0].times) == 16
+
+
+@pytest.mark.parametrize("units", ["ms,V,deg", "[ms],[V],[deg]", "ms,,deg", "'ms', 'V', '°'"])
+def test_a_row_of_units_is_told(tmp_path: Path, units: str) -> None:
+    head, *rows = text_of(TABLE).splitlines()
+    message = complaint(tmp_path, data="\n".join([head, units, *rows]))
+    assert "row 2, column 'time_ms': '" in message
+    assert "is not a number; the row looks like units: remove it" in message
+    message = complaint(tmp_path, data="\n".join([head, rows[0], units, *rows[1:]]))
+    assert message.endswith("correct it or remove the row")
+    message = complaint(tmp_path, data="\n".join([head, "late,1,2", *rows]))
+    assert message.endswith("correct it or remove the row")
