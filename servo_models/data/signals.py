@@ -99,6 +99,9 @@ class Time(Table):
     table: str = ""
 
 
+HELD_OUT = '{ from = "12 s", to = "20 s" }'
+
+
 class HeldOut(Table):
     """A span of time, or every second level of an input."""
 
@@ -750,6 +753,8 @@ def _held_out(
     """The samples that a log holds out, shape (n,), at times ``since`` its first row [s]."""
     if isinstance(chosen, bool):
         return np.full(len(since), chosen)
+    if chosen == HeldOut():
+        section.fail("held_out", f"empty; write true for all samples, or {HELD_OUT}")
     if chosen.levels or chosen.input:
         if chosen.begin is not None or chosen.end is not None:
             section.fail("held_out", "both a time and levels; keep one")

@@ -69,6 +69,7 @@ def test_a_fault_of_the_description_is_named(
         ("start = {}", ["logs[1].start", "empty", "angle"]),
         ("start = { angel = 1 }", ["logs[1].start.angel", "did you mean 'angle'"]),
         ('start = { angle = "1 V" }', ["logs[1].start.angle", "does not convert"]),
+        ("held_out = {}", ["logs[1].held_out: empty; write true for all", '{ from = "12 s"']),
         ("start = { rate = true }", ["logs[1].start.rate", "no number"]),
         ('start = "rest"\nsettle = 1', ["logs[1].settle", "begins at rest", "drop one"]),
         ('start = "settled"\nsettle = 0', ["logs[1].settle", "nothing settles"]),
