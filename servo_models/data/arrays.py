@@ -177,7 +177,7 @@ def _read(name: str, table: Any) -> Columns:
 
 
 def _plain(value: Any) -> Any:
-    """A value as TOML would have it: text for keys, lists for tuples and arrays, Python's numbers."""
+    """A value as TOML would have it: text for keys, lists for arrays, Python's own numbers."""
     if isinstance(value, Mapping):
         return {str(name): _plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
