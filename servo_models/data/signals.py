@@ -479,8 +479,8 @@ def _check_shift(section: Section, key: str, shift: float, times: Array) -> None
     if left < LEAST_SAMPLES:
         section.fail(
             key,
-            f"{shift:g} s leaves {left} of {len(times)} samples, for {lasts}: at least"
-            f" {LEAST_SAMPLES} are needed; {cure}, or record longer",
+            f"{shift:g} s leaves {left} of {len(times)} samples, and at least {LEAST_SAMPLES} are"
+            f" needed ({lasts}); {cure}, or record longer",
         )
 
 
