@@ -77,8 +77,13 @@ def describe(
     logs = {str(name): table for name, table in logs.items()}
     own = chosen.actuator.values(chosen.variant)
     changed = {name: value for name, value in chosen.values.items() if value != own[name]}
-    further = {str(name): keys for name, keys in (each or {}).items()}
+    _check_mapping("columns", columns, "names to headers", "{'time': 't', 'angle': 'deg'}")
+    example = "{'bench': {'held_out': True}}"
+    each = {} if each is None else each
+    _check_mapping("each", each, "logs to their keys", example)
+    further = {str(name): keys for name, keys in each.items()}
     for name, keys in further.items():
+        _check_mapping(f"each, '{name}'", keys, "keys to values", example)
         if name not in logs:
             raise UserError(unknown("log", name, logs, "each"))
         if own_keys := sorted({str(key) for key in keys} & OF_THE_TABLE):
@@ -89,8 +94,8 @@ def describe(
     signals = _signals(chosen, columns)
     entries = [{**further.get(name, {}), **signals, "name": name, "file": name} for name in logs]
     content = {
-        "uncertainty": uncertainty or {},
-        "bounds": bounds or {},
+        "uncertainty": {} if uncertainty is None else uncertainty,
+        "bounds": {} if bounds is None else bounds,
         "free": free,
         "method": method,
         "logs": entries,
@@ -98,6 +103,13 @@ def describe(
     tables = {name: _read(name, table) for name, table in logs.items()}
     place = Path(chosen.actuator.name)  # where a file stands in messages
     return described(Section(place, "", _plain(content)), chosen, changed, tables)
+
+
+def _check_mapping(what: str, given: object, of: str, example: str) -> None:
+    if not isinstance(given, Mapping):
+        raise UserError(
+            f"{what}: give a mapping of {of}, {example}, and not of type {type(given).__name__}"
+        )
 
 
 def _signals(chosen: Model, columns: Mapping[str, Column]) -> dict[str, Any]:
@@ -165,9 +177,9 @@ def _read(name: str, table: Any) -> Columns:
 
 
 def _plain(value: Any) -> Any:
-    """A value as TOML would have it: lists for tuples, Python's numbers for those of numpy."""
+    """A value as TOML would have it: text for keys, lists for arrays, Python's own numbers."""
     if isinstance(value, Mapping):
-        return {name: _plain(inner) for name, inner in value.items()}
+        return {str(name): _plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(inner) for inner in value]
-    return value.item() if isinstance(value, np.generic) else value
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

@@ -14,6 +14,7 @@ import numpy as np
 
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
+from servo_models.data.clock import ROUNDING
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
@@ -190,6 +191,12 @@ GAP = 1.5
 """A step longer than this many usual ones has lost samples."""
 STAMPS = 3
 """Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
+COARSE_STAMPS = 0.3
+"""Step of the stamps, in usual steps, from which it is no small part of them."""
+SHORT_STEPS = 3
+"""Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
+LONG_STEPS = 0.1
+"""Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +218,8 @@ class Sampling:
         step: mean of the steps that are no gaps.
         jitter: their standard deviation.
         stamp: smallest common step of the time stamps, 0 for none.
-        gaps: steps longer than 1.5 usual ones.
+        gaps: steps longer than 1.5 usual ones, by more than stamps are rounded.
+        rounded: the stamps are so coarse that the steps differ by their rounding.
     """
 
     samples: int
@@ -220,12 +228,18 @@ class Sampling:
     jitter: float
     stamp: float
     gaps: tuple[Gap, ...]
+    rounded: bool = False
 
 
 def _sampling(log: Log) -> Sampling:
     """Return the clock of a log."""
     steps = np.diff(log.times)
-    lost = np.flatnonzero(steps > GAP * np.median(steps))
+    stamp = reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size
+    longest = GAP * float(np.median(steps))
+    if rounded := _are_rounded(steps, stamp):
+        mean = float(steps[steps < np.median(steps) + GAP * stamp].mean())
+        longest = (1.0 + ROUNDING) * (GAP * mean + stamp)
+    lost = np.flatnonzero(steps > longest)
     kept = np.delete(steps, lost)
     gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
     return Sampling(
@@ -233,9 +247,22 @@ def _sampling(log: Log) -> Sampling:
         duration=log.duration,
         step=float(kept.mean()),
         jitter=float(kept.std()),
-        stamp=reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size,
+        stamp=stamp,
         gaps=gaps,
+        rounded=rounded,
     )
+
+
+def _are_rounded(steps: Array, stamp: float) -> bool:
+    """Whether stamps in steps of ``stamp`` [s] are coarse, so that steps differ by rounding.
+
+    Stamps on an even grid have been put back on it before.
+    """
+    usual = float(np.percentile(steps, 50.0, method="lower"))  # a step, never between two
+    if stamp < COARSE_STAMPS * usual or not stamp:
+        return False
+    off = np.round((steps - usual) / stamp)
+    return bool(np.sum(off < 0) >= SHORT_STEPS or np.mean(off == 1) > LONG_STEPS)
 
 
 # Outputs and inputs
@@ -426,6 +453,12 @@ def _about_time(sampling: Sampling) -> Iterator[str]:
         yield (
             f"{many} of {first.length:.3g} s after row {first.row}: what happened there is unknown;"
             " cut the log with 'window' or log again"
+        )
+    if sampling.rounded:
+        yield (
+            f"time stamps in steps of {1e3 * sampling.stamp:.4g} ms are coarser than the clock:"
+            f" rows are {1e3 * sampling.step:.4g} ms apart on the whole, but on no even grid, and a"
+            " time is off by up to a step of the stamps; log with finer stamps"
         )
     if sampling.jitter > max(JITTERY * sampling.step, sampling.stamp):
         yield (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import itertools
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,8 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
     """Return what is said of each run of an entry, as if it had an entry of its own.
 
     A table of ``repeat`` replaces keys of the entry.  Of several files the runs are called like
-    the files, behind the name of the entry; of one file, by their number behind it.
+    the files, behind the name of the entry; of one file, by their number behind it.  A name that
+    several runs of ``repeat`` would have gets a number behind it.
 
     Args:
         entry: a ``[[logs]]``.
@@ -27,12 +29,24 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
     Raises:
         UserError: ``repeat`` is no list of tables or is empty, or no file matches a pattern.
     """
+    found: list[Section] = []
     for run in _repeated(entry):
         file = run.content.get("file")
-        if _is_pattern(file) and file not in tables:
-            yield from _files(run, file)
-        else:
+        pattern = _is_pattern(file) and file not in tables
+        found += _files(run, file) if pattern else [run]
+    return _numbered(found) if "repeat" in entry else iter(found)
+
+
+def _numbered(found: Sequence[Section]) -> Iterator[Section]:
+    """The runs, with a number behind a name that several of them have, and that is not taken."""
+    names = [str(run.content["name"]) for run in found]
+    for run, name in zip(found, names):
+        if names.count(name) == 1 or not isinstance(run.content["name"], str):
             yield run
+            continue
+        number = next(n for n in itertools.count(1) if f"{name} {n}" not in names)
+        names.append(f"{name} {number}")
+        yield replace(run, content={**run.content, "name": f"{name} {number}"})
 
 
 def _repeated(entry: Section) -> Iterator[Section]:

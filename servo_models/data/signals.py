@@ -34,7 +34,7 @@ from servo_models.errors import UserError
 from servo_models.units import factor, other_units
 
 Read = Callable[[Path, str | None, bool | None], Columns]
-Clocks = Callable[[Columns, str | int, str, bool], "Clock"]
+Clocks = Callable[[Columns, str | int, str, bool, float | None], "Clock"]
 
 LEAST_SAMPLES = 16
 LARGEST, LEAST = 1e100, 1e-100
@@ -48,6 +48,8 @@ MOST_EMPTY = 1000.0
 MOST_PER_ROW = 3e3
 """Internal steps of the model between two rows: more is a wrong unit."""
 SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
+COARSE = 0.2
+"""Share of stamps that repeat the one before, above which they are coarser than the clock."""
 SHORTER = ("ms", "us", "ns")
 SHORTEST = 1e-12
 """Usual step [s] below which no clock of a log has ticked."""
@@ -79,12 +81,25 @@ class Signal(Table):
 
 
 class Time(Table):
-    """The column with the times."""
+    """The column with the times.
+
+    Written as::
+
+        column = "t"
+        unit = "ms"
+        repeats = "drop"
+        period = "10 ms"
+        table = "joint_states"
+    """
 
     column: Column
     unit: str = "s"
     repeats: Literal["drop"] | None = None
+    period: Seconds | None = None
     table: str = ""
+
+
+HELD_OUT = '{ from = "12 s", to = "20 s" }'
 
 
 class HeldOut(Table):
@@ -185,14 +200,14 @@ def read_log(
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
+    for kind, signals in (("inputs", inputs), ("outputs", outputs)):
+        for name, one in signals.items():
+            _check_shift(section, f"{kind}.{name}.shift", one.shift, times)
     fed = {
         name: _moved(m.shift, times, _input(m, clock, others.get(m.table), wires[name]), hold=True)
         for name, m in inputs.items()
     }
-    measured = {
-        name: _moved(m.shift, times, _output(m, clock, readings[name]), readings[name].flag)
-        for name, m in outputs.items()
-    }
+    measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
     constants = _constants(section.section("constants"), chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
     time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
@@ -228,7 +243,9 @@ def _clocks(
     used: dict[str | None, list[str | int]] = {main: []}
     for one in mapped:
         used.setdefault(one.table, []).append(one.column)
-    whole = {name: _clock_of(section, entry.time, table(name), clocks) for name in used}
+    whole = {
+        name: _clock_of(section, entry.time, table(name), clocks, name == main) for name in used
+    }
     clock, late = _with_values(_cut_window(section, entry.window, whole.pop(main)), used[main])
     others = {name: _with_values(other, used[name])[0] for name, other in whole.items()}
     clock, even = _ticked(clock)
@@ -437,15 +454,34 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
     return f": in {units[0]} it would fit" if units else ""
 
 
-def _output(mapped: Mapped, clock: Clock, wire: Wire) -> Array:
+def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
+    """An output in SI at the times of the log."""
     values = in_si(mapped, clock.numbers(mapped.column))
     check_size(mapped, clock.columns, clock.rows, values, wire)
-    if not wire.flag and np.ptp(values) < LEAST:
+    moved = _moved(mapped.shift, times, values, wire.flag)
+    if not wire.flag and np.ptp(moved) < LEAST:
+        which = f", in what a shift of {mapped.shift:g} s leaves of it" if np.ptp(values) else ""
         raise UserError(
-            f"{clock.columns.where(mapped.column)} is constant over the log: output"
+            f"{clock.columns.where(mapped.column)} is constant over the log{which}: output"
             f" '{wire.name}' says nothing; leave it out or record one that moves"
         )
-    return values
+    return moved
+
+
+def _check_shift(section: Section, key: str, shift: float, times: Array) -> None:
+    """Refuse a shift [s] that leaves a column too few values at the times of the log."""
+    lasts = f"the log lasts {times[-1]:g} s"
+    cure = 'correct it, and give its unit, such as "5 ms"'
+    if abs(shift) > times[-1] + SAME_TIME:
+        section.fail(key, f"{shift:g} s, but {lasts}; {cure}")
+    since = times - shift
+    left = int(np.count_nonzero((since >= -SAME_TIME) & (since <= times[-1] + SAME_TIME)))
+    if left < LEAST_SAMPLES:
+        section.fail(
+            key,
+            f"{shift:g} s leaves {left} of {len(times)} samples, and at least {LEAST_SAMPLES} are"
+            f" needed ({lasts}); {cure}, or record longer",
+        )
 
 
 def _moved(shift: float, times: Array, values: Array, hold: bool) -> Array:
@@ -520,14 +556,18 @@ class Clock:
         return found[self.rows - first]
 
 
-def read_clock(columns: Columns, column: str | int, unit: str, drop: bool) -> Clock:
+def read_clock(
+    columns: Columns, column: str | int, unit: str, drop: bool, period: float | None = None
+) -> Clock:
     """Read the times of all rows of a table, from its column ``column`` in ``unit``.
 
     Args:
         drop: leave out rows with the time of the row before.
+        period: of an even clock [s] of which the stamps are the rounded times.
 
     Raises:
-        UserError: a cell that is empty or no time, or times that run backward.
+        UserError: a cell that is empty or no time, times that run backward, or that are not the
+            rounded ones of such a clock.
     """
     first, scale = columns.begin(column), factor(unit, "s")
     stamps = columns.dates(column, slice(first, None))
@@ -536,9 +576,30 @@ def read_clock(columns: Columns, column: str | int, unit: str, drop: bool) -> Cl
     if not len(stamps):
         raise UserError(f"{columns.where(column)} has no rows: name another column")
     columns.check_order(column, scale * stamps, first)
+    if period is not None:
+        ticks = period * np.arange(len(stamps))
+        _check_period(columns, column, first, scale * (stamps - stamps[0]) - ticks, period)
+        even = stamps[0] + ticks / scale
+        return Clock(columns, column, unit, even, first + np.arange(len(even)), float(even[0]))
     kept = np.flatnonzero(np.diff(stamps, prepend=-np.inf)) if drop else np.arange(len(stamps))
     clock = Clock(columns, column, unit, stamps[kept], first + kept, float(stamps[0]))
     return _on_grid(clock)
+
+
+def _check_period(
+    columns: Columns, column: str | int, first: int, off: Array, period: float
+) -> None:
+    """Refuse stamps that are ``off`` [s] an even clock by more than their rounding or a period."""
+    steps = np.diff(off) + period
+    stamp = float(np.min(steps[steps > 0.5 * period], initial=np.inf))
+    spread = np.maximum.accumulate(off) - np.minimum.accumulate(off)
+    bad = np.flatnonzero(spread > 1.01 * max(stamp, period))
+    if len(bad):
+        row = int(bad[0])
+        raise UserError(
+            f"{columns.where(column, first + row)}: the stamps are {spread[row]:.3g} s off a row"
+            f" every {period:g} s: correct time.period, or leave it out"
+        )
 
 
 def _on_grid(clock: Clock) -> Clock:
@@ -550,8 +611,10 @@ def _on_grid(clock: Clock) -> Clock:
     return replace(clock, grid=grid, ticks=ticks)
 
 
-def _clock_of(section: Section, given: str | int | Time, columns: Columns, read: Clocks) -> Clock:
-    """The times of a table as the description of a log says."""
+def _clock_of(
+    section: Section, given: str | int | Time, columns: Columns, read: Clocks, main: bool
+) -> Clock:
+    """The times of a table as the description of a log says; a period is that of its ``main``."""
     time = given if isinstance(given, Time) else Time(column=given)
     try:
         factor(time.unit, "s")
@@ -560,7 +623,11 @@ def _clock_of(section: Section, given: str | int | Time, columns: Columns, read:
     first = columns.begin(time.column)
     if time.unit != "s" and columns.dates(time.column, slice(first, first + 1)) is not None:
         section.fail("time.unit", "the column holds dates and times; leave out the unit")
-    return read(columns, time.column, time.unit, bool(time.repeats))
+    if time.period is not None and time.period <= 0.0:
+        section.fail("time.period", f"{time.period:g} s; give a time above 0")
+    if time.period is not None and time.repeats:
+        section.fail("time.period", "every row counts, and repeats drops some; keep one")
+    return read(columns, time.column, time.unit, bool(time.repeats), time.period if main else None)
 
 
 def _with_values(clock: Clock, columns: Iterable[str | int]) -> tuple[Clock, list[str]]:
@@ -595,11 +662,24 @@ def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
         at = int(np.argmax(again))
         column, row = clock.column, int(clock.rows[at])
         time = clock.columns.time_text(column, row, clock.scale * float(clock.stamps[at]))
+        repeats = f"{clock.columns.where(column, row)}: time {time} repeats"
+        share = float(again.mean())
+        if share > COARSE:
+            raise UserError(
+                f"{repeats}, as {share:.0%} of the stamps do: they are coarser than the clock; if"
+                ' it is even, say its period, time.period = "10 ms", else log with finer stamps'
+                f"{_if_twice(share)}"
+            )
         raise UserError(
-            f"{clock.columns.where(column, row)}: time {time} repeats, and the stamps are no even"
-            ' clock, rounded; remove the row or set time.repeats = "drop"'
+            f"{repeats}, and the stamps are no even clock, rounded; remove the row or set"
+            ' time.repeats = "drop"'
         )
     return clock, []
+
+
+def _if_twice(share: float) -> str:
+    """The cure for rows that stand twice, as a clause, where no more than every second repeats."""
+    return '; if rows stand twice, set time.repeats = "drop"' if share <= 0.5 else ""
 
 
 def _cut_window(section: Section, window: tuple[float, float] | None, clock: Clock) -> Clock:
@@ -673,6 +753,8 @@ def _held_out(
     """The samples that a log holds out, shape (n,), at times ``since`` its first row [s]."""
     if isinstance(chosen, bool):
         return np.full(len(since), chosen)
+    if chosen == HeldOut():
+        section.fail("held_out", f"empty; write true for all samples, or {HELD_OUT}")
     if chosen.levels or chosen.input:
         if chosen.begin is not None or chosen.end is not None:
             section.fail("held_out", "both a time and levels; keep one")

@@ -15,6 +15,8 @@ from servo_models.core.types import Array
 from servo_models.data.audit import audits
 from servo_models.data.clock import dithered
 from servo_models.data.description import Description
+from servo_models.data.readers.columns import Columns, column_of
+from servo_models.data.signals import read_clock
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.identification.check import check
 from tests.support.descriptions import LOG, complaint, describe, text_of
@@ -175,6 +177,50 @@ def test_a_gap_is_found_among_rounded_stamps(tmp_path: Path) -> None:
     assert described.logs[0].notes
 
 
+def wandering(first: float, last: float, lost: int = 0, jitter: float = 0.0) -> str:
+    """Rows in stamps of 1 ms of a clock whose period [ms] goes from ``first`` to ``last``."""
+    steps = np.linspace(first, last, ROWS)
+    steps += jitter * np.random.default_rng(3).uniform(-1.0, 1.0, ROWS)
+    rows = [
+        (stamp, float(k // 50 % 3), 0.1 * k)
+        for k, stamp in enumerate(np.round(np.cumsum(steps)))
+        if not 700 <= k < 700 + lost
+    ]
+    return text_of(rows)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "jitter"),
+    [(1.9, 2.1, 0.0), (2.0, 2.0, 0.1), (2.4, 2.6, 0.0), (2.6, 2.4, 0.0), (1.2, 1.4, 0.0)],
+)
+@pytest.mark.parametrize("lost", [0, 5])
+def test_stamps_that_are_coarser_than_a_wandering_clock_are_no_gaps(
+    tmp_path: Path, first: float, last: float, jitter: float, lost: int
+) -> None:
+    described = describe(tmp_path, data=wandering(first, last, lost, jitter))
+    (found,) = audits(described.logs, described.model.plant)
+    gaps = found.sampling.gaps
+    assert len(gaps) == (lost > 0)
+    if lost:
+        assert gaps[0].row == 700 + 1
+    assert found.sampling.step == pytest.approx(0.5e-3 * (first + last), rel=0.01)
+    (said,) = [text for text in found.warnings if "coarser" in text]
+    assert "time stamps in steps of 1 ms are coarser than the clock" in said
+    assert "log with finer stamps" in said
+
+
+@pytest.mark.parametrize("period", [1.0, 2.0])
+def test_lost_rows_of_an_even_clock_are_gaps_in_coarse_stamps_too(
+    tmp_path: Path, period: float
+) -> None:
+    lost = set(range(100, 1400, 33))
+    rows = [(period * k, float(k // 50 % 3), 0.1 * k) for k in range(ROWS) if k not in lost]
+    described = describe(tmp_path, data=text_of(rows))
+    (found,) = audits(described.logs, described.model.plant)
+    assert len(found.sampling.gaps) == len(lost)
+    assert not any("coarser" in text for text in found.warnings)
+
+
 def test_check_and_diagnosis_tell_what_was_done(tmp_path: Path) -> None:
     described, _ = told(tmp_path)
     (note,) = described.logs[0].notes
@@ -215,3 +261,68 @@ def test_a_window_may_lie_on_a_grid_where_the_file_does_not(tmp_path: Path) -> N
     log = describe(tmp_path, LOG + 'window = ["0 s", "559 ms"]\n', data=data).logs[0]
     assert log.times == pytest.approx(0.7e-3 * np.arange(800), abs=1e-3)
     assert "every 0.7 ms" in log.notes[0]
+
+
+def in_seconds(period: float = 0.01, n: int = 250, lost: int = 0) -> str:
+    """Rows of an even clock of this period [s], stamped in whole seconds as ISO texts."""
+    rows = [
+        (f"2024-05-01T12:00:{int(0.3 + period * k):02d}Z", float(k // 50 % 3), 0.1 * k)
+        for k in range(n)
+        if not 50 <= k < 50 + lost
+    ]
+    return text_of(rows)
+
+
+ISO = LOG.replace(', unit = "ms"', "")
+
+
+def with_period(period: str) -> str:
+    return ISO.replace('"time_ms"', f'"time_ms", period = {period}')
+
+
+def test_rows_of_which_most_repeat_their_time_are_not_told_to_be_dropped(tmp_path: Path) -> None:
+    message = complaint(tmp_path, log=ISO, data=in_seconds())
+    assert "row 3, column 'time_ms': time '2024-05-01T12:00:00Z' repeats" in message
+    assert "as 99% of the stamps do" in message
+    assert 'time.period = "10 ms"' in message
+    assert "finer stamps" in message
+    assert "drop" not in message
+    jittery = np.cumsum(0.7 + 0.5 * np.random.default_rng(4).uniform(-1.0, 1.0, 400))
+    rows = [(time, float(k % 3), 0.1 * k) for k, time in enumerate(np.round(jittery))]
+    message = complaint(tmp_path, data=text_of(rows))
+    assert "coarser than the clock" in message
+    assert 'if rows stand twice, set time.repeats = "drop"' in message
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(2e-3, 3.0), st.floats(0.0, 1.0), st.sampled_from([1e-3, 1.0]))
+def test_a_period_that_is_stated_is_that_of_the_rows(
+    period: float, phase: float, quantum: float
+) -> None:
+    truth = period * np.arange(300) + phase
+    stamps = quantum * np.floor(truth / quantum)
+    columns = Columns(Path("log.csv"), (column_of("t", stamps.tolist()),))
+    clock = read_clock(columns, "t", "s", drop=False, period=period)
+    np.testing.assert_allclose(clock.since, truth - phase, atol=1e-9)
+
+
+def test_a_period_in_a_description(tmp_path: Path) -> None:
+    window = with_period('"10 ms"') + 'window = ["0.5 s", "1.5 s"]\n'
+    (log,) = describe(tmp_path, window, data=in_seconds()).logs
+    assert log.times == pytest.approx(0.01 * np.arange(101), abs=1e-6)
+    assert log.rows[0] == 2 + 50
+
+
+@pytest.mark.parametrize(
+    ("log", "lost", "said"),
+    [
+        (with_period('"100 ms"'), 0, "off a row every 0.1 s: correct time.period"),
+        (with_period('"1 ms"'), 0, "off a row every 0.001 s"),
+        (with_period('"10 ms"'), 150, "off a row every 0.01 s"),
+        (with_period("0"), 0, "logs[1].time.period: 0 s; give a time above 0"),
+        (with_period('"soon"'), 0, "logs[1].time.period"),
+        (with_period('"10 ms", repeats = "drop"'), 0, "logs[1].time.period: every row counts"),
+    ],
+)
+def test_a_period_that_cannot_be(tmp_path: Path, log: str, lost: int, said: str) -> None:
+    assert said in complaint(tmp_path, log=log, data=in_seconds(n=450, lost=lost))

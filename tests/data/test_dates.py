@@ -84,6 +84,7 @@ def test_times_of_a_day(tmp_path: Path) -> None:
     ]
     message = complaint(tmp_path, log=DATED, data=rows(late))
     assert "row 12, column 'stamp': time runs backward from '23:59:59.995' to" in message
+    assert "past midnight a time needs its date, such as '2024-05-01T00:00:00.000'" in message
 
 
 def changed(row: int, text: str) -> list[str]:
@@ -97,9 +98,13 @@ def changed(row: int, text: str) -> list[str]:
         (changed(4, "2024-03-01T00:00:00.070+01:00"), ["row 6", "another zone than the first"]),
         (changed(4, "2024-03-01T00:00:00.070"), ["row 6", "another zone", "in one zone"]),
         (changed(4, "00:00:00.070Z"), ["row 6", "no date and time as"]),
-        (changed(4, "2024-02-30T00:00:00Z"), ["row 6", "'2024-02-30T00:00:00Z' is no time"]),
-        (changed(4, "2024-03-01T24:00:00Z"), ["row 6", "is no time"]),
-        (changed(4, "2024-03-01T23:59:60Z"), ["row 6", "is no time"]),
+        (
+            changed(4, "2024-02-30T00:00:00Z"),
+            ["row 6", "'2024-02-30T00:00:00Z' is no date and time, day is"],
+        ),
+        (changed(4, "2024-13-45T00:00:00"), ["row 6", "is no date and time, month must be in"]),
+        (changed(4, "2024-03-01T24:00:00Z"), ["row 6", "is no date and time, hour"]),
+        (changed(4, "2024-03-01T23:59:60Z"), ["row 6", "is no date and time, second"]),
         (changed(4, "yesterday"), ["row 6, column 'stamp'", "'yesterday' is no date and time"]),
         (changed(4, "0.12"), ["row 6", "'0.12' is no date and time"]),
         (changed(4, ""), ["row 6, column 'stamp' is empty"]),
@@ -118,6 +123,33 @@ def test_a_fault_of_a_date_is_named(tmp_path: Path, times: list[str], said: list
     message = complaint(tmp_path, log=DATED, data=rows(times))
     for words in said:
         assert words in message
+
+
+@pytest.mark.parametrize("row", [0, 3])
+@pytest.mark.parametrize(
+    "form",
+    [
+        "%d.%m.%Y %H:%M:%S.%f",
+        "%m/%d/%Y %H:%M:%S",
+        "%d-%m-%y %H:%M",
+        "%Y/%m/%d %H:%M:%S",
+        "%d.%m.%Y",
+    ],
+)
+def test_dates_of_another_form_have_the_right_one_named(
+    tmp_path: Path, form: str, row: int
+) -> None:
+    plain = [100.0 + 5.0 * k for k in range(len(TABLE))]
+    times = [*plain[:row], *stamps(form)[row:]]
+    message = complaint(tmp_path, log=DATED, data=rows(times))
+    assert f"row {row + 2}, column 'stamp': '{times[row]}' is not a number" in message
+    assert message.endswith("; write dates as 2024-05-01T12:00:00")
+
+
+def test_numbers_that_are_no_dates_are_to_be_corrected(tmp_path: Path) -> None:
+    for text in ("1.2.3", "1.2.3.4", "12-5", "1/2", "10.1.1.250"):
+        message = complaint(tmp_path, log=DATED, data=rows([text, *range(1, 20)]))
+        assert message.endswith("is not a number; correct it or remove the row")
 
 
 def test_dates_have_no_unit(tmp_path: Path) -> None:

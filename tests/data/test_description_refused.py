@@ -69,6 +69,7 @@ def test_a_fault_of_the_description_is_named(
         ("start = {}", ["logs[1].start", "empty", "angle"]),
         ("start = { angel = 1 }", ["logs[1].start.angel", "did you mean 'angle'"]),
         ('start = { angle = "1 V" }', ["logs[1].start.angle", "does not convert"]),
+        ("held_out = {}", ["logs[1].held_out: empty; write true for all", '{ from = "12 s"']),
         ("start = { rate = true }", ["logs[1].start.rate", "no number"]),
         ('start = "rest"\nsettle = 1', ["logs[1].settle", "begins at rest", "drop one"]),
         ('start = "settled"\nsettle = 0', ["logs[1].settle", "nothing settles"]),
@@ -151,3 +152,15 @@ def test_a_reading_that_never_changes_and_a_log_too_short(tmp_path: Path) -> Non
     assert "column 'angle_deg' is constant" in complaint(tmp_path, data=text_of(still))
     assert "15 samples" in complaint(tmp_path, data=text_of(TABLE[:15]))
     assert len(describe(tmp_path, data=text_of(TABLE[:16])).logs[0].times) == 16
+
+
+@pytest.mark.parametrize("units", ["ms,V,deg", "[ms],[V],[deg]", "ms,,deg", "'ms', 'V', '°'"])
+def test_a_row_of_units_is_told(tmp_path: Path, units: str) -> None:
+    head, *rows = text_of(TABLE).splitlines()
+    message = complaint(tmp_path, data="\n".join([head, units, *rows]))
+    assert "row 2, column 'time_ms': '" in message
+    assert "is not a number; the row looks like units: remove it" in message
+    message = complaint(tmp_path, data="\n".join([head, rows[0], units, *rows[1:]]))
+    assert message.endswith("correct it or remove the row")
+    message = complaint(tmp_path, data="\n".join([head, "late,1,2", *rows]))
+    assert message.endswith("correct it or remove the row")

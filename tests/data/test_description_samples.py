@@ -141,3 +141,35 @@ outputs.angle = { column = 3, unit = "deg", shift = "-5 ms" }
     np.testing.assert_array_equal(log.inputs["voltage"], voltage)
     expected = DEGREE * 2e-3 * (np.array(stamps[:-1]) + 5.0)
     np.testing.assert_allclose(log.outputs["angle"][:-1], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("signal", ["inputs.voltage", "outputs.angle"])
+@pytest.mark.parametrize(
+    ("shift", "said"),
+    [
+        ("5 s", "5 s, but the log lasts 0.095 s"),
+        ("-1e6 s", "-1e+06 s, but the log lasts"),
+        ("25 ms", "0.025 s leaves 15 of 20 samples"),
+        ("-95 ms", "-0.095 s leaves 1 of 20 samples"),
+    ],
+)
+def test_a_shift_that_leaves_too_few_samples(
+    tmp_path: Path, signal: str, shift: str, said: str
+) -> None:
+    log = LOG.replace(f"{signal} = {{", f'{signal} = {{ shift = "{shift}",')
+    message = complaint(tmp_path, log=log)
+    assert f"logs[1].{signal}.shift: {said}" in message
+    assert 'give its unit, such as "5 ms"' in message
+
+
+def test_a_shift_may_leave_as_many_samples_as_are_needed(tmp_path: Path) -> None:
+    log = LOG.replace('unit = "deg"', 'unit = "deg", shift = "20 ms"')
+    angle = describe(tmp_path, log).logs[0].outputs["angle"]
+    assert angle[4:] == pytest.approx([row[2] * DEGREE for row in TABLE[:-4]])
+
+
+def test_a_shift_that_leaves_an_output_constant(tmp_path: Path) -> None:
+    rows = [(*row[:2], 0.0 if k < 18 else 1.0) for k, row in enumerate(TABLE)]
+    log = LOG.replace('unit = "deg"', 'unit = "deg", shift = "15 ms"')
+    message = complaint(tmp_path, log=log, data=text_of(rows))
+    assert "column 'angle_deg' is constant over the log, in what a shift of 0.015 s" in message

@@ -76,6 +76,33 @@ def test_a_clock_that_jumps(tmp_path: Path, run: Run, command: str, row: int, ju
     assert f"time jumps by {jump:.3g} s" in err
 
 
+ANOTHER_RUN = "the clock starts again, so this row begins another run: move it to its own file"
+
+
+@pytest.mark.parametrize(
+    ("times", "row", "cure"),
+    [
+        (np.concatenate([SANE[:70], SANE[:80]]), 70, ANOTHER_RUN),
+        (np.concatenate([SANE[:70], SANE[:40] + 0.003, SANE[:40]]), 70, ANOTHER_RUN),
+        (np.concatenate([SANE[:70] + 900.0, SANE[:80]]), 70, ANOTHER_RUN),
+        (np.concatenate([SANE[70:], SANE[:70]]), 80, "sort the rows by time"),  # parts swapped
+        (np.concatenate([SANE[:50], SANE[70:90], SANE[50:70], SANE[90:]]), 70, "sort the rows"),
+        (SANE[[*range(60), 61, 60, *range(62, ROWS)]], 61, "sort the rows by time"),
+        (np.concatenate([SANE[:-1], [0.0]]), ROWS - 1, "sort the rows by time"),
+        (SANE[::-1], 1, "sort the rows by time"),
+    ],
+)
+def test_a_clock_that_runs_backward(
+    tmp_path: Path, run: Run, times: np.ndarray, row: int, cure: str
+) -> None:
+    """Rows that sorting would mix, or part, are of two runs."""
+    code, out, err = run("check", record(tmp_path, times))
+    assert (code, out) == (2, "")
+    said = " ".join(err.split())
+    assert f"row {row + 2}, column 't': time runs backward" in said
+    assert f"; {cure}" in said
+
+
 @pytest.mark.parametrize("step", [1e-16, 1e-200, 1e-320])
 def test_rows_that_no_clock_tells_apart(tmp_path: Path, run: Run, step: float) -> None:
     code, out, err = run("check", record(tmp_path, step * np.arange(ROWS)))

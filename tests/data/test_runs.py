@@ -55,6 +55,27 @@ def test_a_name_stands_before_that_of_each_file(tmp_path: Path) -> None:
     assert "logs[2].name: a second log '1'" in message
 
 
+def test_runs_of_one_file_are_numbered_however_it_is_named(tmp_path: Path) -> None:
+    recorded(tmp_path, "steps.csv", "free.csv", "left/free.csv")
+    parts = 'window = [0, "80 ms"]', 'window = ["10 ms", "95 ms"]'
+    body = "".join(line + "\n" for line in LOG.splitlines() if not line.startswith("file"))
+    listed = [f'{{ file = "steps.csv", {part} }}' for part in parts]
+    others = ['{ file = "free.csv" }', '{ file = "left/free.csv" }', '{ file = "left/*.csv" }']
+    told = describe(tmp_path, f"{body}repeat = [{', '.join([*listed, others[0]])}]\n")
+    assert names_of(told) == ["steps 1", "steps 2", "free"]
+    assert [len(log.times) for log in told.logs] == [17, 18, 20]
+    assert names_of(describe(tmp_path, f"{body}repeat = [{', '.join(others)}]\n")) == [
+        "free 1",
+        "free 2",
+        "free 3",
+    ]
+    named = [*listed, '{ file = "free.csv", name = "steps 1" }']
+    told = describe(tmp_path, f"{body}repeat = [{', '.join(named)}]\n")
+    assert names_of(told) == ["steps 2", "steps 3", "steps 1"]
+    led = describe(tmp_path, f'{body}name = "rig"\nrepeat = [{", ".join(listed)}]\n')
+    assert names_of(led) == ["rig steps 1", "rig steps 2"]
+
+
 def test_a_file_whose_name_looks_like_a_pattern_is_that_file(tmp_path: Path) -> None:
     recorded(tmp_path, "run[1].csv", "run1.csv")
     assert names_of(describe(tmp_path, entry("run[1].csv"))) == ["run[1]"]

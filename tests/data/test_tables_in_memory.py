@@ -161,6 +161,40 @@ def test_faults_name_log_row_and_column() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"each": {"bare": 3}}, "each, 'bare': give a mapping of keys to values, {'bench': {"),
+        ({"each": {"bare": None}}, "and not of type NoneType"),
+        ({"each": {"bare": "held_out"}}, "each, 'bare': give a mapping"),
+        ({"each": ["bare"]}, "each: give a mapping of logs to their keys, {'bench': {'held_out'"),
+        ({"uncertainty": np.ones(2)}, "'torque_motor', uncertainty: no table"),
+        ({"bounds": np.ones(2)}, "'torque_motor', bounds: no table"),
+        ({"each": {"bare": {3: 4}}}, "logs[1].3: unknown key '3'"),
+        (
+            {"each": {"bare": {"start": np.array([1.0, 2.0])}}},
+            "logs[1].start: no text; write for ex",
+        ),
+        ({"each": {"bare": {"held_out": np.zeros(100, bool)}}}, "logs[1].held_out"),
+        ({"each": {"bare": {"start": {"angle": np.zeros(2)}}}}, "logs[1].start.angle: no number"),
+    ],
+)
+def test_what_is_of_another_type_is_refused_by_name(given: Any, said: str) -> None:
+    assert said in complaint(**given)
+
+
+def test_columns_are_a_mapping() -> None:
+    with pytest.raises(UserError, match="columns: give a mapping of names to headers"):
+        sm.describe("sg90", {"bench": arrays(frame("steps"))}, ["t", "angle"])  # type: ignore[arg-type]
+
+
+def test_arrays_are_lists_and_numbers_in_what_is_said_of_a_log() -> None:
+    each = {"steps": {"window": np.array([0.2, 0.8]), "start": np.array("rest"), "settle": None}}
+    log = described(each=each).logs[0]
+    assert log.begin == pytest.approx(0.2, abs=0.05)
+    assert log.settle == 0.0
+
+
 def test_keys_of_the_table_are_no_further_keys_of_a_log() -> None:
     """They were dropped without a word: a log of the other sign was read as the others."""
     other = {"steps": {"outputs": {"angle": {"column": "angle_deg", "unit": "deg", "sign": -1}}}}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.data.readers.dates import seconds
+from servo_models.data.readers.dates import DAY, EXAMPLE, OTHER_DATE, seconds
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import check_size
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 NUMBER = 8  # bytes
+LEAST_RUN = 8
+"""Rows of a run of its own; fewer are rows out of order."""
 
 
 @dataclass(frozen=True)
@@ -148,13 +150,29 @@ class Columns:
             if cells[row] is None:
                 raise UserError(f"{place} is empty: fill the gap or remove the row")
             if values[row] is None:
-                raise UserError(
-                    f"{place}: '{cells[row]}' is not a number; correct it or remove the row"
-                )
+                cure = self._cure(str(cells[row]), row + first)
+                raise UserError(f"{place}: '{cells[row]}' is not a number; {cure}")
             raise UserError(
                 f"{place}: '{cells[row]}' is not finite: give a number or remove the row"
             )
         return values.to_numpy().astype(np.float64)
+
+    def _cure(self, cell: str, row: int) -> str:
+        """What to do about a cell that is no number."""
+        if row == 0 and self._begins_with_words():
+            return "the row looks like units: remove it, and give 'unit' in the description"
+        if OTHER_DATE.match(cell):
+            return f"write dates as {EXAMPLE}"
+        return "correct it or remove the row"
+
+    def _begins_with_words(self) -> bool:
+        """Whether the first row has no number, and the second one has."""
+        import polars as pl
+
+        texts = [cells.head(2) for cells in self.cells if cells.dtype == pl.String]
+        numbers = [text.str.strip_chars().cast(pl.Float64, strict=False) for text in texts]
+        words = all(number.head(1).is_null().all() for number in numbers)
+        return words and len(texts) == len(self.cells) and any(map(pl.Series.count, numbers))
 
     def dates(self, column: str | int, keep: slice = slice(None)) -> Array | None:
         """Return dates and times of a column in the rows ``keep`` as seconds, shape (n,).
@@ -195,15 +213,30 @@ class Columns:
 
     def check_order(self, column: str | int, times: Array, first: int = 0) -> None:
         """Raise UserError where ``times`` [s], the ones of that column from row ``first`` on, run
-        backward."""
-        backward = np.flatnonzero(np.diff(times) < 0.0)
-        if len(backward):
-            row = int(backward[0]) + 1
-            before, after = (self.time_text(column, first + k, times[k]) for k in (row - 1, row))
-            raise UserError(
-                f"{self.where(column, first + row)}: time runs backward from {before} to {after};"
-                " sort the rows by time"
-            )
+        backward: a row out of order, a clock that starts again, or midnight."""
+        backward = np.flatnonzero(np.diff(times) < 0.0) + 1
+        if not len(backward):
+            return
+        row = int(backward[0])
+        before, after = (self.time_text(column, first + k, times[k]) for k in (row - 1, row))
+        end = backward[1] if len(backward) > 1 else len(times)
+        cure, undated = "sort the rows by time", before.startswith("'") and times[row - 1] < DAY
+        if undated and times[row - 1] - times[row] > 0.5 * DAY:
+            cure = f"past midnight a time needs its date, such as '{EXAMPLE[:11]}{after[1:]}"
+        elif _are_two_runs(times[:row], times[row:end]):
+            cure = "the clock starts again, so this row begins another run: move it to its own file"
+        place = self.where(column, first + row)
+        raise UserError(f"{place}: time runs backward from {before} to {after}; {cure}")
+
+
+def _are_two_runs(one: Array, other: Array) -> bool:
+    """Whether sorting by time [s] would mix the rows, or put the other ones long before."""
+    if min(len(one), len(other)) < LEAST_RUN:
+        return False
+    order = np.argsort(np.concatenate([one, other]), kind="stable")
+    turns = np.count_nonzero(np.diff(order < len(one)))
+    ahead = float(one[0] - other[-1])
+    return bool(turns > LEAST_RUN or ahead > LEAST_RUN * np.median(np.diff(one)))
 
 
 def extra(name: str, module: str) -> Any:

@@ -25,6 +25,11 @@ WRITTEN = tuple(
     for form in (f"(?:{DATE})?{TIME}", f"{BASIC_DATE}{BASIC_TIME}")
 )
 """The extended format, with or without a date, and the basic one."""
+OTHER_DATE = re.compile(
+    r"(?:\d{4}([./-])\d\d?\1\d\d?|\d\d?([./-])\d\d?\2(?:\d{4}|\d\d))(?![\d./-])", re.ASCII
+)
+"""The begin of a date in another form, ``01.05.2024`` or ``5/1/2024``."""
+EXAMPLE = "2024-05-01T12:00:00"
 NANOSECONDS = 10**9  # in a second
 DAY = 86400  # s
 KEPT = ("zone", "part")
@@ -78,15 +83,17 @@ def _nanoseconds(texts: list[str], where: Callable[[int], str]) -> list[int]:
             raise UserError(
                 f"{where(row)}: '{text[:60]}' is no date and time as '{texts[0]}' is; correct it"
             )
+        try:
+            found.append(_since(parts))
+        except ValueError as error:
+            raise UserError(
+                f"{where(row)}: '{text}' is no date and time, {error}; correct it"
+            ) from error
         if _offset(parts["zone"]) != _offset(first["zone"]):
             raise UserError(
                 f"{where(row)}: '{text}' is of another zone than the first time, '{texts[0]}':"
                 " write all times in one zone"
             )
-        try:
-            found.append(_since(parts))
-        except ValueError as error:
-            raise UserError(f"{where(row)}: '{text}' is no time, {error}; correct it") from error
     return found
 
 
