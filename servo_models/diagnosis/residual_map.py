@@ -206,8 +206,9 @@ def _explained(basis: Sequence[Array], y: Array, weights: Array) -> tuple[Array,
 def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap | None:
     """Return what a fitted model leaves, as a residual map.
 
-    It is learnt beside the effects that were taken.  Where none holds there, it is learnt beside
-    parameters alone: effects none of which explains all may stand for a part of what is missing.
+    It is learnt beside the effects that were taken, and beside parameters alone: effects none of
+    which explains all may stand for a part of what is missing.  Of the two, that with the effects
+    is told unless the other one surely leaves less.
 
     Args:
         taken: with the effects that were taken, if any.
@@ -221,8 +222,10 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     if name is None or any(taken.problem.model.values[f"{name}.{it}"] for it in SIZES):
         return None
     beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
-    found = (_learnt(base, name, taken) for base in beside)
-    return next((it for it in found if it is not None), None)
+    found = [it for it in (_learnt(base, name, taken) for base in beside) if it is not None]
+    if len(found) > 1 and _better(found[1].fitted.evidence, found[0].fitted.evidence, LEAST_GAIN):
+        return found[1]
+    return found[0] if found else None
 
 
 def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | None:

@@ -122,7 +122,10 @@ def identifiability(
     asked = dict.fromkeys([*free, *given])
     judging = [log for log in logs if log.fitted.any()]
     if not judging:
-        raise UserError("every sample is held out: leave some to estimate from")
+        names = ", ".join(f"'{log.name}'" for log in logs)
+        raise UserError(
+            f"every sample of log {names} is held out: leave some to estimate from ('held_out')"
+        )
     with Workers(jobs) as workers:
         problem = Problem(model, judging, [], sigma=dict(floor), workers=workers)
         return _excitation(model, problem, asked, given)
