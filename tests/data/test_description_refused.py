@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from servo_models.data.description import read_description
+from servo_models.errors import UserError
 from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, text_of
+from tests.support.own_actuators import SOURCE
 
 
 @pytest.mark.parametrize(
@@ -151,3 +155,30 @@ def test_a_reading_that_never_changes_and_a_log_too_short(tmp_path: Path) -> Non
     assert "column 'angle_deg' is constant" in complaint(tmp_path, data=text_of(still))
     assert "15 samples" in complaint(tmp_path, data=text_of(TABLE[:15]))
     assert len(describe(tmp_path, data=text_of(TABLE[:16])).logs[0].times) == 16
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ("{}", ["start: empty", "no shaft", '"rest"']),
+        ("{ angel = 1 }", ["start.angel", "did you mean 'angle'"]),
+        ('{ angle = "3 V" }', ["start.angle", "does not convert"]),
+        ('{ angle = "3 deg" }', ["start: actuator 'joint' has no shaft"]),
+        ('"fit"', ["start: actuator 'joint' has no shaft"]),
+    ],
+)
+def test_a_wrong_key_of_a_start_is_told_before_that_there_is_no_shaft(
+    tmp_path: Path, start: str, said: list[str]
+) -> None:
+    (tmp_path / "joint.py").write_text(SOURCE)
+    times = np.arange(40) / 100
+    rows = np.column_stack([times, times > 0.1, times])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,u,y", comments="")
+    (tmp_path / "joint.toml").write_text(
+        'actuator = "joint.py"\n[[logs]]\nfile = "log.csv"\ntime = "t"\ninputs.goal = "u"\n'
+        f'outputs.angle = "y"\nstart = {start}\n'
+    )
+    with pytest.raises(UserError) as error:
+        read_description(tmp_path / "joint.toml")
+    for words in said:
+        assert words in str(error.value)
