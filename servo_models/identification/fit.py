@@ -99,8 +99,8 @@ def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress)
         tell("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector)
     odd = _outliers(problem.model, problem.logs)
-    said = [*odd, *false_starts(problem.runs, values)]
-    said += warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
+    odd += false_starts(problem.runs, values)
+    said = [*odd, *warnings(problem, found.vector, uncertainty), *_ending(found, kind, starts)]
     numbers = np.array(list(values.values()))
     believable = not odd and is_believable(problem.free, numbers, uncertainty)
     fitted = replace(problem.model, values={**problem.model.values, **values})

@@ -181,6 +181,8 @@ def test_a_log_that_begins_in_another_state_is_warned_of(settle: float) -> None:
     jumps = np.concatenate([[1.0, -1.0], np.zeros(len(angle) - 2)])  # a current is no state
     both = replace(fair, outputs={"angle": angle, "current": jumps})
     assert false_starts([prepared(nominal(), both)], same) == []
+    wrong, right = (fit(nominal(**same), [one], ["stiffness"]) for one in (log, fair))
+    assert (wrong.believable, right.believable) == (False, True)
 
 
 def test_an_effect_is_found_from_off() -> None:
