@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from servo_models.data.description import read_description
-from servo_models.errors import UserError
+from servo_models.errors import UserError, did_you_mean
 from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, text_of
 from tests.support.own_actuators import SOURCE
 
@@ -42,6 +42,8 @@ from tests.support.own_actuators import SOURCE
         ('"time_ms"', '"time"', ["log.csv' has no column 'time'; did you mean 'time_ms'"]),
         ("inputs.voltage", "inputs.volage", ["logs[1].inputs.volage", "'voltage'"]),
         ("outputs.angle", "outputs.angel", ["logs[1].outputs.angel", "did you mean 'angle'"]),
+        ("outputs.angle", "outputs.anlge", ["outputs.anlge", "did you mean 'angle'"]),
+        ("outputs.angle", "outputs.humidity", ["outputs.humidity", "known: angle, rate, current"]),
         ("outputs.angle", "outputs.rate", ["rate.unit", "'deg' does not convert to 'rad/s'"]),
         ('outputs.angle = { column = "angle_deg", unit = "deg" }', "", ["outputs: missing"]),
         ('unit = "deg"', 'unit = "V"', ["outputs.angle.unit", "'V' does not convert to 'rad'"]),
@@ -182,3 +184,8 @@ def test_a_wrong_key_of_a_start_is_told_before_that_there_is_no_shaft(
         read_description(tmp_path / "joint.toml")
     for words in said:
         assert words in str(error.value)
+
+
+def test_a_name_that_is_like_no_other_gets_all_there_are() -> None:
+    assert did_you_mean("anlge", ["reading", "voltage"]) == "known: reading, voltage"
+    assert did_you_mean("raeding", ["reading", "voltage"]) == "did you mean 'reading'?"

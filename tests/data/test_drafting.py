@@ -36,6 +36,18 @@ def test_a_log_alone_asks_for_init(run: Run, csv: Path) -> None:
     assert "add --init" in err
 
 
+@pytest.mark.parametrize("more", [(), ("--init",)])
+def test_a_folder_asks_for_init_of_a_log_in_it(run: Run, csv: Path, more: tuple[str, ...]) -> None:
+    (csv.parent / "a notes.md").write_text("none")
+    code, _, err = run("check", csv.parent, *more)
+    assert code == 2
+    assert f"is a folder, no description; begin one with 'servo-models check {csv} --init'" in err
+    csv.unlink()
+    code, _, err = run("check", csv.parent, *more)
+    assert code == 2
+    assert "is a folder without a log" in err
+
+
 def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "records.toml"
     path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')

@@ -224,6 +224,9 @@ def test_warnings_name_what_the_log_does_not_tell() -> None:
     assert any(
         "'torque_constant' and 'stiffness' cannot be told apart" in said for said in pair.warnings
     )
+    card = pair.report().cards[0]
+    assert "2 of 2 determined only together" in card.text
+    assert card.passed is None
     edge = fit(nominal(), [log], ["torque_constant", "coulomb_friction.level"])
     assert any("'coulomb_friction.level' sits on its low bound" in said for said in edge.warnings)
     unseen = fit(nominal(), [log], ["torque_constant", "stribeck_friction.speed"])
