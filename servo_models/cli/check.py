@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,7 @@ def check(
 
     servo-models check log.toml
     """
-    if file.is_dir():
+    if os.path.isdir(file):  # False for a name that is too long
         raise _begin_one(file)
     if init:
         return _init(file, out, actuator, trust)
@@ -64,7 +65,7 @@ def _begin_one(path: Path) -> UserError:
     from servo_models.data.readers import suffixes
 
     log, what = path, "no description"
-    if path.is_dir():
+    if os.path.isdir(path):
         known = suffixes().split(", ")
         logs = sorted(it for it in path.iterdir() if it.suffix.lower() in known and it.is_file())
         if not logs:
