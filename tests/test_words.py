@@ -19,6 +19,7 @@ TEXTS = [
     "phrase",
     [
         "the response hunts",
+        "goes with the input coherently",
         "nobody could tell apart",
         "the fit has seen all",
         "Told are",

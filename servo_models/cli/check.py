@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from pathlib import Path
 from typing import Annotated
 
@@ -41,14 +42,14 @@ def check(
 
     servo-models check log.toml
     """
+    if os.path.isdir(file):  # False for a name that is too long
+        raise _begin_one(file)
     if init:
         return _init(file, out, actuator, trust)
     if out or actuator:
         raise UserError("--out and --actuator say how a description is begun: add --init")
     if file.suffix.lower() != ".toml":
-        raise UserError(
-            f"'{file}' is no description; begin one with 'servo-models check {file} --init'"
-        )
+        raise _begin_one(file)
     from servo_models.cli.console import progress, show
     from servo_models.data.description import read_description
     from servo_models.identification.check import check as run
@@ -57,6 +58,20 @@ def check(
         found = run(read_description(file, trust))
     show(found.report())
     return 1 if found.warnings else 0
+
+
+def _begin_one(path: Path) -> UserError:
+    """What to do with a log, or a folder of logs, in place of a description."""
+    from servo_models.data.readers import suffixes
+
+    log, what = path, "no description"
+    if os.path.isdir(path):
+        known = suffixes().split(", ")
+        logs = sorted(it for it in path.iterdir() if it.suffix.lower() in known and it.is_file())
+        if not logs:
+            return UserError(f"'{path}' is a folder without a log: name a description or a log")
+        log, what = logs[0], "a folder, no description"
+    return UserError(f"'{path}' is {what}; begin one with 'servo-models check {log} --init'")
 
 
 def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:

@@ -38,6 +38,7 @@ class Wire:
         low, high: bounds, for an input.
         display: unit a person wants to read it in.
         flag: it is 0 or 1, a Boolean to the outside.
+        words: that alone tell it in the heading of a column, besides those of its name.
 
     Raises:
         ValueError: a name that no wire can have.
@@ -52,6 +53,7 @@ class Wire:
     high: float | None = None
     display: str | None = None
     flag: bool = False
+    words: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_name(self.name, f"wire '{self.name}'")
@@ -382,7 +384,8 @@ class Variant:
 
     ``uncertainty`` holds relative standard deviations (prior) of its parameters;
     ``stop_time`` and ``step_size`` [s] are its default experiment where the actuator's is
-    not for it.
+    not for it.  ``command`` is the input that moves it where that is not the actuator's main one:
+    ``check --init`` proposes the variant for a log of that input.
     """
 
     name: str
@@ -394,6 +397,7 @@ class Variant:
     warning: str = ""
     stop_time: float | None = None
     step_size: float | None = None
+    command: str = ""
 
 
 @dataclass(frozen=True)
@@ -478,6 +482,7 @@ class Actuator:
             for kind, names, known in (
                 ("output", plant.outputs, plant.wire),
                 ("input of the standard step", self.step[:1], inputs),
+                ("command of a variant", filter(None, [variant.command]), inputs),
                 ("parameter with an uncertainty", variant.uncertainty, plant.parameters),
                 ("parameter known to the grey box", known_to_box, plant.parameters),
             ):

@@ -19,9 +19,11 @@ TEMPLATE = "my_servo"
 def write_template(path: Path) -> None:
     """Write a position servo to ``path``, named like the file; it runs as it is.
 
+    A folder that is missing is made.
+
     Raises:
         UserError: no .py, a name that no actuator can have or that one of the catalogue has, a
-            file that is there, or a folder that is not.
+            file that is there, or a folder that cannot be written.
     """
     if not is_file(path.name):
         raise UserError(f"'{path}' is no Python file: let the name end in .py")
@@ -34,8 +36,6 @@ def write_template(path: Path) -> None:
             f"'{path}' is called like the actuator '{path.stem}' of the catalogue, and its"
             " FMU too: choose another name"
         )
-    if not path.parent.is_dir():
-        raise UserError(f"cannot write '{path}': no folder '{path.parent}'; make it first")
     if os.path.lexists(path):  # also a link that leads nowhere
         raise UserError(f"'{path}' is there, and is not overwritten: choose another name")
     text = files("servo_models.actuators").joinpath(f"{TEMPLATE}.py").read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ import numpy as np
 from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.catalogue import actuators
 from servo_models.core.own_actuator import key_from
-from servo_models.core.plant import Actuator, Wire
+from servo_models.core.plant import Actuator, Plant, Variant, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.clock import dithered
@@ -38,6 +38,7 @@ class Draft:
     Attributes:
         path: the log.
         actuator: what is thought to have made it, ``given`` if that was told.
+        variant: of the actuator, the default one unless the command is that of another.
         time: its column and unit, None if no column rises.
         matches: columns and their signals, all in the table of the time or an input's.
         unused: columns left over, of all tables.
@@ -46,11 +47,21 @@ class Draft:
 
     path: Path
     actuator: Actuator
+    variant: Variant
     given: bool
     time: tuple[Column, str] | None
     matches: tuple[Match, ...]
     unused: tuple[Column, ...]
     left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def plant(self) -> Plant:
+        return self.actuator.plant_of(self.variant.name)
+
+    @property
+    def main(self) -> str:
+        """Name of the input that moves it."""
+        return self.variant.command or self.actuator.step[0]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -72,7 +83,7 @@ class Draft:
         names: dict[str, list[str | int]] = {}
         for column in self.unused:
             if column.table == self.table:
-                why = _why_not(column, self.matches, self.actuator)
+                why = _why_not(column, self)
                 names.setdefault(why, []).append(column.key)
             else:
                 names.setdefault("what else is in other tables", []).append(column.table or "")
@@ -96,8 +107,9 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
 
     Args:
         path: the file, of any format that can be read.
-        actuator: name of what made it; None chooses the one that the columns fit best, a general
-            one only where they fit no other.
+        actuator: name of what made it; None chooses the one whose command and motion the columns
+            tell most clearly, of these one that is general only where no other is, and then the
+            one that they fit best.
 
     Raises:
         UserError: a file that cannot be read or has no numbers, an unknown actuator, or
@@ -116,8 +128,10 @@ def draft(path: Path, actuator: str | None = None) -> Draft:
 
 
 def _rivals(path: Path, columns: Sequence[Column]) -> list[Draft]:
-    """The drafts of all actuators that are not general; of the general ones if none fits."""
+    """The drafts that tell command and motion most clearly; the general ones if no other fits."""
     every = [_draft(path, columns, found, given=False) for found in actuators().values()]
+    clearest = max(map(_clarity, every))
+    every = [made for made in every if _clarity(made) == clearest]
     specific = [made for made in every if not made.actuator.general]
     return specific if any(map(_score, specific)) else every
 
@@ -126,16 +140,38 @@ def _score(made: Draft) -> float:
     return sum(match.score for match in made.matches if match.converts)
 
 
+def _clarity(made: Draft) -> int:
+    """How clearly headings tell what moves the actuator, where they tell a motion as well.
+
+    2 by a word of that input, 1 by a quantity or unit, 0 not at all or without a motion.
+    """
+    wires = {match.wire.name: match for match in made.matches if match.converts}
+    command = wires.get(made.main)
+    if not command or not any(_tells_motion(match, made.plant) for match in wires.values()):
+        return 0
+    if _own_words(command.wire) & set(command.column.words):
+        return 2
+    return int(command.told or _is_of_quantity(command.column.words, command.wire))
+
+
+def _tells_motion(match: Match, plant: Plant) -> bool:
+    """Whether the heading of a column is that of the first output, or of its rate."""
+    unit = plant.wire[plant.outputs[0]].unit
+    is_motion = match.wire.unit in (unit, f"{unit}/s") and match.wire.name in plant.outputs
+    return is_motion and _tells(match.column, plant)
+
+
 def _draft(path: Path, columns: Sequence[Column], actuator: Actuator, given: bool) -> Draft:
-    """The draft with the table whose columns fit best as outputs; inputs may be in others."""
+    """The draft of the variant and table that fit best as outputs; inputs may be in others."""
     tables = list(dict.fromkeys(column.table for column in columns))
-    made = [_draft_on(path, columns, actuator, given, table) for table in tables]
+    variants = [actuator.variants[0], *(it for it in actuator.variants if it.command)]
+    blank = [Draft(path, actuator, variant, given, None, (), ()) for variant in variants]
+    made = [_filled(draft, columns, table) for draft in blank for table in tables]
     return max(made, key=_score)
 
 
-def _draft_on(
-    path: Path, columns: Sequence[Column], actuator: Actuator, given: bool, table: str | None
-) -> Draft:
+def _filled(blank: Draft, columns: Sequence[Column], table: str | None) -> Draft:
+    """A draft with a signal for each column that fits one, and the time of that table."""
     own = [column for column in columns if column.table == table]
     time = _time_of(own)
     times = {_time_of([c for c in columns if c.table == column.table]) for column in columns}
@@ -143,13 +179,13 @@ def _draft_on(
     numbers = [c for c in columns if not (c.dates or c.counts or c in stamps)]
     found = tuple(
         match
-        for match in _matches([c for c in numbers if c.moves], actuator)
-        if match.column.table == table or match.wire in actuator.plant.inputs
+        for match in _matches([c for c in numbers if c.moves], blank)
+        if match.column.table == table or match.wire in blank.plant.inputs
     )
-    found += tuple(_constant_inputs(numbers, actuator, [match.wire for match in found]))
+    found += tuple(_constant_inputs(numbers, blank.plant, [match.wire for match in found]))
     used = {id(match.column) for match in found} | {id(stamp) for stamp in stamps}
     unused = tuple(column for column in columns if id(column) not in used)
-    return Draft(path, actuator, given, time, found, unused)
+    return replace(blank, time=time, matches=found, unused=unused)
 
 
 def write_draft(made: Draft, path: Path) -> None:
@@ -173,7 +209,11 @@ def _lines(made: Draft, folder: Path) -> Iterator[str]:
     yield "# First description of a log. Lines marked 'guessed' are to be checked."
     doubt = "" if made.given else f"  {CHECK}; there are also {named}"
     yield f"actuator = {_quoted(key_from(made.actuator, folder))}{doubt}"
-    yield f"# variant = {_quoted(made.actuator.default_variant)}  # others: servo-models list"
+    variant = f"variant = {_quoted(made.variant.name)}"
+    if made.variant.command:
+        yield f"{variant}  {CHECK}: the one whose command is {made.main}"
+    else:
+        yield f"# {variant}  # others: servo-models list"
     yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'
     yield ""
     yield "[[logs]]"
@@ -202,7 +242,7 @@ def _time_lines(made: Draft) -> Iterator[str]:
 
 
 def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
-    plant = made.actuator.plant
+    plant = made.plant
     role = "inputs" if match.wire in plant.inputs else "outputs"
     entry = f"column = {_quoted(match.column.key)}, unit = {_quoted(match.unit)}"
     doubts = [] if match.told else ["the unit"]
@@ -213,7 +253,7 @@ def _signal_lines(match: Match, made: Draft) -> Iterator[str]:
         doubts = [f"scale and offset from {match.unit} to {unit} by the model's static gain"]
     if match.column.table != made.table:
         entry += f", table = {_quoted(match.column.table or '')}"
-    if not _tells(match.column):
+    if not _tells(match.column, plant):
         doubts = ["the signal", *doubts]
     low, high = match.column.values.min(), match.column.values.max()
     doubt = f"  {CHECK}: {' and '.join(doubts)}" if doubts else ""
@@ -244,19 +284,18 @@ def _through_the_model(match: Match, actuator: Actuator) -> tuple[str, float, fl
 
 
 def _open_ends(made: Draft) -> Iterator[str]:
-    plant = made.actuator.plant
+    plant = made.plant
     matched = [match.wire.name for match in made.matches]
     missing = [wire for wire in plant.inputs if wire.name not in matched]
-    main = made.actuator.step[0]
-    assumed = [wire for wire in missing if wire.rest and wire.name != main]
+    mains = (made.main, made.actuator.step[0])
+    assumed = [wire for wire in missing if wire.rest and wire.name not in mains]
     others = [wire.name for wire in missing if wire not in assumed]
     if not any(name in plant.outputs for name in matched):
         yield '# no column fits an output: write outputs.NAME = { column = "...", unit = "..." }'
     yield f"# outputs there are: {', '.join(plant.outputs)}"
     if assumed:
         values = ", ".join(f"{wire.name} = {_resting(wire)}" for wire in assumed)
-        variant = made.actuator.default_variant
-        yield f"constants = {{ {values} }}  {CHECK}: those of variant '{variant}'"
+        yield f"constants = {{ {values} }}  {CHECK}: those of variant '{made.variant.name}'"
     if others:
         yield f"# at rest, or give them in constants = {{ ... }}: {', '.join(others)}"
     for sentence in (*made.not_used, *made.warnings):
@@ -342,87 +381,105 @@ def _time_unit(column: Column) -> str:
     return next((u for u in ("s", "ms", "us") if step * factor(u, "s") <= LONGEST_STEP), "ns")
 
 
-def _matches(columns: Sequence[Column], actuator: Actuator) -> list[Match]:
+def _matches(columns: Sequence[Column], made: Draft) -> list[Match]:
     """Return a column for each signal that one fits, best first; a column serves one signal.
 
     Where the names tell no reading, columns are told by their numbers: the command is the one
     that stands still most often, or else the one with the least noise.
     """
-    by_name = _chosen(columns, actuator, None, blind=False)
-    if any(match.wire.name in actuator.plant.outputs for match in by_name):
+    by_name = _chosen(columns, made, None, blind=False)
+    if any(match.wire.name in made.plant.outputs for match in by_name):
         return by_name
-    nameless = [column for column in columns if not _tells(column)]
+    nameless = [column for column in columns if not _tells(column, made.plant)]
     named = any(COMMAND & set(column.words) for column in columns)
     command = None if named else max(nameless, key=_calm, default=None)
-    return _chosen(columns, actuator, command, blind=True)
+    return _chosen(columns, made, command, blind=True)
 
 
 def _constant_inputs(
-    columns: Sequence[Column], actuator: Actuator, matched: Sequence[Wire]
+    columns: Sequence[Column], plant: Plant, matched: Sequence[Wire]
 ) -> Iterator[Match]:
     """Inputs that are the same in the whole log, from columns that are called like them."""
-    for wire in actuator.plant.inputs:
+    for wire in plant.inputs:
         same = [c for c in columns if not c.moves and "_".join(c.words) == wire.name]
-        match = _match(wire, same[0], False, False, command=False) if same else None
+        match = _match(wire, same[0], plant, main=False, command=False) if same else None
         if match and match.converts and match.score and wire not in matched:
             yield match
 
 
-def _why_not(column: Column, chosen: Sequence[Match], actuator: Actuator) -> str:
+def _why_not(column: Column, made: Draft) -> str:
     """Say why a column is taken for no signal."""
+    plant = made.plant
     if not column.moves:
         return "constant"
     if column.counts:
         return "it counts the rows"
-    if not _tells(column):
+    if not _tells(column, plant):
         return "the name does not tell what it is"
-    plant, mains = actuator.plant, (actuator.step[0], actuator.plant.outputs[0])
+    mains = (made.main, plant.outputs[0])
     best = max(
         (
-            _match(plant.wire[name], column, name in plant.outputs, name in mains, command=False)
+            _match(plant.wire[name], column, plant, name in mains, command=False)
             for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
         ),
         key=lambda match: match.score,
     )
-    for match in chosen:
+    for match in made.matches:
         if match.wire is best.wire and best.score >= LEAST_SCORE:
             return f'{match.wire.name} is taken from "{match.column.key}"'
-    return f"it fits no signal of {actuator.name}"
+    return f"it fits no signal of {made.actuator.name}"
 
 
 def _chosen(
-    columns: Sequence[Column], actuator: Actuator, command: Column | None, blind: bool
+    columns: Sequence[Column], made: Draft, command: Column | None, blind: bool
 ) -> list[Match]:
-    plant, main = actuator.plant, actuator.step[0]
+    plant, main = made.plant, made.main
     mains = (main, plant.outputs[0])
     offered = [
-        _match(plant.wire[name], column, name in plant.outputs, name in mains, column is command)
+        _match(plant.wire[name], column, plant, name in mains, column is command)
         for column in columns
-        if blind or _tells(column)
+        if blind or _tells(column, plant)
         for name in (*(wire.name for wire in plant.inputs), *plant.outputs)
     ]
+    sides = [wire for wire in plant.inputs if wire.name != main]
     chosen: list[Match] = []
-    for match in sorted(offered, key=lambda match: -match.score):
-        side = match.wire in plant.inputs and match.wire.name != main
-        unlike = command is not None and _is_unlike_rate(match, command)
+    for match in sorted(offered, key=lambda match: (-match.score, match.wire in sides)):
+        unlike = command is not None and _is_unlike_rate(match, command, plant)
         taken = any(match.wire is other.wire or match.column is other.column for other in chosen)
-        if match.score >= (SIDE_SCORE if side else LEAST_SCORE) and not unlike and not taken:
+        least = SIDE_SCORE if match.wire in sides else LEAST_SCORE
+        if match.score >= least and not unlike and not taken:
             chosen.append(match)
+    return _with_command(chosen, [match for match in offered if match.wire.name == main], plant)
+
+
+def _with_command(chosen: list[Match], commands: Sequence[Match], plant: Plant) -> list[Match]:
+    """The same with a command, where a column has a word of it and another one tells a motion.
+
+    A current is an output of many an actuator, and the command of a motor on a current.
+    """
+    if any(match.wire is command.wire for match in chosen for command in commands):
+        return chosen
+    for command in sorted(commands, key=lambda match: -match.score):
+        others = [match for match in chosen if match.column is not command.column]
+        called = bool(_own_words(command.wire) & set(command.column.words))
+        if called and command.converts and any(_tells_motion(it, plant) for it in others):
+            return [command, *others]
     return chosen
 
 
-def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) -> Match:
+def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) -> Match:
     """How well a column fits a wire, the ``main`` input or output or another; ``command`` if its
     numbers are those of a command."""
-    words, own = set(column.words), set(wire.name.split("_"))
+    words, own, output = set(column.words), set(wire.name.split("_")), wire.name in plant.outputs
     told = column.unit is not None and _dimension(column.unit) == _dimension(wire.unit)
     unit = column.unit or _likely_unit(wire, column)
     converts = told or (column.unit is None and _near_rest(wire, column, unit))
     is_command, is_measured = command or bool(words & COMMAND), bool(words & MEASURED)
     score = 4.0 * (words == own) + 1.5 * len(words & own)
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
+    score += LEAST_SCORE * bool(words & set(wire.words))
     if output:
-        score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column))
+        score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column, plant))
         score += LEAST_SCORE * (main and is_measured and not words & KNOWN)
     else:
         score += 3.0 * (main and is_command) - 1.5 * is_measured
@@ -432,9 +489,14 @@ def _match(wire: Wire, column: Column, output: bool, main: bool, command: bool) 
     return Match(wire, column, unit, told, converts, 0.0 if wire.flag else score)
 
 
-def _tells(column: Column) -> bool:
+def _tells(column: Column, plant: Plant) -> bool:
     """Return whether the name of a column says anything about what is in it."""
-    return column.unit is not None or bool((KNOWN | COMMAND | MEASURED) & set(column.words))
+    own = {word for wire in plant.wire.values() for word in wire.words}
+    return column.unit is not None or bool((KNOWN | COMMAND | MEASURED | own) & set(column.words))
+
+
+def _own_words(wire: Wire) -> set[str]:
+    return {*wire.name.split("_"), *wire.words}
 
 
 def _dimension(unit: str) -> dict[str, int]:
@@ -471,13 +533,14 @@ def _calm(column: Column) -> tuple[float, float]:
     return round(still, 1), -difference_noise(column.values) / float(np.ptp(column.values))
 
 
-def _is_unlike_rate(match: Match, command: Column) -> bool:
+def _is_unlike_rate(match: Match, command: Column, plant: Plant) -> bool:
     """Whether a nameless column, set beside the command, is a rate and the signal is none.
 
     A rate follows the command only once it is added up.
     """
     column = match.column
-    if _tells(column) or column is command or len(column.values) != len(command.values):
+    told = _tells(column, plant)
+    if told or column is command or len(column.values) != len(command.values):
         return False
     if not column.moves:
         return True

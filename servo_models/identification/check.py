@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from servo_models.core.plant import Plant
 from servo_models.data.audit import Audit, audits, noise_floors
 from servo_models.data.description import Description, read_description
+from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.identifiability import (
     SHOWN,
@@ -19,6 +21,7 @@ from servo_models.identification.identifiability import (
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
 from servo_models.identification.starts import with_starts
+from servo_models.identification.stated_starts import false_statements
 from servo_models.identification.uncertainty import together
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
@@ -135,6 +138,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
     clocks = implausible_clocks(description)
+    false = {} if clocks else false_statements(description.model, description.logs)
     if not clocks:
         logs = with_starts(description.model, description.logs)
         description = replace(description, logs=logs)
@@ -146,7 +150,7 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         return Check(
             description, audited, floors, Identifiability((), (), (), (), ()), asked, clocks
         )
-    odd = implausible(description)
+    odd = (*(text for text, _ in false.values()), *_odd(description, false))
     try:
         found = identifiability(
             description.model, description.logs, floors, free, description.uncertainty, jobs
@@ -154,6 +158,12 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     except UserError as error:
         raise UserError("; ".join([str(error), *odd])) from error
     return Check(description, audited, floors, found, asked, odd)
+
+
+def _odd(description: Description, false: Mapping[str, tuple[str, Log]]) -> tuple[str, ...]:
+    """What makes no sense in logs that begin as they show; a false start looks like a unit."""
+    logs = tuple(false[log.name][1] if log.name in false else log for log in description.logs)
+    return implausible(replace(description, logs=logs))
 
 
 def verdict(reach: Detectability, has_prior: bool) -> str:

@@ -99,9 +99,10 @@ def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress)
         tell("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector)
     odd = _outliers(problem.model, problem.logs)
-    said = [*odd, *false_starts(problem.runs, values)]
-    said += [text for run in problem.runs for text in run.notices(values)]
-    said += warnings(problem, found.vector, uncertainty) + _ending(found, kind, starts)
+    odd += false_starts(problem.runs, values)
+    beyond = [text for run in problem.runs for text in run.notices(values)]
+    said = [*odd, *beyond, *warnings(problem, found.vector, uncertainty)]
+    said += _ending(found, kind, starts)
     numbers = np.array(list(values.values()))
     believable = not odd and is_believable(problem.free, numbers, uncertainty)
     fitted = replace(problem.model, values={**problem.model.values, **values})

@@ -1,4 +1,4 @@
-"""Whether the numbers of a description make sense beside its actuator: units, supply, priors.
+"""Whether the numbers of a description make sense beside its actuator: units, signs, priors.
 
 A column in another unit than is said is off by a large known factor.  Two things tell: the
 nominal model then moves otherwise than the log, and moves as the log does once the unit is
@@ -25,6 +25,7 @@ from servo_models.data.outliers import outliers
 from servo_models.data.schema import named
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
+from servo_models.identification.starts import with_starts
 from servo_models.units import other_units, parse
 
 TIME = "time"
@@ -44,7 +45,7 @@ SEEN = 0.02
 FAR = 4.0
 """Ratio of two motions from which one of them is not scaled."""
 FOLLOWS = 0.8
-"""Correlation with the model from which a reading is one of its output, scaled or not."""
+"""Correlation with the model from which a reading is one of its output, scaled or turned."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
 LONGEST = 5e6
@@ -92,7 +93,9 @@ def implausible(described: Description) -> tuple[str, ...]:
     said = list(_about_priors(described))
     answer = answer_time(model)
     for log in described.logs:
-        texts = [*_about_held_inputs(model, log), *_about_units(model, log, answer)]
+        against = _against(model, log)
+        texts = [*_about_held_inputs(model, log), *_about_signs(model, log, against)]
+        texts += _about_units(model, _turned(model, log, against), answer)
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
 
@@ -204,6 +207,52 @@ def _about_supply(model: Model, log: Log, wire: Wire, level: float) -> Iterator[
         f"{_column(log, wire.name)} is {level:.4g} {wire.unit}, {level / rest:.3g} times the"
         f" {rest:g} {wire.unit} that variant '{model.variant}' is for: {what}; {cure}"
     )
+
+
+# Signs of columns
+
+
+def _against(model: Model, log: Log) -> list[str]:
+    """Outputs that move as the model does, the other way round."""
+    ways = [log]
+    if log.start and log.start.fitted:  # a start fitted to a turned column is that of no motion
+        ways = [replace(log, start=None), replace(log, start=None, settle=0.0)]
+    unlike = [name for name, misfit in _misfits(model, log).items() if misfit > UNLIKE]
+    simulated = [_simulated(model, way) for way in ways] if unlike else []
+    return [
+        name
+        for name in unlike
+        if any(_follows(_kept(log, name), -it[name][_usual(log, name)]) for it in simulated)
+    ]
+
+
+def _follows(measured: Array, response: Array) -> bool:
+    if not np.std(measured) or not np.std(response):
+        return False
+    return float(np.corrcoef(measured, response)[0, 1]) > FOLLOWS
+
+
+def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str]:
+    moving = [name for name, values in log.inputs.items() if np.ptp(values) > 0.0]
+    for name in against:
+        cure = "give it sign = -1"
+        if _channel(log, name).scale < 0.0:
+            cure = "leave out its sign = -1, or the minus of its scale"
+        every = len(against) == sum(not model.plant.wire[it].flag for it in log.outputs)
+        if every and len(moving) == 1:
+            cure += f"; or turn the sign of {_column(log, moving[0])}"
+        yield f"{_column(log, name)} goes against the command: {cure}"
+
+
+def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
+    """The log with the other sign of these outputs, and with the start that it then shows."""
+    if not names:
+        return log
+    turned = {name: -values for name, values in log.outputs.items() if name in names}
+    found = replace(log, outputs={**log.outputs, **turned})
+    if log.start and log.start.fitted:
+        (found,) = with_starts(model, [replace(found, start=None, assumed=True)])
+    return found
 
 
 # Units of columns
@@ -324,8 +373,7 @@ def _unscaled(model: Model, log: Log, unlike: Sequence[str]) -> Iterator[Correct
         if not np.std(response) or not np.std(measured):
             continue
         ratio = float(np.std(response) / np.std(measured))
-        follows = float(np.corrcoef(measured, response)[0, 1]) > FOLLOWS
-        if follows and not 1.0 / FAR < ratio < FAR:
+        if _follows(measured, response) and not 1.0 / FAR < ratio < FAR:
             yield Correction((name,), ratio, "")
 
 

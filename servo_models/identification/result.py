@@ -65,7 +65,7 @@ class Identification(Result):
         method: in words.
         warnings: in words, each with its cure.
         believable: False where a warning says that an estimate is not to be believed, or names
-            outliers.
+            outliers or a log that begins in another state.
         converged, interrupted: how the search ended.
         costs: where every start ended, best first.
         evaluations: simulations of all logs.

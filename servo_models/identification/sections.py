@@ -41,7 +41,7 @@ from servo_models.identification.readings import (
     words,
 )
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.uncertainty import doubt
+from servo_models.identification.uncertainty import ALIKE, doubt
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
@@ -69,7 +69,7 @@ OWN_CLOCK = 1.5
 EVEN = 1e-4
 """Share of a step up to which its jitter is rounding."""
 PARAMETERS, ERRORS = "Parameters", "Errors"
-NOTES = "What reading has changed"
+NOTES = "Notes on the logs"
 
 
 def identification_report(
@@ -166,15 +166,26 @@ def _change(found: Identification, output: str) -> str:
 
 def _parameter_card(found: Identification) -> Card:
     estimates = list(_estimates(found))
-    doubtful = sum(bool(reason) for _, _, reason in estimates)
+    doubtful, shared = sum(bool(reason) for _, _, reason in estimates), _only_together(found)
     lines = [f"{doubtful} of {len(estimates)} doubtful" if doubtful else "all determined"]
+    if shared and not doubtful:
+        lines = [f"{len(shared)} of {len(estimates)} determined only together"]
     lines += [
         f"{free.name}: {estimate}{f' ({reason})' if reason else ''}"
         for free, estimate, reason in estimates[:IN_CARD]
     ]
     if len(estimates) > IN_CARD:
         lines.append(f"and {len(estimates) - IN_CARD} more")
-    return Card("parameters", "\n".join(lines), None if doubtful else True, PARAMETERS)
+    is_well = not (doubtful or shared)
+    return Card("parameters", "\n".join(lines), True if is_well else None, PARAMETERS)
+
+
+def _only_together(found: Identification) -> set[str]:
+    """Names of parameters that these logs cannot tell apart from another one."""
+    strong = np.abs(found.correlations) > ALIKE  # False for NaN
+    np.fill_diagonal(strong, False)
+    pairs = {free.name for free, row in zip(found.free, strong) if row.any()}
+    return pairs.union(*found.groups)
 
 
 def _estimates(found: Identification) -> Iterator[tuple[Free, Quantity, str]]:
@@ -433,8 +444,8 @@ def _frequency_response(found: Identification) -> Section:
         line = _line(pair, measured, linear) if linear else None
         if measured is None:
             missing.append(
-                f"No measured response of {pair.title}: the logs are too short, or nothing in"
-                " them goes with the input coherently."
+                f"No measured response of {pair.title}: it takes longer logs, or a command that"
+                " moves more often, such as a sweep. No fit needs it."
             )
         if linear and line is None:
             missing.append(f"Nothing small passes from {pair.input.name} to {pair.output.name}.")

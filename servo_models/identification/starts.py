@@ -226,17 +226,18 @@ def _words(model: Model, log: Log, asked: bool) -> str:
         found = "is settled at its first row" if log.settle else "begins at rest"
         return f"its first samples show that it {found}{cure}"
     if log.start.before:
-        held = _listed(log.start.before, wires)
+        held = listed(log.start.before, wires)
         begins = f"as the command steps: about {held} had been held before"
     else:
-        begins = f"at about {_listed(log.start.shaft, wires)}"
+        begins = f"at about {listed(log.start.shaft, wires)}"
     return (
         f"its first samples and the nominal parameters together say that it begins {begins}, which"
         f" every fit estimates{cure}"
     )
 
 
-def _listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
+def listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
+    """Return values [SI] of signals, each in the unit that a person reads."""
     return " and ".join(_read(value, wires[name]) for name, value in values.items())
 
 

@@ -128,7 +128,6 @@ REFUSED = [
     (".py", "has an unfit name"),
     ("con.py", "has the name of a device"),
     ("sg90.py", "is called like the actuator 'sg90' of the catalogue"),
-    ("no/such/mine.py", "no folder 'no/such'; make it first"),
 ]
 
 
@@ -142,6 +141,17 @@ def test_what_is_refused(
     assert message in err
     assert err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_missing_is_made(tmp_path: Path, run: Run) -> None:
+    """As for the files that other commands write."""
+    path = tmp_path / "no" / "such" / "mine.py"
+    assert run("new", "actuator", path)[0] == 0
+    assert actuator(str(path)).name == "mine"
+    (tmp_path / "file").write_text("")
+    code, _, err = run("new", "actuator", tmp_path / "file" / "mine.py")
+    assert code == 2
+    assert "choose a folder" in err
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from servo_models.data.description import read_description
+from servo_models.errors import UserError, did_you_mean
 from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, text_of
+from tests.support.own_actuators import SOURCE
 
 
 @pytest.mark.parametrize(
@@ -38,6 +42,8 @@ from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, te
         ('"time_ms"', '"time"', ["log.csv' has no column 'time'; did you mean 'time_ms'"]),
         ("inputs.voltage", "inputs.volage", ["logs[1].inputs.volage", "'voltage'"]),
         ("outputs.angle", "outputs.angel", ["logs[1].outputs.angel", "did you mean 'angle'"]),
+        ("outputs.angle", "outputs.anlge", ["outputs.anlge", "did you mean 'angle'"]),
+        ("outputs.angle", "outputs.humidity", ["outputs.humidity", "known: angle, rate, current"]),
         ("outputs.angle", "outputs.rate", ["rate.unit", "'deg' does not convert to 'rad/s'"]),
         ('outputs.angle = { column = "angle_deg", unit = "deg" }', "", ["outputs: missing"]),
         ('unit = "deg"', 'unit = "V"', ["outputs.angle.unit", "'V' does not convert to 'rad'"]),
@@ -164,3 +170,35 @@ def test_a_row_of_units_is_told(tmp_path: Path, units: str) -> None:
     assert message.endswith("correct it or remove the row")
     message = complaint(tmp_path, data="\n".join([head, "late,1,2", *rows]))
     assert message.endswith("correct it or remove the row")
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ("{}", ["start: empty", "no shaft", '"rest"']),
+        ("{ angel = 1 }", ["start.angel", "did you mean 'angle'"]),
+        ('{ angle = "3 V" }', ["start.angle", "does not convert"]),
+        ('{ angle = "3 deg" }', ["start: actuator 'joint' has no shaft"]),
+        ('"fit"', ["start: actuator 'joint' has no shaft"]),
+    ],
+)
+def test_a_wrong_key_of_a_start_is_told_before_that_there_is_no_shaft(
+    tmp_path: Path, start: str, said: list[str]
+) -> None:
+    (tmp_path / "joint.py").write_text(SOURCE)
+    times = np.arange(40) / 100
+    rows = np.column_stack([times, times > 0.1, times])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,u,y", comments="")
+    (tmp_path / "joint.toml").write_text(
+        'actuator = "joint.py"\n[[logs]]\nfile = "log.csv"\ntime = "t"\ninputs.goal = "u"\n'
+        f'outputs.angle = "y"\nstart = {start}\n'
+    )
+    with pytest.raises(UserError) as error:
+        read_description(tmp_path / "joint.toml")
+    for words in said:
+        assert words in str(error.value)
+
+
+def test_a_name_that_is_like_no_other_gets_all_there_are() -> None:
+    assert did_you_mean("anlge", ["reading", "voltage"]) == "known: reading, voltage"
+    assert did_you_mean("raeding", ["reading", "voltage"]) == "did you mean 'reading'?"

@@ -36,6 +36,18 @@ def test_a_log_alone_asks_for_init(run: Run, csv: Path) -> None:
     assert "add --init" in err
 
 
+@pytest.mark.parametrize("more", [(), ("--init",)])
+def test_a_folder_asks_for_init_of_a_log_in_it(run: Run, csv: Path, more: tuple[str, ...]) -> None:
+    (csv.parent / "a notes.md").write_text("none")
+    code, _, err = run("check", csv.parent, *more)
+    assert code == 2
+    assert f"is a folder, no description; begin one with 'servo-models check {csv} --init'" in err
+    csv.unlink()
+    code, _, err = run("check", csv.parent, *more)
+    assert code == 2
+    assert "is a folder without a log" in err
+
+
 def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "records.toml"
     path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')
@@ -395,3 +407,95 @@ def test_an_input_that_never_changes_is_kept_where_its_name_is_its_own(tmp_path:
     target.write_text(made.text(tmp_path))
     (read,) = read_description(target).logs
     assert read.inputs["load_torque"] == pytest.approx(2e-3)
+
+
+def table_of(path: Path, heading: str, command: np.ndarray, reading: np.ndarray) -> Path:
+    columns = [0.02 * np.arange(len(command)), command, reading]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=heading, comments="")
+    return path
+
+
+STEP = np.where(np.arange(100) < 20, 0.0, 0.5)
+LATER = lfilter([0.2], [1.0, -0.8], STEP)
+RAMP = np.maximum(np.arange(100) - 19.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("heading", "command", "reading", "actuator", "signals"),
+    [
+        ("t,voltage,encoder", 12 * STEP, RAMP, "dc_motor", ("voltage", "encoder_angle")),
+        (
+            "t,current,speed_rpm",
+            STEP,
+            RAMP,
+            "dc_motor_current",
+            ("current_command", "encoder_speed"),
+        ),
+        (
+            "t,velocity_setpoint,velocity",
+            STEP,
+            RAMP,
+            "dc_motor_speed",
+            ("speed_command", "encoder_speed"),
+        ),
+        ("time,action,observation.state", STEP, LATER, "second_order_servo", ("goal", "angle")),
+        ("timestamp,action,position", STEP, LATER, "second_order_servo", ("goal", "angle")),
+        (
+            "t,action_deg,position_deg",
+            60 * STEP,
+            60 * LATER,
+            "second_order_servo",
+            ("goal", "angle"),
+        ),
+        ("t,action_rad,position_rad", STEP, LATER, "second_order_servo", ("goal", "angle")),
+        ("t,goal_position,present_position", STEP, LATER, "smart_servo", ("goal", "angle")),
+        ("t,voltage,angle", 12 * STEP, 0.1 * LATER, "torque_motor", ("voltage", "angle")),
+        ("t,pwm_us,angle", 1500 + 500 * STEP, LATER, "sg90", ("pulse_width", "angle")),
+    ],
+)
+def test_the_actuator_is_one_that_has_a_command_and_a_reading_of_these_words(
+    tmp_path: Path,
+    heading: str,
+    command: np.ndarray,
+    reading: np.ndarray,
+    actuator: str,
+    signals: tuple[str, str],
+) -> None:
+    path = table_of(tmp_path / "log.csv", heading, command, reading)
+    made = draft(path)
+    assert made.actuator.name == actuator
+    _, first, second = heading.split(",")
+    matched = {match.column.key: match.wire.name for match in made.matches}
+    assert matched == dict(zip((first, second), signals))
+    target = tmp_path / "log.toml"
+    target.write_text(made.text(tmp_path))
+    assert read_description(target).actuator.name == actuator
+
+
+@pytest.mark.parametrize(
+    ("heading", "command", "variant", "entry"),
+    [
+        (
+            "t,action_deg,position_deg",
+            60 * STEP,
+            "bus",
+            'inputs.goal = { column = "action_deg", unit = "deg" }',
+        ),
+        ("t,action,position", STEP, "bus", 'inputs.goal = { column = "action", unit = "rad" }'),
+        (
+            "t,pulse_us,position_deg",
+            1500 + 600 * STEP,
+            "pulse",
+            'inputs.pulse_width = { column = "pulse_us", unit = "us" }',
+        ),
+    ],
+)
+def test_the_variant_is_the_one_of_the_command(
+    tmp_path: Path, heading: str, command: np.ndarray, variant: str, entry: str
+) -> None:
+    path = table_of(tmp_path / "log.csv", heading, command, np.ptp(command) * LATER)
+    target = tmp_path / "log.toml"
+    text = draft(path, "second_order_servo").text(tmp_path)
+    target.write_text(text)
+    assert read_description(target).variant == variant
+    assert entry in text

@@ -181,6 +181,8 @@ def test_a_log_that_begins_in_another_state_is_warned_of(settle: float) -> None:
     jumps = np.concatenate([[1.0, -1.0], np.zeros(len(angle) - 2)])  # a current is no state
     both = replace(fair, outputs={"angle": angle, "current": jumps})
     assert false_starts([prepared(nominal(), both)], same) == []
+    wrong, right = (fit(nominal(**same), [one], ["stiffness"]) for one in (log, fair))
+    assert (wrong.believable, right.believable) == (False, True)
 
 
 def test_an_effect_is_found_from_off() -> None:
@@ -222,6 +224,9 @@ def test_warnings_name_what_the_log_does_not_tell() -> None:
     assert any(
         "'torque_constant' and 'stiffness' cannot be told apart" in said for said in pair.warnings
     )
+    card = pair.report().cards[0]
+    assert "2 of 2 determined only together" in card.text
+    assert card.passed is None
     edge = fit(nominal(), [log], ["torque_constant", "coulomb_friction.level"])
     assert any("'coulomb_friction.level' sits on its low bound" in said for said in edge.warnings)
     unseen = fit(nominal(), [log], ["torque_constant", "stribeck_friction.speed"])

@@ -14,6 +14,7 @@ from servo_models.data.outliers import outliers, outliers_of
 from servo_models.errors import UserError
 from servo_models.identification.identify import identify
 from servo_models.identification.plausibility import implausible, implausible_clocks
+from servo_models.identification.starts import with_starts
 from tests.conftest import Run
 from tests.support.logs import log_of
 from tests.support.own_actuators import write
@@ -78,6 +79,37 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
     assert "column 'c_angle_reading' ('angle_reading')" in said
     told = float(said.split("scale = ")[1].split()[0])
     assert told == pytest.approx(2.0 * np.pi / 4096.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "variant"), SUBJECTS)
+@pytest.mark.parametrize("seed", [106, 107])
+def test_a_column_of_the_other_sign_is_told(name: str, variant: str, seed: int) -> None:
+    """Rigs that differ from the nominal model; the unit of a turned column is not doubted."""
+    chosen, every = sane(name, variant, seed)
+    log = with_outputs(every, list(every.outputs)[:1])
+    (output,) = log.outputs
+    turned = replace(log, outputs={output: -log.outputs[output]})
+    (said,) = implausible(described(chosen, turned))
+    assert f"column 'c_{output}' ('{output}') goes against the command: give it sign = -1" in said
+    channel = replace(log.channels[output], scale=-log.channels[output].scale)
+    wrong = replace(turned, channels={**log.channels, output: channel})
+    (said,) = implausible(described(chosen, wrong))
+    assert "leave out its sign = -1" in said
+    assert implausible(described(chosen, log)) == ()
+
+
+def test_a_turned_column_is_told_where_the_first_row_steps() -> None:
+    """A start that is fitted to it would hide it."""
+    chosen = model("second_order_servo", "bus", {"natural_frequency": 25.0})
+    times = 0.005 * np.arange(400)
+    goal = np.repeat([0.7, -0.3, 0.1, 0.0], [120, 120, 80, 80])
+    angle = simulate(chosen, times, {"goal": goal})["angle"]
+    log = replace(log_of(times, {"goal": goal}, {"angle": -angle}), assumed=True, settle=1.0)
+    nominal = model("second_order_servo", "bus")
+    (log,) = with_starts(nominal, [log])
+    (said,) = implausible(described(nominal, log))
+    assert "('angle') goes against the command: give it sign = -1" in said
+    assert said.endswith("or turn the sign of 'goal'")
 
 
 def test_a_scale_that_nobody_declared_is_no_reason_for_a_doubt(run: Run, tmp_path: Path) -> None:

@@ -19,7 +19,9 @@ from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
+from servo_models.identification.stated_starts import false_statements
 from servo_models.identification.transfer.measurements import check_signals
+from tests.conftest import Run
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
 from tests.support.logs import changed, log_of, measured
 
@@ -318,3 +320,74 @@ def test_a_description_says_how_a_log_begins(
     assert not log.assumed
     (plain,) = read_description(write_decay(tmp_path)).logs
     assert plain.assumed
+
+
+def stated(log: Log, start: Start | None, settle: float = 0.0) -> dict[str, str]:
+    found = false_statements(nominal(**TRUE), [replace(log, start=start, settle=settle)])
+    return {name: text for name, (text, _) in found.items()}
+
+
+def at(angle: float, rate: float) -> Start:
+    return Start({"angle": angle, "rate": rate})
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_stated_start_is_judged_by_the_first_readings(noise: float) -> None:
+    log = decay(noise)
+    assert stated(log, at(*BEGIN[1:])) == {}
+    assert stated(log, Start(fitted=True)) == {}
+    for wrong, words in (
+        (None, "begins at rest"),
+        (at(np.radians(1e9), 0.0), "by its 'start'"),
+        (at(0.03, 60.0), "is at angle 1.72 deg and rate"),  # 0.03 rad at 1200 rad/s makes 37 rad/s
+        (at(-0.03, -2.0), "is at angle"),
+    ):
+        text = stated(log, wrong)["rig"]
+        assert "'rig' begins in another state than the model" in text
+        assert words in text
+        assert "angle 1.7" in text.partition("show")[2]
+
+
+@pytest.mark.parametrize("poor", [0.7, 1.0, 1.4])
+def test_a_poor_model_makes_no_stated_start_wrong(poor: float) -> None:
+    """A rig that rests, and one that settled at its first row, beside other stiffnesses."""
+    voltage = np.repeat([0.0, 15.0, -5.0], 200)
+    chosen = nominal(**{**TRUE, "stiffness": poor * TRUE["stiffness"]})
+    at_rest = bench_log(voltage, rig(TRUE, voltage))
+    held = np.repeat([12.0, -8.0, 5.0], 200)
+    steady = held[0] / TRUE["resistance"] * TRUE["torque_constant"] / TRUE["stiffness"]
+    angle = rig(TRUE, held, begin=(held[0] / TRUE["resistance"], steady, 0.0))
+    settled = replace(bench_log(held, angle), settle=0.2)
+    assert false_statements(chosen, [at_rest]) == {}
+    assert false_statements(chosen, [settled]) == {}
+
+
+def test_a_settled_log_that_is_stated_to_begin_at_rest_is_told() -> None:
+    held = np.repeat([0.2, -0.1, 0.1], 100)
+    chosen = model("second_order_servo", "bus", {"natural_frequency": 20.0})
+    times = 0.005 * np.arange(300)
+    run = simulate(chosen, np.r_[0.0, 2.0 + times], {"goal": np.r_[held[0], held]})
+    angle = np.asarray(run["angle"])[1:]
+    log = log_of(times, {"goal": held}, {"angle": angle})
+    poor = model("second_order_servo", "bus", {"natural_frequency": 25.0})
+    ((text, shown),) = false_statements(poor, [log]).values()
+    assert "begins at rest" in text
+    assert shown.settle > 0.0
+    assert false_statements(poor, [replace(log, settle=1.0)]) == {}
+
+
+def test_check_tells_a_false_start_and_no_unit(run: Run, tmp_path: Path) -> None:
+    log = decay(1e-4)
+    rows = np.column_stack([log.times, log.inputs["voltage"], log.outputs["angle"]])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,u,y", comments="")
+    described = (
+        'actuator = "torque_motor"\n[[logs]]\nfile = "log.csv"\ntime = "t"\n'
+        'inputs.voltage = "u"\noutputs.angle = "y"\nstart = { rate = "0.05 rad/s" }\n'
+        f"[parameters]\n{''.join(f'{name} = {value}' + chr(10) for name, value in TRUE.items())}"
+    )
+    (tmp_path / "log.toml").write_text(described)
+    code, out, _ = run("check", tmp_path / "log.toml")
+    assert code == 1
+    assert "begins in another state" in out
+    assert "would make sense" not in out
+    assert "not scaled" not in out

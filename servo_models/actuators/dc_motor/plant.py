@@ -43,8 +43,21 @@ SPEED_COMMAND = Wire(
 WIRES = (
     Wire("angle", "rad", "angle of the output", TURN, display="deg"),
     Wire("rate", "rad/s", "rate of the output", SPEED),
-    Wire("encoder_angle", "rad", "angle as read by the encoder of the motor", TURN, display="deg"),
-    Wire("encoder_speed", "rad/s", "speed as read by the encoder of the motor", SPEED),
+    Wire(
+        "encoder_angle",
+        "rad",
+        "angle as read by the encoder of the motor",
+        TURN,
+        display="deg",
+        words=("encoder",),
+    ),
+    Wire(
+        "encoder_speed",
+        "rad/s",
+        "speed as read by the encoder of the motor",
+        SPEED,
+        words=("velocity",),
+    ),
     Wire("current", "A", "current of the motor", AMPERES),
     Wire("motor_torque", "N.m", "torque of the current, at the output", TORQUE),
     Wire("friction", "N.m", "dry friction level", TORQUE),

@@ -33,7 +33,16 @@ ACCELERATION = 500.0  # rad/s2
 
 INPUTS = (
     Wire("pulse_width", "s", "command pulse", 1e-3, servo.REST_PULSE, 0.0, 5e-3, display="us"),
-    Wire("goal", "rad", "goal angle, of a bus servo", HALF_RANGE, 0.0, -50.0, 50.0, display="deg"),
+    Wire(
+        "goal",
+        "rad",
+        "goal angle, of a bus servo",
+        HALF_RANGE,
+        low=-50.0,
+        high=50.0,
+        display="deg",
+        words=("action",),
+    ),
     Wire("load_torque", "N.m", "load against positive motion", TORQUE, low=-20.0, high=20.0),
 )
 WIRES = (

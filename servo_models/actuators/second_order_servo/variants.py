@@ -57,5 +57,6 @@ VARIANTS = (
         " degrees or counts, so the gain is 1; of the rest nothing is known",
         plant=BUS_PLANT,
         uncertainty={**UNKNOWN, "gain": 0.02, "speed_limit": 0.4},
+        command="goal",
     ),
 )
