@@ -20,6 +20,7 @@ from servo_models.identification.identifiability import (
 )
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
+from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
 from servo_models.identification.stated_starts import false_statements
 from servo_models.identification.uncertainty import together
@@ -157,7 +158,9 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         )
     except UserError as error:
         raise UserError("; ".join([str(error), *odd])) from error
-    return Check(description, audited, floors, found, asked, odd)
+    runs = [prepared(description.model, log) for log in description.logs]
+    beyond = [text for run in runs for text in run.notices({})]
+    return Check(description, audited, floors, found, asked, (*odd, *beyond))
 
 
 def _odd(description: Description, false: Mapping[str, tuple[str, Log]]) -> tuple[str, ...]:

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 from servo_models.core.simulate import Model, model, simulate, with_output
 from servo_models.core.types import Array
+from servo_models.data.arrays import describe
 from servo_models.data.log import Start
 from servo_models.effects.residual_map import CURVES, KNOTS, curve, time_since_reversal
+from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from tests.support.logs import changed, measured
 
@@ -149,6 +151,18 @@ def test_a_log_beyond_its_range_is_told_where_it_is_fitted(moved: bool) -> None:
     inside = replace(log, inputs={"pulse_width": np.clip(STEPS, 1.41e-3, 1.59e-3)}, name="small")
     told = fit(servo, [log, inside], ("motor_gain",)).warnings
     assert sum("went beyond the range of its curve" in text for text in told) == 1
+    assert any("log 'log': residual_map: 'pulse_width' went beyond" in text for text in told)
+
+
+def test_check_tells_that_a_log_goes_beyond_its_range() -> None:
+    known = {"residual_map.command_low": 1.4e-3, "residual_map.command_high": 1.6e-3}
+    on = {"residual_map.torque": 1e-3, "residual_map.command": 1.0, **known}
+    servo = model("sg90", parameters=on)
+    angle = simulate(servo, TIMES, {"pulse_width": STEPS})["angle"]
+    noise = 1e-3 * np.random.default_rng(3).standard_normal(len(TIMES))
+    table = {"t": TIMES, "pulse_width": STEPS, "angle": angle + noise}
+    columns = {"time": "t", "pulse_width": "pulse_width", "angle": "angle"}
+    told = check(describe(servo, {"log": table}, columns)).warnings
     assert any("log 'log': residual_map: 'pulse_width' went beyond" in text for text in told)
 
 
