@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from servo_models.core.plant import Plant
 from servo_models.core.types import Array
 from servo_models.diagnosis.held_out import held_out_squares
 from servo_models.diagnosis.search.crossval import (
@@ -145,7 +146,10 @@ class ResidualMap:
     def values(self) -> dict[str, float]:
         """Parameters [SI] of the diagnosed model and of the map, by name."""
         largest = max(float(np.abs(curve.values).max()) for curve in self.curves)
-        own = _settings(self.name, self.size, largest, {it.regressor: it for it in self.curves})
+        plant = self.fitted.problem.model.plant
+        own = _settings(
+            plant, self.name, self.size, largest, {it.regressor: it for it in self.curves}
+        )
         fitted = {n: v for n, v in self.fitted.values.items() if not n.startswith(f"{self.name}.")}
         return {**fitted, **own}
 
@@ -219,7 +223,7 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     """
     plant = taken.problem.model.plant
     name = next((it for it in plant.placements if plant.main(it).effect.hints.learnt), None)
-    if name is None or any(taken.problem.model.values[f"{name}.{it}"] for it in SIZES):
+    if name is None or any(taken.problem.model.values[it] for it in _sizes(plant, name)):
         return None
     beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
     found = [it for it in (_learnt(base, name, taken) for base in beside) if it is not None]
@@ -233,7 +237,8 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
     ranges = dict(_ranges(base, name))
     if not ranges:
         return None
-    best, *others = (_OnWire(base, name, size, ranges).chosen() for size in SIZES)
+    sizes = (it.removeprefix(f"{name}.") for it in _sizes(base.problem.model.plant, name))
+    best, *others = (_OnWire(base, name, size, ranges).chosen() for size in sizes)
     for other in others:  # a motor makes a torque of its drive: of two alike, it is the torque
         if _better(other.evidence, best.evidence, LEAST_GAIN):
             best = other
@@ -277,7 +282,7 @@ def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
             continue
         wire = link.wire_of("regressor")
         # the map is on without a size, so that what it reads is worked out
-        on = {**taken.values, **{f"{name}.{key}": 1.0 for key in CURVES}}
+        on = {**taken.values, f"{name}.{key}": 1.0}
         parts = [run.signal(wire, on)[run.log.fitted] for run in taken.problem.runs]
         values = np.concatenate(parts)
         if np.ptp(values) > LEAST_RANGE * plant.wire[wire].scale:
@@ -286,13 +291,23 @@ def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
             yield key, _Range(wire, knots, np.bincount(nearest, minlength=KNOTS))
 
 
+def _sizes(plant: Plant, name: str) -> list[str]:
+    """Those sizes of a map that a plant has: one of its own may lack a drive, say."""
+    return [f"{name}.{it}" for it in SIZES if f"{name}.{it}" in plant.parameters]
+
+
 def _settings(
-    name: str, size_key: str, size: float, curves: Mapping[str, Curve | tuple[_Range, Array]]
+    plant: Plant,
+    name: str,
+    size_key: str,
+    size: float,
+    curves: Mapping[str, Curve | tuple[_Range, Array]],
 ) -> dict[str, float]:
     """All parameters [SI] of a map; ``curves`` are in the unit of the wire."""
-    found = {f"{name}.{it}": size if it == size_key else 0.0 for it in SIZES}
+    found = dict.fromkeys(_sizes(plant, name), 0.0) | {f"{name}.{size_key}": size}
     for key in CURVES:
-        found[f"{name}.{key}"] = float(key in curves)
+        if f"{name}.{key}" in plant.parameters:
+            found[f"{name}.{key}"] = float(key in curves)
     for key, curve in curves.items():
         knots, values = (
             (curve.knots, curve.values) if isinstance(curve, Curve) else (curve[0].knots, curve[1])
@@ -355,7 +370,7 @@ class _OnWire:
     def settings(self, size: float, curves: Mapping[str, Array]) -> dict[str, float]:
         """All parameters [SI] of a map with curves in the unit of the wire."""
         both = {key: (self.ranges[key], values) for key, values in curves.items()}
-        return _settings(self.name, self.size, size, both)
+        return _settings(self.problem.model.plant, self.name, self.size, size, both)
 
     def change(self, size: float, key: str, knots: Array) -> Array:
         """Change of the errors [noise floors] by a curve of this size, shape (m,)."""

@@ -12,6 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servo_models.core.block import Block
+from servo_models.core.plant import Placement
+from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors
@@ -21,6 +24,7 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.residual_map import Curve, ResidualMap, form, learn
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
+from servo_models.effects.residual_map import CURVES, residual_torque
 from servo_models.errors import UserError
 from servo_models.withheld.generator.cases import EASY, Case, draw_case
 from servo_models.withheld.generator.files import write_case
@@ -82,6 +86,32 @@ def test_a_quadratic_drag_is_learnt_as_such(dragged: Dragged) -> None:
     assert np.sqrt(np.mean((learnt - truth) ** 2)) < 0.2 * np.ptp(truth)
     left, noise = found.after**2, fitted.left.noise**2
     assert (found.before**2 - left) / (found.before**2 - noise) > 0.8
+
+
+@pytest.mark.thorough
+def test_a_plant_that_has_a_part_of_the_map_learns_that_part(
+    dragged: Dragged, tmp_path: Path
+) -> None:
+    """As one of one's own may: a curve of the rate, on the load torque alone."""
+    case, *_ = dragged
+    told = description_of(case, tmp_path)
+    chain = [link for link in told.model.plant.chain if not _is_other_part(link)]
+    plant = replace(told.model.plant, chain=tuple(chain))
+    variant = replace(told.model.actuator.variant(told.model.variant), plant=None)
+    own = replace(told.model.actuator, plant=plant, variants=(variant,))
+    chosen = model(own, told.model.variant)
+    found = learn(retuned(replace(told, model=chosen)))
+    assert found is not None
+    assert [curve.regressor for curve in found.curves] == ["rate"]
+    assert found.size == "torque"
+    assert {it for it in found.values if it.startswith("residual_map.")} == {
+        it for it in chosen.values if it.startswith("residual_map.")
+    }
+
+
+def _is_other_part(link: Block | Placement) -> bool:
+    kept = (CURVES["rate"], residual_torque)
+    return isinstance(link, Placement) and link.name == "residual_map" and link.effect not in kept
 
 
 def test_its_parameters_are_the_fit_that_is_told(dragged: Dragged) -> None:
