@@ -82,7 +82,7 @@ def audits(logs: Sequence[Log], plant: Plant) -> tuple[Audit, ...]:
     return tuple(replace(it, commanded=commanded, moves=moves) for it in found)
 
 
-def tell_of_motion(logs: Sequence[Log], plant: Plant) -> bool:
+def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
     """Return whether an input changes, or an output moves: an arm that is let go needs no command.
 
     It also counts that inputs differ from one log to another, or that a log begins in motion.

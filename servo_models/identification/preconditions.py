@@ -11,7 +11,7 @@ import numpy as np
 
 from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
-from servo_models.data.audit import tell_of_motion
+from servo_models.data.audit import show_motion
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -54,7 +54,7 @@ def checked_logs(
     for log in logs:
         _check_simulated(model, log, told)
     begun = with_starts(model, logs)
-    if not tell_of_motion([log for log in begun if log.fitted.any()], model.plant):
+    if not show_motion([log for log in begun if log.fitted.any()], model.plant):
         raise UserError(
             "no input ever changes, neither in a log nor from one to another, and nothing moves: a"
             " single standstill tells nothing of a motion; record a command that moves"
