@@ -25,7 +25,7 @@ from servo_models.withheld.generator.cases import (
     draw_case,
     draw_experiment,
     large_step,
-    load_shares,
+    load_profile,
     rich,
     sized,
     with_log,
@@ -125,7 +125,7 @@ def acting(subject: Subject, share: float) -> tuple[Experiment, Acting]:
     plans = rich(rig, np.random.default_rng(1), 1)
     if subject.cause.name == "load_gain" or rig.integrators:
         rng = np.random.default_rng(6)
-        plans = tuple(replace(it, load=load_shares(rig, len(it.command), rng)) for it in plans)
+        plans = tuple(replace(it, load=load_profile(rig, len(it.command), rng)) for it in plans)
     load = 0.0 if subject.cause.name == "coasting_backlash" else rig.load[1]  # it closes the play
     e = experiment(rig, plans, load=load)
     drawn = draw(subject.cause, np.random.default_rng(4))
@@ -245,7 +245,7 @@ def test_steps_and_loads_bring_back_what_nothing_holds(rig: Rig) -> None:
     rng = np.random.default_rng(9)
     for _ in range(20):
         step = draw_experiment(rig, "poor", rng).plans[0].command
-        for signal in (step, load_shares(rig, len(step), rng)):
+        for signal in (step, load_profile(rig, len(step), rng)):
             assert signal[0] == 0.0
             assert np.abs(signal).max() > 0.1
             summed = signal

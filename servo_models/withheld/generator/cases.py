@@ -195,7 +195,7 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
     seed = int(rng.integers(2**31))
     plans = _plans(rig, tier, rng)
     if loaded and (rng.random() < VARIED or rig.integrators):
-        plans = tuple(replace(it, load=load_shares(rig, len(it.command), rng)) for it in plans)
+        plans = tuple(replace(it, load=load_profile(rig, len(it.command), rng)) for it in plans)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
 
 
@@ -204,7 +204,7 @@ def _plans(rig: Rig, tier: str, rng: np.random.Generator) -> tuple[Plan, ...]:
     return large_step(rig, rng) if tier == POOR else rich(rig, rng, THIN[tier])
 
 
-def load_shares(rig: Rig, rows: int, rng: np.random.Generator) -> Array:
+def load_profile(rig: Rig, rows: int, rng: np.random.Generator) -> Array:
     """Steps of a load, over its size."""
     levels = rng.uniform(-1.0, 1.0, LOAD_STEPS)
     return _stepped(rig, levels, LOAD_STEPS * np.arange(rows) // rows)
