@@ -46,6 +46,8 @@ FAR = 4.0
 """Ratio of two motions from which one of them is not scaled."""
 FOLLOWS = 0.8
 """Correlation with the model from which a reading is one of its output, scaled or turned."""
+DRIFT_DEGREE = 2
+"""Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
 LONGEST = 5e6
@@ -215,7 +217,7 @@ def _about_supply(model: Model, log: Log, wire: Wire, level: float) -> Iterator[
 def _against(model: Model, log: Log) -> list[str]:
     """Outputs that move as the model does, the other way round."""
     ways = [log]
-    if log.start and log.start.fitted:  # a start fitted to a turned column is that of no motion
+    if log.start and log.start.fitted:  # which hides the sign, so as settled and from rest instead
         ways = [replace(log, start=None), replace(log, start=None, settle=0.0)]
     unlike = [name for name, misfit in _misfits(model, log).items() if misfit > UNLIKE]
     simulated = [_simulated(model, way) for way in ways] if unlike else []
@@ -227,9 +229,13 @@ def _against(model: Model, log: Log) -> list[str]:
 
 
 def _follows(measured: Array, response: Array) -> bool:
-    if not np.std(measured) or not np.std(response):
+    """Whether two signals go together, whatever drift an unknown load gives a free motor."""
+    drift = np.vander(np.linspace(-1.0, 1.0, len(measured)), DRIFT_DEGREE + 1)
+    both = np.column_stack([measured, response])
+    both = both - drift @ np.linalg.lstsq(drift, both, rcond=None)[0]
+    if not np.all(np.std(both, axis=0)):
         return False
-    return float(np.corrcoef(measured, response)[0, 1]) > FOLLOWS
+    return float(np.corrcoef(both.T)[0, 1]) > FOLLOWS
 
 
 def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str]:

@@ -39,6 +39,23 @@ SUBJECTS = [
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
+@pytest.mark.parametrize(
+    ("effect", "size"), [("constant_load.torque", 1e-3), ("command_offset.value", 0.05)]
+)
+def test_a_free_motor_that_drifts_has_the_right_sign(effect: str, size: float) -> None:
+    """What drifts says nothing of the sign: nothing holds the shaft."""
+    nominal = model("dc_motor_current", "direct")
+    times = np.arange(0.0, 2.0, 2e-3)
+    random = np.random.default_rng(7)
+    for sign in (1.0, -1.0) * 3:
+        rig = model("dc_motor_current", "direct", {effect: sign * size})
+        current = 0.3 * random.choice([-1.0, 0.0, 1.0], 10)[(times / 0.2).astype(int)]
+        inputs = {"current_command": current}
+        angle = simulate(rig, times, inputs)["encoder_angle"]
+        log = log_of(times, inputs, {"encoder_angle": angle})
+        assert not any("against" in text for text in doubts(nominal, log))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "variant"), SUBJECTS)
 def test_every_column_in_another_unit_is_named_with_its_unit(name: str, variant: str) -> None:
