@@ -66,6 +66,9 @@ POWERS = {
     2.0: "grows with the square of",
     3.0: "grows with the cube of",
 }
+PROPORTION, *BENT = POWERS
+POWER_TERMS = 4
+"""Of a higher power: two sides, a line and a constant."""
 WORDS = {
     "rate": "the rate",
     "position": "the position",
@@ -75,8 +78,8 @@ WORDS = {
 }
 SIMPLE = 0.97
 """Share of the variance of a curve from which a simple function is named."""
-SIMPLER = 3.0
-"""Variance that a proportion may leave, over what a higher power with one term more leaves."""
+LEAST_BEND = 0.005
+"""Share of the variance of a curve that a proportion leaves, from which it is seen to bend."""
 NOTHING = 0.1
 """Slope over that of the other side up to which it is none."""
 EQUAL = 0.2
@@ -165,16 +168,13 @@ def form(curve: Curve) -> str:
     weights = np.sqrt(curve.samples[seen])
     scale, of = float(np.abs(x).max()), WORDS[curve.regressor]
     if x.min() < -BOTH_SIDES * scale and x.max() > BOTH_SIDES * scale:
-        fits = []
-        for power, words in POWERS.items():
-            sides = [np.maximum(x / scale, 0.0) ** power, np.maximum(-x / scale, 0.0) ** power]
-            line = [x / scale] if power > 1.0 else []
-            (up, down, *_), share = _explained([*sides, np.ones(len(x)), *line], y, weights)
-            left = (1.0 - share) / (1.0 if line else SIMPLER)
-            if share >= SIMPLE:
-                fits.append((left, f"{words} {of}{_one_way(up, -down, of)}"))
-        if fits:
-            return min(fits)[1]
+        powers = {power: _power(power, x / scale, y, weights) for power in POWERS}
+        best = min(BENT, key=lambda it: powers[it].left)
+        sure = _surely_less(powers[best].left, powers[PROPORTION].left, len(x) - POWER_TERMS)
+        for power in (best, PROPORTION) if sure else (PROPORTION, best):
+            found = powers[power]
+            if found.left <= 1.0 - SIMPLE:
+                return f"{POWERS[power]} {of}{_one_way(found.up, found.down, of)}"
     for bend in x[1:-1]:
         basis = [np.ones(len(x)), x / scale, np.maximum(x - bend, 0.0) / scale]
         (_, before, more), share = _explained(basis, y, weights)
@@ -183,6 +183,32 @@ def form(curve: Curve) -> str:
                 return f"changes in proportion to {of}"
             return f"has a kink in {of}"
     return f"depends on {of} in no simple way"
+
+
+@dataclass(frozen=True)
+class _Power:
+    """Slopes of a power on either side, and the share of the variance that it leaves."""
+
+    up: float
+    down: float
+    left: float
+
+
+def _power(power: float, x: Array, y: Array, weights: Array) -> _Power:
+    """A power of both sides, beside a constant and, of a higher one, a line."""
+    sides = [np.maximum(x, 0.0) ** power, np.maximum(-x, 0.0) ** power]
+    line = [] if power == PROPORTION else [x]
+    (up, down, *_), share = _explained([*sides, np.ones(len(x)), *line], y, weights)
+    return _Power(float(up), -float(down), 1.0 - share)
+
+
+def _surely_less(left: float, other: float, freedom: int) -> bool:
+    """Whether a form leaves less than one of a term less, by an F test, and visibly so."""
+    from scipy.stats import f
+
+    if freedom < 1 or other < LEAST_BEND:
+        return False
+    return (other - left) * freedom > left * float(f.ppf(1.0 - SURE, 1, freedom))
 
 
 def _one_way(up: float, down: float, of: str) -> str:
