@@ -249,7 +249,9 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     """
     plant = taken.problem.model.plant
     name = next((it for it in plant.placements if plant.main(it).effect.hints.learnt), None)
-    if name is None or any(taken.problem.model.values[it] for it in _sizes(plant, name)):
+    if name is None or not (sizes := _sizes(plant, name)):
+        return None
+    if any(taken.problem.model.values[f"{name}.{it}"] for it in sizes):
         return None
     beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
     found = [it for it in (_learnt(base, name, taken) for base in beside) if it is not None]
@@ -263,7 +265,7 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
     ranges = dict(_ranges(base, name))
     if not ranges:
         return None
-    sizes = (it.removeprefix(f"{name}.") for it in _sizes(base.problem.model.plant, name))
+    sizes = _sizes(base.problem.model.plant, name)
     best, *others = (_OnWire(base, name, size, ranges).chosen() for size in sizes)
     for other in others:  # a motor makes a torque of its drive: of two alike, it is the torque
         if _better(other.evidence, best.evidence, LEAST_GAIN):
@@ -319,7 +321,7 @@ def _ranges(taken: FittedModel, name: str) -> Iterator[tuple[str, _Range]]:
 
 def _sizes(plant: Plant, name: str) -> list[str]:
     """Those sizes of a map that a plant has: one of its own may lack a drive, say."""
-    return [f"{name}.{it}" for it in SIZES if f"{name}.{it}" in plant.parameters]
+    return [it for it in SIZES if f"{name}.{it}" in plant.parameters]
 
 
 def _settings(
@@ -330,7 +332,7 @@ def _settings(
     curves: Mapping[str, Curve | tuple[_Range, Array]],
 ) -> dict[str, float]:
     """All parameters [SI] of a map; ``curves`` are in the unit of the wire."""
-    found = dict.fromkeys(_sizes(plant, name), 0.0) | {f"{name}.{size_key}": size}
+    found = {f"{name}.{it}": size if it == size_key else 0.0 for it in _sizes(plant, name)}
     for key in CURVES:
         if f"{name}.{key}" in plant.parameters:
             found[f"{name}.{key}"] = float(key in curves)

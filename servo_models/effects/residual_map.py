@@ -17,7 +17,11 @@ LAST = KNOTS - 1.0
 """Place of the last knot, where the first one is at 0."""
 ROUNDING = 1e-6
 """Beyond an end, in distances of two knots, up to which it is still there."""
-BEYOND = "'{regressor}' went beyond the range of its curve, which is held at its edge there"
+BEYOND = (
+    "'{regressor}' went beyond the range of its curve, which is held at its edge there (and is off"
+    " if its ends are crossed); learn it again from logs that go as far"
+)
+LEARNT = Hints(learnt=True)
 
 Weight = Annotated[
     float, Param("1", "weight of the curve", low=0.0, high=1.0, switch=True, typical=1.0)
@@ -28,7 +32,7 @@ def _value(where: str, default: float) -> Param:
     return Param("1", f"value at {where}", default, low=-1.0, high=1.0)
 
 
-@effect("since_reversal", source="definition")
+@effect("since_reversal", source="definition", hints=LEARNT)
 def time_since_reversal(
     since_reversal: float,
     shaft_speed: float,
@@ -50,7 +54,7 @@ def time_since_reversal(
     return direction * lasted, lasted, direction
 
 
-@effect("residual", source=SOURCE)
+@effect("residual", source=SOURCE, hints=LEARNT)
 def curve(
     residual: float,
     regressor: float,
@@ -91,7 +95,7 @@ def curve(
     return residual + weight * 0.5 * (knot_1 + knot_9 + bent), beyond
 
 
-@effect("driven", source=SOURCE)
+@effect("driven", source=SOURCE, hints=LEARNT)
 def residual_drive(
     driven: float,
     residual: float,
@@ -103,7 +107,7 @@ def residual_drive(
     return driven + drive * residual
 
 
-@effect("sensed", source=SOURCE)
+@effect("sensed", source=SOURCE, hints=LEARNT)
 def residual_reading(
     sensed: float,
     residual: float,
@@ -129,7 +133,7 @@ CURVES = {
     source=SOURCE,
     name="residual_map",
     parts=(time_since_reversal, *CURVES.values(), residual_drive, residual_reading),
-    hints=Hints(learnt=True),
+    hints=LEARNT,
 )
 def residual_torque(
     load: float,

@@ -23,9 +23,10 @@ from servo_models.data.description import Description, read_description
 from servo_models.data.parameters import read_parameters, write_parameters
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.residual_map import Curve, ResidualMap, form, learn
+from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
-from servo_models.effects.residual_map import CURVES, residual_torque
+from servo_models.effects.residual_map import CURVES, residual_drive, residual_torque
 from servo_models.errors import UserError
 from servo_models.withheld.generator.cases import EASY, Case, draw_case
 from servo_models.withheld.generator.files import write_case
@@ -90,29 +91,34 @@ def test_a_quadratic_drag_is_learnt_as_such(dragged: Dragged) -> None:
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("acts", [residual_torque, residual_drive, None])
 def test_a_plant_that_has_a_part_of_the_map_learns_that_part(
-    dragged: Dragged, tmp_path: Path
+    dragged: Dragged, tmp_path: Path, acts: Block | None
 ) -> None:
-    """As one of one's own may: a curve of the rate, on the load torque alone."""
+    """As one of one's own may: a curve of the rate, on one wire or on none."""
     case, *_ = dragged
     told = description_of(case, tmp_path)
-    chain = [link for link in told.model.plant.chain if not _is_other_part(link)]
+    kept = (CURVES["rate"], acts)
+    chain = [
+        link
+        for link in told.model.plant.chain
+        if not isinstance(link, Placement) or link.name != "residual_map" or link.effect in kept
+    ]
     plant = replace(told.model.plant, chain=tuple(chain))
     variant = replace(told.model.actuator.variant(told.model.variant), plant=None)
     own = replace(told.model.actuator, plant=plant, variants=(variant,))
     chosen = model(own, told.model.variant)
+    assert "residual_map" not in {it.name for it in candidates(chosen, told.logs)}
     found = learn(retuned(replace(told, model=chosen)))
+    if acts is not residual_torque:  # a drag is no drive: the amplifier saturates
+        assert found is None
+        return
     assert found is not None
     assert [curve.regressor for curve in found.curves] == ["rate"]
     assert found.size == "torque"
     assert {it for it in found.values if it.startswith("residual_map.")} == {
         it for it in chosen.values if it.startswith("residual_map.")
     }
-
-
-def _is_other_part(link: Block | Placement) -> bool:
-    kept = (CURVES["rate"], residual_torque)
-    return isinstance(link, Placement) and link.name == "residual_map" and link.effect not in kept
 
 
 def test_its_parameters_are_the_fit_that_is_told(dragged: Dragged) -> None:
