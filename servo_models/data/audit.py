@@ -29,8 +29,10 @@ EXACT = 1e-6
 """A reading without steps or noise counts as exact to this share of its range."""
 NO_NOISE = "millionth of the range, no noise"
 """The origin of such a floor."""
-MOVES = 3.0
-"""Spread of a reading over its noise floor from which something moves."""
+INNER = (1.0, 99.0)
+"""Percentiles between which readings count: noise is 4.7 times its floor wide there."""
+MOVES = 10.0
+"""That width over the noise floor, from which something moves."""
 ODD = 3.0
 """Medians of all logs above which the floor of one is its own: of two logs both always count."""
 
@@ -91,9 +93,10 @@ def show_motion(logs: Sequence[Log], plant: Plant) -> bool:
 
 
 def _moves(found: Audit) -> bool:
-    """Whether an output of a log moves beyond its noise."""
+    """Whether an output of a log moves beyond its noise, single wild readings apart."""
     return any(
-        float(np.std(found.log.outputs[it.name])) > MOVES * it.floor.value for it in found.readings
+        float(np.ptp(np.percentile(found.log.outputs[it.name], INNER))) > MOVES * it.floor.value
+        for it in found.readings
     )
 
 

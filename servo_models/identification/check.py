@@ -139,9 +139,13 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         raise UserError(f"'{description.path}' describes no log: add [[logs]]")
     plant = description.model.plant
     clocks = implausible_clocks(description)
-    false = {} if clocks else false_statements(description.model, description.logs)
+    false: dict[str, tuple[str, Log]] = {}
     if not clocks:
-        logs = with_starts(description.model, description.logs)
+        try:
+            false = false_statements(description.model, description.logs)
+            logs = with_starts(description.model, description.logs)
+        except UserError as error:
+            raise UserError("; ".join([str(error), *implausible(description)])) from error
         description = replace(description, logs=logs)
     audited = audits(description.logs, plant)
     floors = noise_floors(audited)

@@ -235,7 +235,7 @@ def _follows(measured: Array, response: Array) -> bool:
     both = both - drift @ np.linalg.lstsq(drift, both, rcond=None)[0]
     if not np.all(np.std(both, axis=0)):
         return False
-    return float(np.corrcoef(both.T)[0, 1]) > FOLLOWS
+    return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1]) > FOLLOWS
 
 
 def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str]:

@@ -33,7 +33,7 @@ def checked_logs(
         UserError: no logs; every sample held out; an output that the model has not; no more
             samples than free parameters; a log on which the nominal model cannot be simulated;
             inputs that never change, neither in a log nor from one to another, where nothing
-            moves as a log begins.
+            moves either.
     """
     told = "the description" if where is None else f"'{where}'"
     if not logs:

@@ -101,15 +101,21 @@ class Run:
         return np.asarray(again.simulate(values)[:, again.model.plant.outputs.index(wire)])
 
     def notices(self, values: Mapping[str, float]) -> list[str]:
-        """What the model has to warn of in this run, such as a curve held beyond its range."""
+        """What the model has to warn of in this run, such as a curve held beyond its range.
+
+        Nothing where it cannot be simulated, see ``outputs_or_nan``.
+        """
         flat, vector = self.model.flat, self._vector(values)
         if not flat.notices:
             return []
-        if self.beginning:
-            _, state = self.beginning.ran(vector, len(self.log.times))
-        else:
-            state = self.model.at_rest(vector)
-            self.model.ran(vector, state, self.times, self.inputs)
+        state = self.model.at_rest(vector)
+        try:
+            if self.beginning:
+                _, state = self.beginning.ran(vector, len(self.log.times))
+            else:
+                self.model.ran(vector, state, self.times, self.inputs)
+        except UserError:
+            return []
         return [f"log '{self.log.name}': {text}" for text in noticed(flat, state.tolist()).values()]
 
     def _vector(self, values: Mapping[str, float]) -> Array:

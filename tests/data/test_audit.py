@@ -315,6 +315,8 @@ def test_a_command_at_the_actuators_limit_and_one_that_never_moves_are_warnings(
     assert said(audited(t, np.zeros(500), y), "something moves though no input ever changes")
     noise = 1e-3 * np.random.default_rng(2).standard_normal(500)
     assert said(audited(t, np.zeros(500), noise), "no input ever changes, and nothing moves")
+    noise[250] = 0.1
+    assert said(audited(t, np.zeros(500), noise), "no input ever changes, and nothing moves")
 
 
 def test_an_input_that_is_the_same_in_a_whole_run_is_no_fault_beside_other_runs() -> None:
