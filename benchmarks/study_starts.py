@@ -180,7 +180,10 @@ def main() -> None:
     parser.add_argument("--logs", type=int, default=200)
     parser.add_argument("--seed", type=int, default=50000)
     given = parser.parse_args()
-    rows: dict[str, list[tuple[bool, bool, float, float]]] = {}
+    names = dict.fromkeys(name for name, _ in ACTUATORS)
+    rows: dict[str, list[tuple[bool, bool, float, float]]] = {
+        key: [] for key in ("all", *names, *WAYS)
+    }
     for number in range(given.logs):
         random = np.random.default_rng([given.seed, number])
         (name, variant), parameter = list(ACTUATORS.items())[number % len(ACTUATORS)]
@@ -194,7 +197,7 @@ def main() -> None:
             for log in (case.log, case.begun)
         ]
         for key in ("all", name, way):
-            rows.setdefault(key, []).append((right[0], right[1], errors[0], errors[1]))
+            rows[key].append((right[0], right[1], errors[0], errors[1]))
     print(table(rows))
 
 
