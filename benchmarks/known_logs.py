@@ -141,6 +141,8 @@ CASES = {
         "The experimenter switched the compensation of cogging. Off, position deviates from a"
         " ramp by 32 counts at 7 periods a turn, 31 at 28, 16 at 14 and 16 at 36.",
         (one_of("cogging"),),
+        remark="The sines of the cogging are those at 7, 28 and 14 periods a turn, and one at 12"
+        " instead of 36, the fourth that is known.",
     ),
     "odrive_comp": Case(
         "ODrive, compensation of cogging on",
