@@ -11,8 +11,8 @@ LONGEST = 1000
 """Characters of an error: of more the middle is left out."""
 MOST_MEANT = 4
 """Names that are suggested at once."""
-ALIKE = 0.6
-"""Similarity of a name that is suggested, 1 for the same; 'voltage' is 0.5 like 'anlge'."""
+LEAST_SIMILARITY = 0.6
+"""Of a name that is suggested, 1 for the same; 'voltage' is 0.5 like 'anlge'."""
 
 
 class UserError(Exception):
@@ -45,7 +45,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     names = list(known)
     close = [one for one in names if name and one.startswith(name)][:1]
     close = close or [one for one in names if f" {_words(name)} " in f" {_words(one)} "]
-    close = close or difflib.get_close_matches(name, names, n=1, cutoff=ALIKE)
+    close = close or difflib.get_close_matches(name, names, n=1, cutoff=LEAST_SIMILARITY)
     if close:
         meant = " or ".join(f"'{one}'" for one in close[:MOST_MEANT])
         return f"did you mean {meant}?"

@@ -38,7 +38,7 @@ class Wire:
         low, high: bounds, for an input.
         display: unit a person wants to read it in.
         flag: it is 0 or 1, a Boolean to the outside.
-        words: that alone tell it in the heading of a column, besides those of its name.
+        words: each of which in the heading of a column says that it is this signal.
 
     Raises:
         ValueError: a name that no wire can have.

@@ -111,7 +111,7 @@ class Run:
         state = self.model.at_rest(vector)
         try:
             if self.beginning:
-                _, state = self.beginning.ran(vector, len(self.log.times))
+                _, state = self.beginning.run_fitted(vector, len(self.log.times))
             else:
                 self.model.ran(vector, state, self.times, self.inputs)
         except UserError:
@@ -253,11 +253,11 @@ class Beginning:
 
     def simulate(self, vector: Array) -> Array:
         """All outputs with a parameter vector [SI], shape (n, outputs)."""
-        return self.ran(vector, len(self.run.log.times))[0]
+        return self.run_fitted(vector, len(self.run.log.times))[0]
 
-    def ran(self, vector: Array, rows: int) -> tuple[Array, Array]:
-        """All outputs of the first rows, and the state that is reached."""
-        return self._ran(vector, self.values(vector), rows)
+    def run_fitted(self, vector: Array, rows: int) -> tuple[Array, Array]:
+        """All outputs of the first rows, and the last state; a start may have to be fitted."""
+        return self._run_from(vector, self.values(vector), rows)
 
     def values(self, vector: Array) -> dict[str, float]:
         """What the start names [SI], fitted if it is to be."""
@@ -285,12 +285,14 @@ class Beginning:
         """Errors of the first part over the range of each output, and of the prior."""
         log, rows = self.run.log, self._rows
         values = dict(zip([*self.start.shaft, *self.start.before], x.tolist()))
-        found = self._ran(vector, values, rows[-1] + 1)[0][rows][:, self.run.columns]
+        found = self._run_from(vector, values, rows[-1] + 1)[0][rows][:, self.run.columns]
         measured = np.column_stack([log.outputs[name][rows] for name in log.outputs])
         errors = (found - measured) / [np.ptp(it) or 1.0 for it in log.outputs.values()]
         return np.concatenate([errors.ravel(), START_PRIOR * (x - first) / self._scales])
 
-    def _ran(self, vector: Array, values: Mapping[str, float], rows: int) -> tuple[Array, Array]:
+    def _run_from(
+        self, vector: Array, values: Mapping[str, float], rows: int
+    ) -> tuple[Array, Array]:
         run, settle = self.run, self.run.log.settle
         state = run.model.at_rest(vector)
         if settle > 0.0:

@@ -35,8 +35,9 @@ SURE_SIGMAS = 5.0
 MOVED = 0.1
 """Of the range of a reading, in the time in which the actuator answers a step: the least rate."""
 TURNS_ON = (0.5, 1.1)
-"""Way in the second half of a hold over what the last rate would make of it: a motor that speeds up
-evenly makes 0.75, one at its speed 1, one that slows down more, and one that only swings less."""
+"""Ratio, of the way in the second half of a hold over the last rate times its duration: 0.75 of a
+motor that speeds up evenly, 1 at its full speed, more of one that slows down, less of one that
+swings about a place."""
 SIMPLER_SQUARES = 1.3
 """Squares of errors over the least, up to which a simpler start is taken."""
 NO_STEP_SQUARES = 0.5

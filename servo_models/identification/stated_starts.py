@@ -15,8 +15,8 @@ from servo_models.identification.simulation import OFF_AT_FIRST, prepared
 from servo_models.identification.starts import listed, with_starts
 
 WORSE_SQUARES = 4.0
-"""Squares of errors over those from the start that the first samples show, from which the stated
-start is wrong; a poor model leaves much from either."""
+"""Ratio of squared errors, from the stated start over from the one that the first samples show, at
+which the stated one is wrong.  A poor model leaves much from either."""
 OTHER_ANGLE = 0.05
 """Of the way of the shaft in the first part of a log: the least by which another start is off."""
 OTHER_RATE = 0.3

@@ -16,7 +16,7 @@ from servo_models.core.types import Array
 from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
 
-ALIKE = 0.95
+ALIKE_CORRELATION = 0.95
 """Correlation from which two estimates cannot be told apart."""
 ILL_CONDITIONED = 1e3
 """Ratio of the largest to the smallest singular value of the slopes with unit columns."""
@@ -328,7 +328,7 @@ def _alike(names: Sequence[str], found: Spread) -> list[str]:
         (i, j)
         for i in range(len(names))
         for j in range(i)
-        if abs(found.correlations[i, j]) > ALIKE  # False for NaN
+        if abs(found.correlations[i, j]) > ALIKE_CORRELATION  # False for NaN
         and not any({i, j} <= group for group in told)
     ]
     return [

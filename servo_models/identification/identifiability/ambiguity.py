@@ -11,7 +11,7 @@ from servo_models.identification.identifiability.responses import Cause
 
 SINGULAR = 1e-9
 """Share of the largest eigenvalue up to which one of a Gram matrix of unit slopes is rounding."""
-ALIKE = 0.98
+ALIKE_COSINE = 0.98
 """Cosine between two differences from which they cannot be told apart."""
 EXPLAINED = 1e-6
 """Share of the square of a difference that may be rounding."""
@@ -65,4 +65,4 @@ class Comparison:
         rest = self.rest(i, other)
         if (np.diag(rest) <= EXPLAINED * self.gram[[i, other], [i, other]]).any():
             return False
-        return bool(abs(rest[0, 1]) > ALIKE * np.sqrt(rest[0, 0] * rest[1, 1]))
+        return bool(abs(rest[0, 1]) > ALIKE_COSINE * np.sqrt(rest[0, 0] * rest[1, 1]))
