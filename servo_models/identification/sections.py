@@ -41,7 +41,7 @@ from servo_models.identification.readings import (
     words,
 )
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.uncertainty import ALIKE, doubt
+from servo_models.identification.uncertainty import ALIKE_CORRELATION, doubt
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
@@ -182,7 +182,7 @@ def _parameter_card(found: Identification) -> Card:
 
 def _only_together(found: Identification) -> set[str]:
     """Names of parameters that these logs cannot tell apart from another one."""
-    strong = np.abs(found.correlations) > ALIKE  # False for NaN
+    strong = np.abs(found.correlations) > ALIKE_CORRELATION  # False for NaN
     np.fill_diagonal(strong, False)
     pairs = {free.name for free, row in zip(found.free, strong) if row.any()}
     return pairs.union(*found.groups)
