@@ -50,6 +50,10 @@ MOST_PER_ROW = 3e3
 SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
 COARSE = 0.2
 """Share of stamps that repeat the one before, above which they are coarser than the clock."""
+ROUNDED_QUANTA = 1.01
+"""How far rounded stamps may be about an even clock, in their quanta: one, and its last digits."""
+LOST_QUANTA = 0.5
+"""The same where a row takes one quantum: a row that is lost, and no rounding, shifts them by 1."""
 SHORTER = ("ms", "us", "ns")
 SHORTEST = 1e-12
 """Usual step [s] below which no clock of a log has ticked."""
@@ -585,7 +589,7 @@ def read_clock(
     columns.check_order(column, scale * stamps, first)
     if period is not None:
         ticks = period * np.arange(len(stamps))
-        _check_period(columns, column, first, scale * (stamps - stamps[0]) - ticks, period)
+        _check_period(columns.where(column), scale * (stamps - stamps[0]), ticks, period)
         even = stamps[0] + ticks / scale
         return Clock(columns, column, unit, even, first + np.arange(len(even)), float(even[0]))
     kept = np.flatnonzero(np.diff(stamps, prepend=-np.inf)) if drop else np.arange(len(stamps))
@@ -593,19 +597,27 @@ def read_clock(
     return _on_grid(clock)
 
 
-def _check_period(
-    columns: Columns, column: str | int, first: int, off: Array, period: float
-) -> None:
-    """Refuse stamps that are ``off`` [s] an even clock by more than their rounding or a period."""
-    steps = np.diff(off) + period
-    stamp = float(np.min(steps[steps > 0.5 * period], initial=np.inf))
-    spread = np.maximum.accumulate(off) - np.minimum.accumulate(off)
-    bad = np.flatnonzero(spread > 1.01 * max(stamp, period))
-    if len(bad):
-        row = int(bad[0])
+def _check_period(place: str, since: Array, ticks: Array, period: float) -> None:
+    """Refuse stamps ``since`` the first [s] that are not the rounded times of an even clock.
+
+    The rounding of its ``ticks`` [s] leaves them less than a quantum about these.  A period of one
+    quantum leaves none, and a lost row is a quantum.
+    """
+    steps = np.diff(since)
+    quantum = float(np.min(steps[steps > SAME_TIME], initial=np.inf))
+    if not np.isfinite(quantum):
         raise UserError(
-            f"{columns.where(column, first + row)}: the stamps are {spread[row]:.3g} s off a row"
-            f" every {period:g} s: correct time.period, or leave it out"
+            f"{place}: all stamps are the same and cannot show whether a row comes every"
+            f" {period:g} s: give finer stamps"
+        )
+    exact = abs(quantum * len(steps) - ticks[-1]) < LOST_QUANTA * quantum
+    off = float(np.ptp(since - ticks))
+    if off > quantum * (LOST_QUANTA if exact else ROUNDED_QUANTA):
+        raise UserError(
+            f"{place}: the stamps last {since[-1]:.6g} s and {len(steps)} periods of {period:g} s"
+            f" {ticks[-1]:.6g} s; on the way they part by {off:.3g} s, where stamps"
+            f" {quantum:.3g} s apart allow for less: correct time.period, or leave it out; no row"
+            " may be missing"
         )
 
 

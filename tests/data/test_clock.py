@@ -16,9 +16,10 @@ from servo_models.data.audit import audits
 from servo_models.data.clock import dithered
 from servo_models.data.description import Description
 from servo_models.data.readers.columns import Columns, column_of
-from servo_models.data.signals import read_clock
+from servo_models.data.signals import Clock, read_clock
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.identification.check import check
+from servo_models.errors import UserError
 from tests.support.descriptions import LOG, complaint, describe, text_of
 
 MS = 1e-3
@@ -294,6 +295,12 @@ def test_rows_of_which_most_repeat_their_time_are_not_told_to_be_dropped(tmp_pat
     assert 'if rows stand twice, set time.repeats = "drop"' in message
 
 
+def stated(stamps: Array, period: float) -> Clock:
+    """The clock of stamps [s] of which the period [s] is told."""
+    columns = Columns(Path("log.csv"), (column_of("t", stamps.tolist()),))
+    return read_clock(columns, "t", "s", drop=False, period=period)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.floats(2e-3, 3.0), st.floats(0.0, 1.0), st.sampled_from([1e-3, 1.0]))
 def test_a_period_that_is_stated_is_that_of_the_rows(
@@ -301,8 +308,8 @@ def test_a_period_that_is_stated_is_that_of_the_rows(
 ) -> None:
     truth = period * np.arange(300) + phase
     stamps = quantum * np.floor(truth / quantum)
-    columns = Columns(Path("log.csv"), (column_of("t", stamps.tolist()),))
-    clock = read_clock(columns, "t", "s", drop=False, period=period)
+    assume(np.ptp(stamps) > 0.0)
+    clock = stated(stamps, period)
     np.testing.assert_allclose(clock.since, truth - phase, atol=1e-9)
 
 
@@ -316,9 +323,10 @@ def test_a_period_in_a_description(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("log", "lost", "said"),
     [
-        (with_period('"100 ms"'), 0, "off a row every 0.1 s: correct time.period"),
-        (with_period('"1 ms"'), 0, "off a row every 0.001 s"),
-        (with_period('"10 ms"'), 150, "off a row every 0.01 s"),
+        (with_period('"100 ms"'), 0, "last 4 s and 449 periods of 0.1 s 44.9 s"),
+        (with_period('"3 s"'), 0, "last 4 s and 449 periods of 3 s 1347 s"),
+        (with_period('"1 ms"'), 0, "last 4 s and 449 periods of 0.001 s 0.449 s"),
+        (with_period('"10 ms"'), 150, "no row may be missing"),
         (with_period("0"), 0, "logs[1].time.period: 0 s; give a time above 0"),
         (with_period('"soon"'), 0, "logs[1].time.period"),
         (with_period('"10 ms", repeats = "drop"'), 0, "logs[1].time.period: every row counts"),
@@ -326,3 +334,41 @@ def test_a_period_in_a_description(tmp_path: Path) -> None:
 )
 def test_a_period_that_cannot_be(tmp_path: Path, log: str, lost: int, said: str) -> None:
     assert said in complaint(tmp_path, log=log, data=in_seconds(n=450, lost=lost))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(2e-3, 3.0),
+    st.floats(0.0, 1.0),
+    st.sampled_from([1e-3, 1.0]),
+    st.one_of(st.floats(1.05, 100.0), st.floats(0.01, 0.95)),
+)
+def test_a_period_that_the_length_contradicts_is_refused(
+    period: float, phase: float, quantum: float, wrong: float
+) -> None:
+    """Whatever the rounding, stamps and rows last as long but for one quantum."""
+    stamps = quantum * np.floor((period * np.arange(300) + phase) / quantum)
+    steps = np.diff(stamps)
+    assume(np.ptp(stamps) > 0.0)
+    assume(abs(np.ptp(stamps) - 299 * wrong * period) > 1.05 * steps[steps > 1e-6].min())
+    with pytest.raises(UserError, match="correct time.period"):
+        stated(stamps, wrong * period)
+
+
+@pytest.mark.parametrize("period", [0.1, 0.021, 0.001, 0.0101])
+def test_exact_stamps_know_their_period(period: float) -> None:
+    with pytest.raises(UserError, match=r"last 9\.99 s and 999 periods"):
+        stated(0.01 * np.arange(1000), period)
+
+
+@pytest.mark.parametrize("origin", [0.0, 1.7e9])
+def test_one_row_that_is_missing_among_exact_stamps_is_seen(origin: float) -> None:
+    times = origin + 0.01 * np.arange(1000)
+    assert stated(times, 0.01).since == pytest.approx(0.01 * np.arange(1000), abs=1e-6)
+    with pytest.raises(UserError, match="no row may be missing"):
+        stated(np.delete(times, 400), 0.01)
+
+
+def test_stamps_that_are_all_the_same_show_no_period() -> None:
+    with pytest.raises(UserError, match="all stamps are the same .* give finer stamps"):
+        stated(np.full(100, 7.0), 3600.0)
