@@ -18,8 +18,8 @@ from servo_models.data.description import Description
 from servo_models.data.readers.columns import Columns, column_of
 from servo_models.data.signals import Clock, read_clock
 from servo_models.diagnosis.diagnose import diagnose
-from servo_models.identification.check import check
 from servo_models.errors import UserError
+from servo_models.identification.check import check
 from tests.support.descriptions import LOG, complaint, describe, text_of
 
 MS = 1e-3
@@ -351,7 +351,7 @@ def test_a_period_that_the_length_contradicts_is_refused(
     steps = np.diff(stamps)
     assume(np.ptp(stamps) > 0.0)
     assume(abs(np.ptp(stamps) - 299 * wrong * period) > 1.05 * steps[steps > 1e-6].min())
-    with pytest.raises(UserError, match="correct time.period"):
+    with pytest.raises(UserError, match=r"correct time\.period"):
         stated(stamps, wrong * period)
 
 
@@ -370,5 +370,5 @@ def test_one_row_that_is_missing_among_exact_stamps_is_seen(origin: float) -> No
 
 
 def test_stamps_that_are_all_the_same_show_no_period() -> None:
-    with pytest.raises(UserError, match="all stamps are the same .* give finer stamps"):
+    with pytest.raises(UserError, match=r"all stamps are the same .* give finer stamps"):
         stated(np.full(100, 7.0), 3600.0)
