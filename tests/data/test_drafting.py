@@ -472,6 +472,47 @@ def test_the_actuator_is_one_that_has_a_command_and_a_reading_of_these_words(
     assert read_description(target).actuator.name == actuator
 
 
+BATTERY = 7.4 - 0.02 * LATER + 0.01 * np.cos(np.arange(100))
+"""A battery [V] that sags a little under load."""
+
+
+@pytest.mark.parametrize(
+    ("heading", "first", "fourth", "actuator", "command"),
+    [
+        ("t,pwm_us,angle,battery_voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm_us"),
+        ("t,pwm_us,angle_deg,voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm_us"),
+        ("t,pwm_us,angle_deg,voltage", 1500 + 500 * STEP, 12 * LATER, "sg90", "pwm_us"),
+        ("t,pwm,angle_deg,voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm"),
+        ("t,goal_deg,angle_deg,voltage", 60 * STEP, BATTERY, "smart_servo", "goal_deg"),
+        ("t,cmd_deg,angle_deg,voltage", 60 * STEP, 12 * LATER, "smart_servo", "cmd_deg"),
+        ("t,voltage,angle,supply", 12 * STEP, BATTERY, "torque_motor", "voltage"),
+        ("t,loop_us,angle,voltage", 900 + 30 * LATER, 12 * STEP, "torque_motor", "voltage"),
+    ],
+)
+def test_a_battery_is_no_command(
+    tmp_path: Path,
+    heading: str,
+    first: np.ndarray,
+    fourth: np.ndarray,
+    actuator: str,
+    command: str,
+) -> None:
+    """A unit or a word that only a command has counts as much as the name of another input."""
+    columns = (0.02 * np.arange(100), first, LATER, fourth)
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=heading, comments="")
+    made = draft(path)
+    assert made.actuator.name == actuator
+    matched = {match.column.key: match.wire for match in made.matches}
+    assert matched[command].name == made.main
+    battery = heading.split(",")[3]
+    if battery not in ("voltage", command):
+        assert battery not in matched or "supply" in matched[battery].name
+    target = tmp_path / "log.toml"
+    target.write_text(made.text(tmp_path))
+    assert read_description(target).actuator.name == actuator
+
+
 @pytest.mark.parametrize(
     ("heading", "command", "variant", "entry"),
     [
