@@ -48,7 +48,7 @@ MOST_EMPTY = 1000.0
 MOST_PER_ROW = 3e3
 """Internal steps of the model between two rows: more is a wrong unit."""
 SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
-COARSE = 0.2
+MOST_REPEATS_PER_ROW = 0.2
 """Share of stamps that repeat the one before, above which they are coarser than the clock."""
 ROUNDED_QUANTA = 1.01
 """How far rounded stamps may be about an even clock, in their quanta: one, and its last digits."""
@@ -683,7 +683,7 @@ def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
         time = clock.columns.time_text(column, row, clock.scale * float(clock.stamps[at]))
         repeats = f"{clock.columns.where(column, row)}: time {time} repeats"
         share = float(again.mean())
-        if share > COARSE:
+        if share > MOST_REPEATS_PER_ROW:
             raise UserError(
                 f"{repeats}, as {share:.0%} of the stamps do: they are coarser than the clock; if"
                 ' it is even, say its period, time.period = "10 ms", else log with finer stamps'

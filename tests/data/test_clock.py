@@ -10,9 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.audit import audits
+from servo_models.data.audit import audit, audits
 from servo_models.data.clock import dithered
 from servo_models.data.description import Description
 from servo_models.data.readers.columns import Columns, column_of
@@ -20,11 +21,13 @@ from servo_models.data.signals import Clock, read_clock
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.errors import UserError
 from servo_models.identification.check import check
+from tests.support import logs
 from tests.support.descriptions import LOG, complaint, describe, text_of
 
 MS = 1e-3
 QUANTUM = 1.0
 """[ms] of the stamps below."""
+GAPPY = Plant((Wire("u", "V", ""),), (Wire("y", "rad", ""),), (), (), ("y",))
 RATES = st.floats(0.3, 40.0)
 """Periods [ms]: several rows for a stamp up to many stamps for a row."""
 
@@ -220,6 +223,37 @@ def test_lost_rows_of_an_even_clock_are_gaps_in_coarse_stamps_too(
     (found,) = audits(described.logs, described.model.plant)
     assert len(found.sampling.gaps) == len(lost)
     assert not any("coarser" in text for text in found.warnings)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([1.0, 2.0, 5.0]), st.floats(0.1, 0.25), st.integers(0, 2**32 - 1))
+def test_many_lost_rows_of_an_even_clock_are_gaps_and_no_rounding(
+    period: float, share: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    kept = random.uniform(size=1500) > share
+    kept[[0, -1]] = True
+    times = MS * period * np.flatnonzero(kept)
+    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    lost = int(np.count_nonzero(np.diff(np.flatnonzero(kept)) > 1))
+    assert len(found.sampling.gaps) == lost
+    assert not found.sampling.rounded
+    assert found.sampling.step == pytest.approx(MS * period)
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.9, 2.1), (2.1, 1.9), (2.4, 2.6), (1.4, 1.6)])
+def test_single_lost_rows_are_found_among_rounded_stamps(first: float, last: float) -> None:
+    """A step of two periods is longer than any step of one, whose rounding adds less than 1."""
+    truth = np.cumsum(np.linspace(first, last, ROWS))
+    lost = [700, 760, 790]
+    stamps = np.round(np.delete(truth, lost))
+    seen = [k - i - 1 for i, k in enumerate(lost)]  # of the row before, among those that are left
+    steps = np.diff(stamps)
+    assert np.delete(steps, seen).max() < min(steps[seen])  # so that they can be seen at all
+    times = MS * (stamps - stamps[0])
+    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    assert found.sampling.rounded
+    assert [round(gap.time / MS) for gap in found.sampling.gaps] == list(times[seen] / MS)
 
 
 def test_check_and_diagnosis_tell_what_was_done(tmp_path: Path) -> None:
