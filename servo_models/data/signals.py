@@ -583,7 +583,7 @@ def read_clock(
     first, scale = columns.begin(column), factor(unit, "s")
     stamps = columns.dates(column, slice(first, None))
     if stamps is None:
-        stamps = columns.numbers(column, slice(first, None))
+        stamps = columns.numbers(column, slice(first, None), times=True)
     if not len(stamps):
         raise UserError(f"{columns.where(column)} has no rows: name another column")
     columns.check_order(column, scale * stamps, first)
