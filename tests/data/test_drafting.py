@@ -48,6 +48,18 @@ def test_a_folder_asks_for_init_of_a_log_in_it(run: Run, csv: Path, more: tuple[
     assert "is a folder without a log" in err
 
 
+def test_a_description_that_is_there_is_named_before_another_is_begun(run: Run, csv: Path) -> None:
+    (csv.parent / "a.toml").write_text('actuator = "sg90"\n[parameters]\n')
+    (csv.parent / "b.toml").write_text("= no TOML")
+    for given in (csv.parent, csv):
+        assert f"begin one with 'servo-models check {csv} --init'" in run("check", given)[2]
+    told = described(csv).rename(csv.with_suffix(".toml"))
+    for given in (csv.parent, csv):
+        code, _, err = run("check", given)
+        assert code == 2
+        assert f"no description; there is one: 'servo-models check {told}'" in err
+
+
 def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "records.toml"
     path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')
