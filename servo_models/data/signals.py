@@ -326,27 +326,21 @@ def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Mode
     if given in (None, "rest", "settled"):
         return None
     shaft = chosen.shaft
-    plant = chosen.plant
-    motion = (
-        (shaft.angle, shaft.rate) if shaft else (*plant.outputs, *(it.name for it in plant.states))
-    )
-    wires = {name: plant.wire[name] for name in motion}
-    place: dict[str, float] = {}
-    if not isinstance(given, str):  # a wrong key is told by its name, also where none would do
-        table = named(section.section("start"), "motion", wires)
-        place = {name: setting(table, name, wires[name]) for name in table}
     if shaft is None:
         section.fail(
             "start",
-            f"{'' if given else 'empty; '}actuator '{chosen.actuator.name}' has no shaft that can"
-            " be put to a motion: a plant has one with the states of actuators/shaft.py and a"
-            ' terminal \'shaft\'; write "rest" or "settled", or leave it out',
+            f"actuator '{chosen.actuator.name}' has no shaft that can be put to a motion: a plant"
+            " has one with the states of actuators/shaft.py and a terminal 'shaft'; write"
+            ' "rest" or "settled", or leave it out',
         )
     if isinstance(given, str):
         return Start(fitted=True)
     if not given:
         section.fail("start", f"empty; write for example {{ {shaft.angle} = 0, {shaft.rate} = 0 }}")
-    return Start({**dict.fromkeys(wires, 0.0), **place})
+    wires = {name: chosen.plant.wire[name] for name in (shaft.angle, shaft.rate)}
+    place = named(section.section("start"), "motion", wires)
+    told = {name: setting(place, name, wires[name]) for name in place}
+    return Start({**dict.fromkeys(wires, 0.0), **told})
 
 
 # Columns that become signals
