@@ -582,7 +582,7 @@ def read_clock(
         raise UserError(f"{columns.where(column)} has no rows: name another column")
     columns.check_order(column, scale * stamps, first)
     if period is not None:
-        ticks = period * np.arange(len(stamps))
+        ticks: Array = period * np.arange(len(stamps), dtype=np.float64)
         _check_period(columns.where(column), scale * (stamps - stamps[0]), ticks, period)
         even = stamps[0] + ticks / scale
         return Clock(columns, column, unit, even, first + np.arange(len(even)), float(even[0]))
