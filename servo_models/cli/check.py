@@ -64,14 +64,29 @@ def _begin_one(path: Path) -> UserError:
     """What to do with a log, or a folder of logs, in place of a description."""
     from servo_models.data.readers import suffixes
 
-    log, what = path, "no description"
-    if os.path.isdir(path):
-        known = suffixes().split(", ")
-        logs = sorted(it for it in path.iterdir() if it.suffix.lower() in known and it.is_file())
-        if not logs:
-            return UserError(f"'{path}' is a folder without a log: name a description or a log")
-        log, what = logs[0], "a folder, no description"
+    is_folder = os.path.isdir(path)
+    what = "a folder, no description" if is_folder else "no description"
+    files = sorted(path.iterdir()) if is_folder else [path.with_suffix(".toml"), path]
+    told = next(filter(_is_description, files), None)
+    logs = (it for it in files if it.suffix.lower() in suffixes() and it.is_file())
+    log = next(logs, None) if is_folder else path
+    if told:
+        return UserError(f"'{path}' is {what}; there is one: 'servo-models check {told}'")
+    if not log:
+        return UserError(f"'{path}' is a folder without a log: name a description or a log")
     return UserError(f"'{path}' is {what}; begin one with 'servo-models check {log} --init'")
+
+
+def _is_description(path: Path) -> bool:
+    """Whether a file is TOML that tells of logs, as one of parameters does not."""
+    from servo_models.data.schema import read_toml
+
+    if path.suffix.lower() != ".toml" or not os.path.isfile(path):
+        return False
+    try:
+        return "logs" in read_toml(path)
+    except UserError:
+        return False
 
 
 def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:

@@ -194,12 +194,18 @@ GAP = 1.5
 """A step longer than this many usual ones has lost samples."""
 STAMPS = 3
 """Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
-COARSE_STAMPS = 0.3
+COARSE_STAMPS_PER_STEP = 0.3
 """Step of the stamps, in usual steps, from which it is no small part of them."""
 SHORT_STEPS = 3
 """Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
 LONG_STEPS = 0.1
 """Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
+STRAIGHT_ROWS = 16
+"""Rows over which stamps are compared with a straight line."""
+BENT_STAMPS = 2.0
+"""Second difference of the stamps, in their steps, that three roundings of a line do not reach."""
+BENT_ROWS = 0.1
+"""Share of rows with more, up to which stamps are straight: gaps bend the rows about them."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +227,8 @@ class Sampling:
         step: mean of the steps that are no gaps.
         jitter: their standard deviation.
         stamp: smallest common step of the time stamps, 0 for none.
-        gaps: steps longer than 1.5 usual ones, by more than stamps are rounded.
+        gaps: steps longer than 1.5 usual ones; where stamps are rounded, than a usual one and a
+            stamp, so that a lost row of less than two stamps may not show.
         rounded: the stamps are so coarse that the steps differ by their rounding.
     """
 
@@ -241,7 +248,7 @@ def _sampling(log: Log) -> Sampling:
     longest = GAP * float(np.median(steps))
     if rounded := _are_rounded(steps, stamp):
         mean = float(steps[steps < np.median(steps) + GAP * stamp].mean())
-        longest = (1.0 + ROUNDING) * (GAP * mean + stamp)
+        longest = (1.0 + ROUNDING) * (mean + stamp)
     lost = np.flatnonzero(steps > longest)
     kept = np.delete(steps, lost)
     gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
@@ -262,10 +269,24 @@ def _are_rounded(steps: Array, stamp: float) -> bool:
     Stamps on an even grid have been put back on it before.
     """
     usual = float(np.percentile(steps, 50.0, method="lower"))  # a step, never between two
-    if stamp < COARSE_STAMPS * usual or not stamp:
+    if stamp < COARSE_STAMPS_PER_STEP * usual or not stamp:
         return False
     off = np.round((steps - usual) / stamp)
-    return bool(np.sum(off < 0) >= SHORT_STEPS or np.mean(off == 1) > LONG_STEPS)
+    if np.sum(off < 0) >= SHORT_STEPS:
+        return True
+    one_each = usual < GAP * stamp  # a row of a stamp: a lost one is a stamp too
+    return bool(np.mean(off == 1) > LONG_STEPS) and not (one_each and _are_bent(steps / stamp))
+
+
+def _are_bent(steps: Array) -> bool:
+    """Whether stamps with these steps [stamps] leave a straight line by more than rounding.
+
+    Lost rows add up by chance, and the rounding of a clock does not add up.
+    """
+    stamps = np.cumsum(np.round(steps))
+    rows = min(STRAIGHT_ROWS, (len(stamps) - 1) // 3)
+    bend = stamps[2 * rows :] - 2.0 * stamps[rows:-rows] + stamps[: -2 * rows]
+    return bool(np.mean(np.abs(bend) >= BENT_STAMPS) > BENT_ROWS)
 
 
 # Outputs and inputs
@@ -446,7 +467,7 @@ def _band(
 JITTERY = 0.2  # standard deviation of the sampling step over its mean
 STALE = 0.2  # share of the moving samples
 CLIPPED = 0.01  # share of the samples
-COARSE = 10.0  # reading steps in the range
+LEAST_STEPS_PER_RANGE = 10.0  # of a reading
 
 
 def _about_time(sampling: Sampling) -> Iterator[str]:
@@ -506,7 +527,7 @@ def _about_reading(reading: Reading) -> Iterator[str]:
             f"'{name}' lies between its steps in {reading.between:.0%} of the samples: the file was"
             " resampled, so its time stamps and noise are not those of the sensor"
         )
-    if reading.high - reading.low < COARSE * reading.step:
+    if reading.high - reading.low < LEAST_STEPS_PER_RANGE * reading.step:
         yield (
             f"'{name}' moves by only {(reading.high - reading.low) / reading.step:.0f} reading"
             " steps: log larger moves or a finer sensor"

@@ -18,7 +18,7 @@ from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
 from servo_models.data.readers import Columns, read_columns
-from servo_models.data.runs import runs
+from servo_models.data.runs import check_apart, runs
 from servo_models.data.schema import (
     Quantity,
     Section,
@@ -271,9 +271,14 @@ def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tu
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read, clocks = functools.cache(read_columns), functools.cache(read_clock)
     logs: list[Log] = []
-    for entry in (run for section in entries for run in runs(section, tables)):
-        log = read_log(entry, chosen, read, clocks, tables)
-        if log.name in (other.name for other in logs):
-            entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
-        logs.append(log)
+    for section in entries:
+        by_file: dict[Path, list[tuple[Section, Log]]] = {}
+        for entry in runs(section, tables):
+            log = read_log(entry, chosen, read, clocks, tables)
+            of_file = by_file.setdefault(log.path.resolve(), [])
+            check_apart(entry, log, of_file)
+            if log.name in (other.name for other in logs):
+                entry.fail("name", f"a second log '{log.name}'; give each a name of its own")
+            of_file.append((entry, log))
+            logs.append(log)
     return tuple(logs)

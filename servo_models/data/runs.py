@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import glob
 import itertools
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from servo_models.data.log import Log
 from servo_models.data.schema import Section
 from servo_models.files import matching
 
@@ -20,7 +23,7 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
 
     A table of ``repeat`` replaces keys of the entry.  Of several files the runs are called like
     the files, behind the name of the entry; of one file, by their number behind it.  A name that
-    several runs of ``repeat`` would have gets a number behind it.
+    several runs of ``repeat`` would have gets a number behind it, unless it is given there.
 
     Args:
         entry: a ``[[logs]]``.
@@ -34,19 +37,43 @@ def runs(entry: Section, tables: Container[str] = ()) -> Iterator[Section]:
         file = run.content.get("file")
         pattern = _is_pattern(file) and file not in tables
         found += _files(run, file) if pattern else [run]
-    return _numbered(found) if "repeat" in entry else iter(found)
+    if "repeat" not in entry:
+        return iter(found)
+    return _numbered(found, [run.content.get("name") for run in entry.sections("repeat")])
 
 
-def _numbered(found: Sequence[Section]) -> Iterator[Section]:
-    """The runs, with a number behind a name that several of them have, and that is not taken."""
+def _numbered(found: Sequence[Section], given: Sequence[Any]) -> Iterator[Section]:
+    """The runs, with a number behind a name that several of them have, and that is not taken.
+
+    A name that is ``given`` stays.
+    """
     names = [str(run.content["name"]) for run in found]
     for run, name in zip(found, names):
-        if names.count(name) == 1 or not isinstance(run.content["name"], str):
+        if names.count(name) == 1 or run.content["name"] in given:
             yield run
             continue
         number = next(n for n in itertools.count(1) if f"{name} {n}" not in names)
         names.append(f"{name} {number}")
         yield replace(run, content={**run.content, "name": f"{name} {number}"})
+
+
+def check_apart(run: Section, log: Log, others: Iterable[tuple[Section, Log]]) -> None:
+    """Refuse a run that has samples of another run of its file, since they would count twice.
+
+    Windows may have one row in common, where one ends and the other begins.
+
+    Raises:
+        UserError: it has more; the message names both runs.
+    """
+    for other, before in others:
+        alike = all(run.content.get(key) == other.content.get(key) for key in ("table", "outputs"))
+        shared = np.intersect1d(log.rows, before.rows)
+        if alike and len(shared) > 1:
+            run.fail(
+                "window" if "window" in run else "file",
+                f"'{log.path}' is also in {other.name}: rows {shared[0]} to {shared[-1]} would"
+                " count twice; leave out one of the two, or give both windows that do not overlap",
+            )
 
 
 def _repeated(entry: Section) -> Iterator[Section]:

@@ -143,15 +143,34 @@ def _score(made: Draft) -> float:
 def _clarity(made: Draft) -> int:
     """How clearly headings tell what moves the actuator, where they tell a motion as well.
 
-    2 by a word of that input, 1 by a quantity or unit, 0 not at all or without a motion.
+    0 not at all or without a motion, 1 by a quantity or unit, 2 by a word of that input; 2 more
+    by a word for a command or a unit that only commands have.
     """
     wires = {match.wire.name: match for match in made.matches if match.converts}
     command = wires.get(made.main)
     if not command or not any(_tells_motion(match, made.plant) for match in wires.values()):
         return 0
-    if _own_words(command.wire) & set(command.column.words):
-        return 2
-    return int(command.told or _is_of_quantity(command.column.words, command.wire))
+    words = set(command.column.words)
+    is_command = bool(words & COMMAND)
+    if words & SUPPLY or (_only_wobbles(command) and not is_command):
+        return 0
+    is_own = bool(_own_words(command.wire) & words)
+    if not (is_own or command.told or _is_of_quantity(words, command.wire)):
+        return 0
+    return 1 + is_own + 2 * (is_command or (command.told and _is_of_commands(command.wire.unit)))
+
+
+def _only_wobbles(match: Match) -> bool:
+    """Whether a column stays so near one value, away from rest, that it is held and no command."""
+    away = match.column.values * factor(match.unit, match.wire.unit) - float(match.wire.rest)
+    return bool(np.ptp(away) < WOBBLE_PER_SIZE * np.abs(away).max())
+
+
+def _is_of_commands(unit: str) -> bool:
+    """Whether no actuator has an output in such a unit, as none has in that of a pulse."""
+    plants = [other.plant for other in actuators().values()]
+    outputs = (plant.wire[name].unit for plant in plants for name in plant.outputs)
+    return not any(_dimension(unit) == _dimension(output) for output in outputs)
 
 
 def _tells_motion(match: Match, plant: Plant) -> bool:
@@ -321,6 +340,8 @@ COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", 
 COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
 MEASURED |= {"observation", "observed"}
+SUPPLY = {"battery", "batt", "bat", "vbat", "supply"}
+"""Words of what feeds an actuator, which commands nothing."""
 QUANTITIES = {
     "angle theta phi position pos horn tilt": "rad",
     "rate speed velocity vel omega gyro gyr": "rad/s",
@@ -337,6 +358,8 @@ SIDE_SCORE = 4.0
 """Score from which a column is taken for another input than the command."""
 NEAR_REST = 1.2
 """Full scales by which an input may be away from its rest."""
+WOBBLE_PER_SIZE = 0.1
+"""Range of a column over its distance from rest, below which it is no command."""
 LEAST_SCORE = 2.0
 """Score from which a column is taken for the command or a reading."""
 LONGEST_STEP = 0.5
@@ -478,11 +501,15 @@ def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) 
     score = 4.0 * (words == own) + 1.5 * len(words & own)
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
     score += LEAST_SCORE * bool(words & set(wire.words))
+    feeds, is_fed = bool(own & SUPPLY), bool(words & SUPPLY)
+    score += SIDE_SCORE * (feeds and is_fed)
     if output:
         score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column, plant))
         score += LEAST_SCORE * (main and is_measured and not words & KNOWN)
     else:
         score += 3.0 * (main and is_command) - 1.5 * is_measured
+    if output and is_fed and not feeds:
+        score = 0.0
     if not converts:
         score = LEAST_SCORE if main and is_command and not output else 0.0
         unit = column.unit or "deg"

@@ -48,8 +48,12 @@ MOST_EMPTY = 1000.0
 MOST_PER_ROW = 3e3
 """Internal steps of the model between two rows: more is a wrong unit."""
 SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
-COARSE = 0.2
+MOST_REPEATS_PER_ROW = 0.2
 """Share of stamps that repeat the one before, above which they are coarser than the clock."""
+ROUNDED_QUANTA = 1.01
+"""How far rounded stamps may be about an even clock, in their quanta: one, and its last digits."""
+LOST_QUANTA = 0.5
+"""The same where a row takes one quantum: a row that is lost, and no rounding, shifts them by 1."""
 SHORTER = ("ms", "us", "ns")
 SHORTEST = 1e-12
 """Usual step [s] below which no clock of a log has ticked."""
@@ -322,27 +326,21 @@ def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Mode
     if given in (None, "rest", "settled"):
         return None
     shaft = chosen.shaft
-    plant = chosen.plant
-    motion = (
-        (shaft.angle, shaft.rate) if shaft else (*plant.outputs, *(it.name for it in plant.states))
-    )
-    wires = {name: plant.wire[name] for name in motion}
-    place: dict[str, float] = {}
-    if not isinstance(given, str):  # a wrong key is told by its name, also where none would do
-        table = named(section.section("start"), "motion", wires)
-        place = {name: setting(table, name, wires[name]) for name in table}
     if shaft is None:
         section.fail(
             "start",
-            f"{'' if given else 'empty; '}actuator '{chosen.actuator.name}' has no shaft that can"
-            " be put to a motion: a plant has one with the states of actuators/shaft.py and a"
-            ' terminal \'shaft\'; write "rest" or "settled", or leave it out',
+            f"actuator '{chosen.actuator.name}' has no shaft that can be put to a motion: a plant"
+            " has one with the states of actuators/shaft.py and a terminal 'shaft'; write"
+            ' "rest" or "settled", or leave it out',
         )
     if isinstance(given, str):
         return Start(fitted=True)
     if not given:
         section.fail("start", f"empty; write for example {{ {shaft.angle} = 0, {shaft.rate} = 0 }}")
-    return Start({**dict.fromkeys(wires, 0.0), **place})
+    wires = {name: chosen.plant.wire[name] for name in (shaft.angle, shaft.rate)}
+    place = named(section.section("start"), "motion", wires)
+    told = {name: setting(place, name, wires[name]) for name in place}
+    return Start({**dict.fromkeys(wires, 0.0), **told})
 
 
 # Columns that become signals
@@ -579,13 +577,13 @@ def read_clock(
     first, scale = columns.begin(column), factor(unit, "s")
     stamps = columns.dates(column, slice(first, None))
     if stamps is None:
-        stamps = columns.numbers(column, slice(first, None))
+        stamps = columns.numbers(column, slice(first, None), times=True)
     if not len(stamps):
         raise UserError(f"{columns.where(column)} has no rows: name another column")
     columns.check_order(column, scale * stamps, first)
     if period is not None:
-        ticks = period * np.arange(len(stamps))
-        _check_period(columns, column, first, scale * (stamps - stamps[0]) - ticks, period)
+        ticks: Array = period * np.arange(len(stamps), dtype=np.float64)
+        _check_period(columns.where(column), scale * (stamps - stamps[0]), ticks, period)
         even = stamps[0] + ticks / scale
         return Clock(columns, column, unit, even, first + np.arange(len(even)), float(even[0]))
     kept = np.flatnonzero(np.diff(stamps, prepend=-np.inf)) if drop else np.arange(len(stamps))
@@ -593,19 +591,27 @@ def read_clock(
     return _on_grid(clock)
 
 
-def _check_period(
-    columns: Columns, column: str | int, first: int, off: Array, period: float
-) -> None:
-    """Refuse stamps that are ``off`` [s] an even clock by more than their rounding or a period."""
-    steps = np.diff(off) + period
-    stamp = float(np.min(steps[steps > 0.5 * period], initial=np.inf))
-    spread = np.maximum.accumulate(off) - np.minimum.accumulate(off)
-    bad = np.flatnonzero(spread > 1.01 * max(stamp, period))
-    if len(bad):
-        row = int(bad[0])
+def _check_period(place: str, since: Array, ticks: Array, period: float) -> None:
+    """Refuse stamps ``since`` the first [s] that are not the rounded times of an even clock.
+
+    The rounding of its ``ticks`` [s] leaves them less than a quantum about these.  A period of one
+    quantum leaves none, and a lost row is a quantum.
+    """
+    steps = np.diff(since)
+    quantum = float(np.min(steps[steps > SAME_TIME], initial=np.inf))
+    if not np.isfinite(quantum):
         raise UserError(
-            f"{columns.where(column, first + row)}: the stamps are {spread[row]:.3g} s off a row"
-            f" every {period:g} s: correct time.period, or leave it out"
+            f"{place}: all stamps are the same and cannot show whether a row comes every"
+            f" {period:g} s: give finer stamps"
+        )
+    exact = abs(quantum * len(steps) - ticks[-1]) < LOST_QUANTA * quantum
+    off = float(np.ptp(since - ticks))
+    if off > quantum * (LOST_QUANTA if exact else ROUNDED_QUANTA):
+        raise UserError(
+            f"{place}: the stamps last {since[-1]:.6g} s and {len(steps)} periods of {period:g} s"
+            f" {ticks[-1]:.6g} s; on the way they part by {off:.3g} s, where stamps"
+            f" {quantum:.3g} s apart allow for less: correct time.period, or leave it out; no row"
+            " may be missing"
         )
 
 
@@ -671,7 +677,7 @@ def _ticked(clock: Clock) -> tuple[Clock, list[str]]:
         time = clock.columns.time_text(column, row, clock.scale * float(clock.stamps[at]))
         repeats = f"{clock.columns.where(column, row)}: time {time} repeats"
         share = float(again.mean())
-        if share > COARSE:
+        if share > MOST_REPEATS_PER_ROW:
             raise UserError(
                 f"{repeats}, as {share:.0%} of the stamps do: they are coarser than the clock; if"
                 ' it is even, say its period, time.period = "10 ms", else log with finer stamps'

@@ -10,20 +10,24 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.data.audit import audits
+from servo_models.data.audit import audit, audits
 from servo_models.data.clock import dithered
 from servo_models.data.description import Description
 from servo_models.data.readers.columns import Columns, column_of
-from servo_models.data.signals import read_clock
+from servo_models.data.signals import Clock, read_clock
 from servo_models.diagnosis.diagnose import diagnose
+from servo_models.errors import UserError
 from servo_models.identification.check import check
+from tests.support import logs
 from tests.support.descriptions import LOG, complaint, describe, text_of
 
 MS = 1e-3
 QUANTUM = 1.0
 """[ms] of the stamps below."""
+GAPPY = Plant((Wire("u", "V", ""),), (Wire("y", "rad", ""),), (), (), ("y",))
 RATES = st.floats(0.3, 40.0)
 """Periods [ms]: several rows for a stamp up to many stamps for a row."""
 
@@ -221,6 +225,37 @@ def test_lost_rows_of_an_even_clock_are_gaps_in_coarse_stamps_too(
     assert not any("coarser" in text for text in found.warnings)
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([1.0, 2.0, 5.0]), st.floats(0.1, 0.25), st.integers(0, 2**32 - 1))
+def test_many_lost_rows_of_an_even_clock_are_gaps_and_no_rounding(
+    period: float, share: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    kept = random.uniform(size=1500) > share
+    kept[[0, -1]] = True
+    times = MS * period * np.flatnonzero(kept)
+    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    lost = int(np.count_nonzero(np.diff(np.flatnonzero(kept)) > 1))
+    assert len(found.sampling.gaps) == lost
+    assert not found.sampling.rounded
+    assert found.sampling.step == pytest.approx(MS * period)
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.9, 2.1), (2.1, 1.9), (2.4, 2.6), (1.4, 1.6)])
+def test_single_lost_rows_are_found_among_rounded_stamps(first: float, last: float) -> None:
+    """A step of two periods is longer than any step of one, whose rounding adds less than 1."""
+    truth = np.cumsum(np.linspace(first, last, ROWS))
+    lost = [700, 760, 790]
+    stamps = np.round(np.delete(truth, lost))
+    seen = [k - i - 1 for i, k in enumerate(lost)]  # of the row before, among those that are left
+    steps = np.diff(stamps)
+    assert np.delete(steps, seen).max() < min(steps[seen])  # so that they can be seen at all
+    times = MS * (stamps - stamps[0])
+    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    assert found.sampling.rounded
+    assert [round(gap.time / MS) for gap in found.sampling.gaps] == list(times[seen] / MS)
+
+
 def test_check_and_diagnosis_tell_what_was_done(tmp_path: Path) -> None:
     described, _ = told(tmp_path)
     (note,) = described.logs[0].notes
@@ -294,6 +329,12 @@ def test_rows_of_which_most_repeat_their_time_are_not_told_to_be_dropped(tmp_pat
     assert 'if rows stand twice, set time.repeats = "drop"' in message
 
 
+def stated(stamps: Array, period: float) -> Clock:
+    """The clock of stamps [s] of which the period [s] is told."""
+    columns = Columns(Path("log.csv"), (column_of("t", stamps.tolist()),))
+    return read_clock(columns, "t", "s", drop=False, period=period)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.floats(2e-3, 3.0), st.floats(0.0, 1.0), st.sampled_from([1e-3, 1.0]))
 def test_a_period_that_is_stated_is_that_of_the_rows(
@@ -301,8 +342,8 @@ def test_a_period_that_is_stated_is_that_of_the_rows(
 ) -> None:
     truth = period * np.arange(300) + phase
     stamps = quantum * np.floor(truth / quantum)
-    columns = Columns(Path("log.csv"), (column_of("t", stamps.tolist()),))
-    clock = read_clock(columns, "t", "s", drop=False, period=period)
+    assume(np.ptp(stamps) > 0.0)
+    clock = stated(stamps, period)
     np.testing.assert_allclose(clock.since, truth - phase, atol=1e-9)
 
 
@@ -316,9 +357,10 @@ def test_a_period_in_a_description(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("log", "lost", "said"),
     [
-        (with_period('"100 ms"'), 0, "off a row every 0.1 s: correct time.period"),
-        (with_period('"1 ms"'), 0, "off a row every 0.001 s"),
-        (with_period('"10 ms"'), 150, "off a row every 0.01 s"),
+        (with_period('"100 ms"'), 0, "last 4 s and 449 periods of 0.1 s 44.9 s"),
+        (with_period('"3 s"'), 0, "last 4 s and 449 periods of 3 s 1347 s"),
+        (with_period('"1 ms"'), 0, "last 4 s and 449 periods of 0.001 s 0.449 s"),
+        (with_period('"10 ms"'), 150, "no row may be missing"),
         (with_period("0"), 0, "logs[1].time.period: 0 s; give a time above 0"),
         (with_period('"soon"'), 0, "logs[1].time.period"),
         (with_period('"10 ms", repeats = "drop"'), 0, "logs[1].time.period: every row counts"),
@@ -326,3 +368,41 @@ def test_a_period_in_a_description(tmp_path: Path) -> None:
 )
 def test_a_period_that_cannot_be(tmp_path: Path, log: str, lost: int, said: str) -> None:
     assert said in complaint(tmp_path, log=log, data=in_seconds(n=450, lost=lost))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(2e-3, 3.0),
+    st.floats(0.0, 1.0),
+    st.sampled_from([1e-3, 1.0]),
+    st.one_of(st.floats(1.05, 100.0), st.floats(0.01, 0.95)),
+)
+def test_a_period_that_the_length_contradicts_is_refused(
+    period: float, phase: float, quantum: float, wrong: float
+) -> None:
+    """Whatever the rounding, stamps and rows last as long but for one quantum."""
+    stamps = quantum * np.floor((period * np.arange(300) + phase) / quantum)
+    steps = np.diff(stamps)
+    assume(np.ptp(stamps) > 0.0)
+    assume(abs(np.ptp(stamps) - 299 * wrong * period) > 1.05 * steps[steps > 1e-6].min())
+    with pytest.raises(UserError, match=r"correct time\.period"):
+        stated(stamps, wrong * period)
+
+
+@pytest.mark.parametrize("period", [0.1, 0.021, 0.001, 0.0101])
+def test_exact_stamps_know_their_period(period: float) -> None:
+    with pytest.raises(UserError, match=r"last 9\.99 s and 999 periods"):
+        stated(0.01 * np.arange(1000), period)
+
+
+@pytest.mark.parametrize("origin", [0.0, 1.7e9])
+def test_one_row_that_is_missing_among_exact_stamps_is_seen(origin: float) -> None:
+    times = origin + 0.01 * np.arange(1000)
+    assert stated(times, 0.01).since == pytest.approx(0.01 * np.arange(1000), abs=1e-6)
+    with pytest.raises(UserError, match="no row may be missing"):
+        stated(np.delete(times, 400), 0.01)
+
+
+def test_stamps_that_are_all_the_same_show_no_period() -> None:
+    with pytest.raises(UserError, match=r"all stamps are the same .* give finer stamps"):
+        stated(np.full(100, 7.0), 3600.0)

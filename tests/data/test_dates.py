@@ -125,16 +125,19 @@ def test_a_fault_of_a_date_is_named(tmp_path: Path, times: list[str], said: list
         assert words in message
 
 
-@pytest.mark.parametrize("row", [0, 3])
+OTHER_FORMS = (
+    "%d.%m.%Y %H:%M:%S.%f",
+    "%m/%d/%Y %H:%M:%S",
+    "%d-%m-%y %H:%M",
+    "%Y/%m/%d %H:%M:%S",
+    "%d.%m.%Y",
+)
+READ_FORMS = ("%Y-%m-%dT%H:%M:%S.%fZ", "%H:%M:%S")
+
+
 @pytest.mark.parametrize(
-    "form",
-    [
-        "%d.%m.%Y %H:%M:%S.%f",
-        "%m/%d/%Y %H:%M:%S",
-        "%d-%m-%y %H:%M",
-        "%Y/%m/%d %H:%M:%S",
-        "%d.%m.%Y",
-    ],
+    ("form", "row"),
+    [*((form, row) for form in OTHER_FORMS for row in (0, 3)), *((form, 3) for form in READ_FORMS)],
 )
 def test_dates_of_another_form_have_the_right_one_named(
     tmp_path: Path, form: str, row: int
@@ -143,7 +146,15 @@ def test_dates_of_another_form_have_the_right_one_named(
     times = [*plain[:row], *stamps(form)[row:]]
     message = complaint(tmp_path, log=DATED, data=rows(times))
     assert f"row {row + 2}, column 'stamp': '{times[row]}' is not a number" in message
-    assert message.endswith("; write dates as 2024-05-01T12:00:00")
+    mixed = "; the rows before are numbers: write all as dates or all as numbers"
+    assert message.endswith(mixed if row else "; write dates as 2024-05-01T12:00:00")
+
+
+def test_a_date_in_a_column_of_readings_is_no_matter_of_its_form(tmp_path: Path) -> None:
+    table = [*TABLE[:3], (*TABLE[3][:2], "2024-05-01"), *TABLE[4:]]
+    message = complaint(tmp_path, data=text_of(table))
+    assert "row 5, column 'angle_deg': '2024-05-01' is not a number" in message
+    assert message.endswith("; correct it or remove the row")
 
 
 def test_numbers_that_are_no_dates_are_to_be_corrected(tmp_path: Path) -> None:

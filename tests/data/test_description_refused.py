@@ -173,17 +173,11 @@ def test_a_row_of_units_is_told(tmp_path: Path, units: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "said"),
-    [
-        ("{}", ["start: empty", "no shaft", '"rest"']),
-        ("{ angel = 1 }", ["start.angel", "did you mean 'angle'"]),
-        ('{ angle = "3 V" }', ["start.angle", "does not convert"]),
-        ('{ angle = "3 deg" }', ["start: actuator 'joint' has no shaft"]),
-        ('"fit"', ["start: actuator 'joint' has no shaft"]),
-    ],
+    "start",
+    ["{}", "{ angel = 1 }", '{ angle = "3 V" }', '{ angle = "3 deg" }', '"fit"'],
 )
-def test_a_wrong_key_of_a_start_is_told_before_that_there_is_no_shaft(
-    tmp_path: Path, start: str, said: list[str]
+def test_a_start_of_a_plant_without_a_shaft_gets_no_advice_that_does_not_help(
+    tmp_path: Path, start: str
 ) -> None:
     (tmp_path / "joint.py").write_text(SOURCE)
     times = np.arange(40) / 100
@@ -195,8 +189,9 @@ def test_a_wrong_key_of_a_start_is_told_before_that_there_is_no_shaft(
     )
     with pytest.raises(UserError) as error:
         read_description(tmp_path / "joint.toml")
-    for words in said:
-        assert words in str(error.value)
+    assert "logs[1].start: actuator 'joint' has no shaft" in str(error.value)
+    assert 'write "rest" or "settled", or leave it out' in str(error.value)
+    assert "did you mean" not in str(error.value)
 
 
 def test_a_name_that_is_like_no_other_gets_all_there_are() -> None:

@@ -48,6 +48,18 @@ def test_a_folder_asks_for_init_of_a_log_in_it(run: Run, csv: Path, more: tuple[
     assert "is a folder without a log" in err
 
 
+def test_a_description_that_is_there_is_named_before_another_is_begun(run: Run, csv: Path) -> None:
+    (csv.parent / "a.toml").write_text('actuator = "sg90"\n[parameters]\n')
+    (csv.parent / "b.toml").write_text("= no TOML")
+    for given in (csv.parent, csv):
+        assert f"begin one with 'servo-models check {csv} --init'" in run("check", given)[2]
+    told = described(csv).rename(csv.with_suffix(".toml"))
+    for given in (csv.parent, csv):
+        code, _, err = run("check", given)
+        assert code == 2
+        assert f"no description; there is one: 'servo-models check {told}'" in err
+
+
 def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "records.toml"
     path.write_text('actuator = "torque_motor"\n[[sweeps]]\nfile = "sweep.csv"\n')
@@ -467,6 +479,47 @@ def test_the_actuator_is_one_that_has_a_command_and_a_reading_of_these_words(
     _, first, second = heading.split(",")
     matched = {match.column.key: match.wire.name for match in made.matches}
     assert matched == dict(zip((first, second), signals))
+    target = tmp_path / "log.toml"
+    target.write_text(made.text(tmp_path))
+    assert read_description(target).actuator.name == actuator
+
+
+BATTERY = 7.4 - 0.02 * LATER + 0.01 * np.cos(np.arange(100))
+"""A battery [V] that sags a little under load."""
+
+
+@pytest.mark.parametrize(
+    ("heading", "first", "fourth", "actuator", "command"),
+    [
+        ("t,pwm_us,angle,battery_voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm_us"),
+        ("t,pwm_us,angle_deg,voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm_us"),
+        ("t,pwm_us,angle_deg,voltage", 1500 + 500 * STEP, 12 * LATER, "sg90", "pwm_us"),
+        ("t,pwm,angle_deg,voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm"),
+        ("t,goal_deg,angle_deg,voltage", 60 * STEP, BATTERY, "smart_servo", "goal_deg"),
+        ("t,cmd_deg,angle_deg,voltage", 60 * STEP, 12 * LATER, "smart_servo", "cmd_deg"),
+        ("t,command_rad,position_rad,current", STEP, LATER, "smart_servo", "command_rad"),
+        ("t,voltage,angle,supply", 12 * STEP, BATTERY, "torque_motor", "voltage"),
+        ("t,loop_us,angle,voltage", 900 + 30 * LATER, 12 * STEP, "torque_motor", "voltage"),
+    ],
+)
+def test_a_command_is_told_from_a_battery_and_other_readings(
+    tmp_path: Path,
+    heading: str,
+    first: np.ndarray,
+    fourth: np.ndarray,
+    actuator: str,
+    command: str,
+) -> None:
+    """A unit or a word that only a command has counts as much as the name of another input."""
+    columns = (0.02 * np.arange(100), first, LATER, fourth)
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=heading, comments="")
+    made = draft(path)
+    assert made.actuator.name == actuator
+    matched = {match.column.key: match.wire for match in made.matches}
+    assert matched[command].name == made.main
+    fed = [wire.name for key, wire in matched.items() if key in ("battery_voltage", "supply")]
+    assert all("supply" in name for name in fed)
     target = tmp_path / "log.toml"
     target.write_text(made.text(tmp_path))
     assert read_description(target).actuator.name == actuator

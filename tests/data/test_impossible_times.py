@@ -76,7 +76,9 @@ def test_a_clock_that_jumps(tmp_path: Path, run: Run, command: str, row: int, ju
     assert f"time jumps by {jump:.3g} s" in err
 
 
-ANOTHER_RUN = "the clock starts again, so this row begins another run: move it to its own file"
+ANOTHER_RUN = (
+    "the clock starts again, so from this row on it is another run: put it in a file of its own"
+)
 
 
 @pytest.mark.parametrize(

@@ -55,25 +55,64 @@ def test_a_name_stands_before_that_of_each_file(tmp_path: Path) -> None:
     assert "logs[2].name: a second log '1'" in message
 
 
-def test_runs_of_one_file_are_numbered_however_it_is_named(tmp_path: Path) -> None:
-    recorded(tmp_path, "steps.csv", "free.csv", "left/free.csv")
-    parts = 'window = [0, "80 ms"]', 'window = ["10 ms", "95 ms"]'
-    body = "".join(line + "\n" for line in LOG.splitlines() if not line.startswith("file"))
-    listed = [f'{{ file = "steps.csv", {part} }}' for part in parts]
-    others = ['{ file = "free.csv" }', '{ file = "left/free.csv" }', '{ file = "left/*.csv" }']
-    told = describe(tmp_path, f"{body}repeat = [{', '.join([*listed, others[0]])}]\n")
+LONG = [(100.0 + 5.0 * k, float(k % 3), 0.1 * k) for k in range(60)]
+"""Rows at which three windows of a file do not overlap."""
+PARTS = 'window = [0, "80 ms"]', 'window = ["80 ms", "165 ms"]'
+BODY = "".join(line + "\n" for line in LOG.splitlines() if not line.startswith("file"))
+
+
+def repeated(*runs: str) -> str:
+    return f"{BODY}repeat = [{', '.join(f'{{ {run} }}' for run in runs)}]\n"
+
+
+def test_runs_of_one_file_are_numbered(tmp_path: Path) -> None:
+    recorded(tmp_path, "free.csv", "left/free.csv")
+    (tmp_path / "steps.csv").write_text(text_of(LONG))
+    listed = [f'file = "steps.csv", {part}' for part in PARTS]
+    told = describe(tmp_path, repeated(*listed, 'file = "free.csv"'))
     assert names_of(told) == ["steps 1", "steps 2", "free"]
     assert [len(log.times) for log in told.logs] == [17, 18, 20]
-    assert names_of(describe(tmp_path, f"{body}repeat = [{', '.join(others)}]\n")) == [
-        "free 1",
-        "free 2",
-        "free 3",
-    ]
-    named = [*listed, '{ file = "free.csv", name = "steps 1" }']
-    told = describe(tmp_path, f"{body}repeat = [{', '.join(named)}]\n")
+    told = describe(tmp_path, repeated('file = "free.csv"', 'file = "left/*.csv"'))
+    assert names_of(told) == ["free 1", "free 2"]
+    told = describe(tmp_path, repeated(*listed, 'file = "free.csv", name = "steps 1"'))
     assert names_of(told) == ["steps 2", "steps 3", "steps 1"]
-    led = describe(tmp_path, f'{body}name = "rig"\nrepeat = [{", ".join(listed)}]\n')
+    led = describe(tmp_path, repeated(*listed).replace("repeat", 'name = "rig"\nrepeat'))
     assert names_of(led) == ["rig steps 1", "rig steps 2"]
+
+
+@pytest.mark.parametrize(
+    ("runs", "said"),
+    [
+        (
+            ('file = "d.csv"', 'file = "*.csv"', 'file = "d.csv", name = "d"'),
+            ["logs[1].repeat[2].file", "d.csv' is also in logs[1].repeat[1]", "rows 2 to 61"],
+        ),
+        (('file = "d.csv"', 'file = "./d.csv", name = "e"'), ["is also in logs[1].repeat[1]"]),
+        (('file = "d.csv"', 'file = "d.csv", held_out = true'), ["would count twice"]),
+        (
+            (f'file = "d.csv", {PARTS[0]}', 'file = "d.csv", window = ["10 ms", "99 ms"]'),
+            ["logs[1].repeat[2].window", "rows 4 to 18 would count twice", "do not overlap"],
+        ),
+        (
+            tuple(f'file = "d.csv", name = "x", {part}' for part in PARTS),
+            ["logs[1].repeat[2].name: a second log 'x'"],
+        ),
+    ],
+)
+def test_samples_count_once_and_a_name_is_one_log(
+    tmp_path: Path, runs: tuple[str, ...], said: list[str]
+) -> None:
+    (tmp_path / "d.csv").write_text(text_of(LONG))
+    with pytest.raises(UserError) as refused:
+        describe(tmp_path, repeated(*runs))
+    for words in said:
+        assert words in str(refused.value)
+
+
+def test_other_columns_of_the_same_rows_are_another_run(tmp_path: Path) -> None:
+    twice = 'outputs.angle = { column = "u" }'
+    told = describe(tmp_path, LOG + "repeat = [{}, { " + twice + " }]")
+    assert names_of(told) == ["log 1", "log 2"]
 
 
 def test_a_file_whose_name_looks_like_a_pattern_is_that_file(tmp_path: Path) -> None:
@@ -87,12 +126,12 @@ def test_each_table_of_repeat_replaces_keys_of_the_entry(tmp_path: Path) -> None
         { file = "a.csv" },
         { file = "b.csv", held_out = true, name = "judge" },
         { window = ["0 s", "80 ms"] },
-        { window = ["10 ms", "90 ms"] },
+        { window = ["80 ms", "160 ms"] },
     ]"""
-    told = describe(tmp_path, LOG + runs)
+    told = describe(tmp_path, LOG + runs, data=text_of(LONG))
     assert names_of(told) == ["a", "judge", "log 3", "log 4"]
     assert [bool(log.held_out.all()) for log in told.logs] == [False, True, False, False]
-    assert [log.begin for log in told.logs] == pytest.approx([0.0, 0.0, 0.0, 0.01])
+    assert [log.begin for log in told.logs] == pytest.approx([0.0, 0.0, 0.0, 0.08])
     without = LOG.replace('file = "log.csv"\n', "") + 'repeat = [{ file = "?.csv" }]'
     assert names_of(describe(tmp_path, without)) == ["a", "b"]
 

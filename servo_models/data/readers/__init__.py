@@ -36,7 +36,9 @@ def read_columns(path: Path, table: str | None = None, header: bool | None = Non
     path = Path(path)
     known = _formats()
     if path.suffix.lower() not in known:
-        raise UserError(f"'{path}' is of no known format: its name may end in {suffixes()}")
+        raise UserError(
+            f"'{path}' is of no known format: its name may end in {', '.join(suffixes())}"
+        )
     content = read_regular(path)
     source = Source(path, content, table, header)
     tables = known[path.suffix.lower()].read(source)
@@ -53,9 +55,9 @@ def read_columns(path: Path, table: str | None = None, header: bool | None = Non
     )
 
 
-def suffixes() -> str:
-    """Return the ends of the names of all files that can be read."""
-    return ", ".join(sorted(_formats()))
+def suffixes() -> tuple[str, ...]:
+    """Return the ends of the names of all files that can be read, in lower case."""
+    return tuple(sorted(_formats()))
 
 
 @functools.cache

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
-from servo_models.data.readers.dates import DAY, EXAMPLE, OTHER_DATE, seconds
+from servo_models.data.readers.dates import DAY, EXAMPLE, is_time, seconds
 from servo_models.errors import UserError, did_you_mean
 from servo_models.files import check_size
 
@@ -126,8 +126,10 @@ class Columns:
         name = self.names[self.index(column)]
         return f"{_place(self.path, self.table)}{row_}, column '{name}'"
 
-    def numbers(self, column: str | int, keep: slice = slice(None)) -> Array:
+    def numbers(self, column: str | int, keep: slice = slice(None), times: bool = False) -> Array:
         """Return a column by name or number as finite floats, of the rows ``keep``, shape (n,).
+
+        A cell that is none gets the advice for a column of ``times`` or of another quantity.
 
         Raises:
             UserError: no such column; a cell that is empty, no number or not finite.
@@ -150,19 +152,20 @@ class Columns:
             if cells[row] is None:
                 raise UserError(f"{place} is empty: fill the gap or remove the row")
             if values[row] is None:
-                cure = self._cure(str(cells[row]), row + first)
+                cure = self._cure(str(cells[row]), row + first, numbers=row, times=times)
                 raise UserError(f"{place}: '{cells[row]}' is not a number; {cure}")
             raise UserError(
                 f"{place}: '{cells[row]}' is not finite: give a number or remove the row"
             )
         return values.to_numpy().astype(np.float64)
 
-    def _cure(self, cell: str, row: int) -> str:
-        """What to do about a cell that is no number."""
+    def _cure(self, cell: str, row: int, numbers: int, times: bool) -> str:
+        """What to do about a cell that is no number, after so many ``numbers``."""
         if row == 0 and self._begins_with_words():
             return "the row looks like units: remove it, and give 'unit' in the description"
-        if OTHER_DATE.match(cell):
-            return f"write dates as {EXAMPLE}"
+        if times and is_time(cell):
+            mixed = "the rows before are numbers: write all as dates or all as numbers"
+            return mixed if numbers else f"write dates as {EXAMPLE}"
         return "correct it or remove the row"
 
     def _begins_with_words(self) -> bool:
@@ -224,7 +227,10 @@ class Columns:
         if undated and times[row - 1] - times[row] > 0.5 * DAY:
             cure = f"past midnight a time needs its date, such as '{EXAMPLE[:11]}{after[1:]}"
         elif _are_two_runs(times[:row], times[row:end]):
-            cure = "the clock starts again, so this row begins another run: move it to its own file"
+            cure = (
+                "the clock starts again, so from this row on it is another run: put it in a file of"
+                " its own"
+            )
         place = self.where(column, first + row)
         raise UserError(f"{place}: time runs backward from {before} to {after}; {cure}")
 

@@ -62,6 +62,11 @@ def seconds(cells: pl.Series, where: Callable[[int], str]) -> Array | None:
     return _exact(np.array(_nanoseconds(texts, where), dtype=np.int64))
 
 
+def is_time(text: str) -> bool:
+    """Return whether a text is a date or a time of day, in a form that is read or another one."""
+    return bool(OTHER_DATE.match(text)) or _parts(text) is not None
+
+
 def _bare(text: str | None) -> str:
     return (text or "").strip(' \t"')
 
