@@ -28,8 +28,8 @@ AMPLITUDES = (0.03, 0.1, 0.2, 0.5, 1.0)
 SPEEDS = (0.1, 0.4, 1.0)
 """Edges over the largest value."""
 POSITIONS = 6
-ROUNDING = 1e-12
-"""Share of a range below which an edge is 0."""
+ROUNDING = 1e-6
+"""Share of a range below which an edge is 0: a motion there and back hardly ends where it began."""
 AROUND = 0.1
 """Window around reversals over the time between them."""
 Edge = tuple[str, float, float]
