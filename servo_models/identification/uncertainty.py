@@ -259,7 +259,8 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
         reason = doubt(free, value, error)
         if slope == 0.0:
             said.append(
-                f"'{free.name}' is not excited by these logs: nothing measured depends on it"
+                f"'{free.name}' is not excited by these logs: where the fit ended, nothing measured"
+                " depends on it; begin with another value, or fix it"
             )
         elif reason == FROM_PRIOR:
             unseen.append(f"'{free.name}'")
