@@ -604,7 +604,8 @@ def _check_period(place: str, since: Array, ticks: Array, period: float) -> None
             f"{place}: all stamps are the same and cannot show whether a row comes every"
             f" {period:g} s: give finer stamps"
         )
-    exact = abs(quantum * len(steps) - ticks[-1]) < LOST_QUANTA * quantum
+    every = float(steps.min()) > SAME_TIME  # rounding would have made two stamps of some pair alike
+    exact = every and abs(quantum * len(steps) - ticks[-1]) < LOST_QUANTA * quantum
     off = float(np.ptp(since - ticks))
     if off > quantum * (LOST_QUANTA if exact else ROUNDED_QUANTA):
         raise UserError(

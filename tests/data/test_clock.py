@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from servo_models.core.plant import Plant, Wire
@@ -337,6 +337,8 @@ def stated(stamps: Array, period: float) -> Clock:
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(2e-3, 3.0), st.floats(0.0, 1.0), st.sampled_from([1e-3, 1.0]))
+@example(period=0.9999, phase=0.0, quantum=1.0)
+@example(period=1.0001, phase=0.9999, quantum=1.0)
 def test_a_period_that_is_stated_is_that_of_the_rows(
     period: float, phase: float, quantum: float
 ) -> None:

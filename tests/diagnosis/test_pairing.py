@@ -43,7 +43,7 @@ from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
 
 SHARED = {
-    "drive_saturation": (0.0, 1.6),
+    "drive_saturation": (0.5, 1.6),
     "rate_limit": (0.5, 1.6),
     "cogging": (-10.0, 10.0),
     "coulomb_friction": (0.0, 1.6),

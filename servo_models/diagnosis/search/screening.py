@@ -541,10 +541,14 @@ def likeliest(own: Sequence[Screened]) -> list[Screened]:
 def _at_likely_sizes(
     linear: Linearisation, one: Candidate, count: int = VALUES_BESIDE
 ) -> Candidate:
-    """An effect at the sizes that would leave least from there if changes add up."""
+    """An effect at the sizes that would leave least from there if changes add up.
+
+    A size that does nothing alone, as a wide limit, says nothing of what it does there.
+    """
     if len(one.alone) <= count:
         return one
     left, _ = best_scales(linear, [one] * len(one.alone), one.alone)
+    left = np.where([change.any() for change in one.alone], left, np.inf)
     best = np.argsort(left, kind="stable")[:count]
     return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
 
