@@ -52,6 +52,8 @@ MOST_REPEATS_PER_ROW = 0.2
 """Share of stamps that repeat the one before, above which they are coarser than the clock."""
 ROUNDED_QUANTA = 1.01
 """How far rounded stamps may be about an even clock, in their quanta: one, and its last digits."""
+EXACT_QUANTA = 0.01
+"""Drift of the rows against the stamps, up to which these are the very times."""
 LOST_QUANTA = 0.5
 """The same where a row takes one quantum: a row that is lost, and no rounding, shifts them by 1."""
 SHORTER = ("ms", "us", "ns")
@@ -605,7 +607,7 @@ def _check_period(place: str, since: Array, ticks: Array, period: float) -> None
             f" {period:g} s: give finer stamps"
         )
     every = float(steps.min()) > SAME_TIME  # rounding would have made two stamps of some pair alike
-    exact = every and abs(quantum * len(steps) - ticks[-1]) < LOST_QUANTA * quantum
+    exact = every and abs(quantum * len(steps) - ticks[-1]) < EXACT_QUANTA * quantum
     off = float(np.ptp(since - ticks))
     if off > quantum * (LOST_QUANTA if exact else ROUNDED_QUANTA):
         raise UserError(
