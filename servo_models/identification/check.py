@@ -21,8 +21,7 @@ from servo_models.identification.identifiability import (
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
 from servo_models.identification.simulation import prepared
-from servo_models.identification.starts import with_starts
-from servo_models.identification.stated_starts import false_statements
+from servo_models.identification.starts import false_statements, with_starts
 from servo_models.identification.uncertainty import together
 from servo_models.report.result import Result
 from servo_models.report.sections import Report

@@ -20,7 +20,12 @@ from servo_models.core.types import Array
 from servo_models.data.audit import audits
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
-from servo_models.identification.simulation import Run, begins_elsewhere, prepared
+from servo_models.identification.simulation import (
+    OFF_AT_FIRST,
+    Run,
+    begins_elsewhere,
+    prepared,
+)
 from servo_models.report.numbers import Quantity
 from servo_models.units import factor
 
@@ -47,6 +52,13 @@ STILL = 1e-3
 """Of full scale: a slower shaft stands still, and an angle that moves less does not answer."""
 NOTHING = 1e-6
 """Of full scale: a start that is less is told as 0."""
+WORSE_SQUARES = 4.0
+"""Ratio of squared errors, from the stated start over from the one that the first samples show, at
+which the stated one is wrong.  A poor model leaves much from either."""
+OTHER_ANGLE = 0.05
+"""Of the way of the shaft in the first part of a log: the least by which another start is off."""
+OTHER_RATE = 0.3
+"""The same of its fastest rate; readings that begin to move seem to have one at once."""
 CURE = "state it by 'start' if that is wrong"
 
 
@@ -217,6 +229,87 @@ def _settled(run: Run, shaft: Shaft, command: str, value: float) -> float | None
     return None if moves else float(angle)
 
 
+# What a description states, beside what the first samples show
+
+
+def false_statements(model: Model, logs: Sequence[Log]) -> dict[str, tuple[str, Log]]:
+    """Return what is wrong with stated starts, by the name of the log.
+
+    Args:
+        model: nominal values.
+        logs: measured runs, as their description has them.
+
+    Returns:
+        a sentence with its cure, and the log as its first samples show that it begins.
+    """
+    found = {}
+    for log in logs:
+        if log.assumed or not log.outputs or (log.start is not None and log.start.fitted):
+            continue
+        (shown,) = with_starts(model, [replace(log, start=None, assumed=True, notes=())])
+        if shown.start == log.start and shown.settle == log.settle:
+            continue
+        stated, likely = _first_part(model, log), _first_part(model, shown)
+        worse = _is_worse(log, stated, likely, model.plant.outputs)
+        if worse and _is_another(model, stated[0], shown, likely):
+            found[log.name] = _sentence(model, log, shown), shown
+    return found
+
+
+def _first_part(model: Model, log: Log) -> Array:
+    """All outputs [SI] in the first part of a log, shape (n, outputs); NaN where there are none."""
+    early = int(np.searchsorted(log.times, model.stop_time, side="right"))
+    try:
+        return prepared(model, log).simulate({})[:early]
+    except UserError:
+        return np.full((early, len(model.plant.outputs)), np.nan)
+
+
+def _is_worse(log: Log, stated: Array, likely: Array, outputs: Sequence[str]) -> bool:
+    """Whether readings contradict the one start, and far less the other."""
+    for name, measured in log.outputs.items():
+        reach = float(np.ptp(measured)) or 1.0
+        now, then = (
+            float(np.mean(((it[:, outputs.index(name)] - measured[: len(it)]) / reach) ** 2))
+            for it in (stated, likely)
+        )
+        if not now <= max(OFF_AT_FIRST**2, WORSE_SQUARES * then):  # NaN is worse than all
+            return True
+    return False
+
+
+def _is_another(model: Model, first: Array, shown: Log, likely: Array) -> bool:
+    """Whether the shaft is elsewhere, or turns otherwise, in a first row than readings show."""
+    shaft, outputs = model.shaft, model.plant.outputs
+    seen = shown.start.shaft if shown.start else {}
+    angle = shaft.angle if shaft else outputs[0]
+    angles = likely[:, outputs.index(angle)]
+    off = abs(first[outputs.index(angle)] - seen.get(angle, angles[0]))
+    is_near = bool(off <= OTHER_ANGLE * float(np.ptp(angles)))  # never of NaN
+    if shaft is None or not is_near:
+        return not is_near
+    rates = likely[:, outputs.index(shaft.rate)]
+    off = abs(first[outputs.index(shaft.rate)] - seen.get(shaft.rate, rates[0]))
+    return not off <= OTHER_RATE * float(np.abs(rates).max())
+
+
+def _sentence(model: Model, log: Log, shown: Log) -> str:
+    wires = model.plant.wire
+    told = _plainly(log)
+    if log.start:
+        told = f"is at {_listed(log.start.shaft, wires)} by its 'start'"
+    if not shown.start:
+        seen = f"that it {_plainly(shown)}"
+    elif shown.start.before:
+        seen = f"that about {_listed(shown.start.before, wires)} had been held before"
+    else:
+        seen = f"about {_listed(shown.start.shaft, wires)}"
+    return (
+        f"log '{log.name}' begins in another state than the model, which {told}: its first samples"
+        f" show {seen}; correct 'start', or leave it out"
+    )
+
+
 # Words
 
 
@@ -224,21 +317,24 @@ def _words(model: Model, log: Log, asked: bool) -> str:
     """How a log was found to begin; that it may be wrong, unless it was ``asked`` for."""
     wires, cure = model.plant.wire, "" if asked else f"; {CURE}"
     if log.start is None:
-        found = "is settled at its first row" if log.settle else "begins at rest"
-        return f"its first samples show that it {found}{cure}"
+        return f"its first samples show that it {_plainly(log)}{cure}"
     if log.start.before:
-        held = listed(log.start.before, wires)
+        held = _listed(log.start.before, wires)
         begins = f"as the command steps: about {held} had been held before"
     else:
-        begins = f"at about {listed(log.start.shaft, wires)}"
+        begins = f"at about {_listed(log.start.shaft, wires)}"
     return (
         f"its first samples and the nominal parameters together say that it begins {begins}, which"
         f" every fit estimates{cure}"
     )
 
 
-def listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
-    """Return values [SI] of signals, each in the unit that a person reads."""
+def _plainly(log: Log) -> str:
+    """How a log without a start begins."""
+    return "is settled at its first row" if log.settle else "begins at rest"
+
+
+def _listed(values: Mapping[str, float], wires: Mapping[str, Wire]) -> str:
     return " and ".join(_read(value, wires[name]) for name, value in values.items())
 
 

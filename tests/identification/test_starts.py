@@ -18,8 +18,7 @@ from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.simulation import prepared
-from servo_models.identification.starts import with_starts
-from servo_models.identification.stated_starts import false_statements
+from servo_models.identification.starts import false_statements, with_starts
 from servo_models.identification.transfer.measurements import check_signals
 from tests.conftest import Run
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig

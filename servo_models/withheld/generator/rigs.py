@@ -353,6 +353,8 @@ BUS_FAST, BUS_SLOW = bus_poles()
 LOOP_FAST, LOOP_SLOW = loop_poles()
 DEGREE = math.pi / 180.0
 WOUND_VOLTS, FREE_AMPERES = 24.0, 1.0
+FREE_READINGS = ((Signal("encoder_angle", "rad", 1.0), 2), (Signal("current", "A", 1.0), 1))
+"""Of a motor that nothing holds: the encoder is judged, the current may be logged as well."""
 SWING = 60.0 * DEGREE * GEARBOX * WOUND["torque_constant"] / WOUND_VOLTS
 """In which the full voltage turns the output by 60 degrees [s]."""
 SPIN = math.sqrt(
@@ -515,10 +517,7 @@ RIGS = (
         amplitude=(0.5 * WOUND_VOLTS, WOUND_VOLTS),
         load=(0.5, 3.0),
         strength=lambda true: GEARBOX * true["torque_constant"] * WOUND_VOLTS / true["resistance"],
-        readings=(
-            (Signal("encoder_angle", "rad", 1.0), 2),
-            (Signal("current", "A", 1.0), 1),
-        ),
+        readings=FREE_READINGS,
         fastest=1.0 / wound_pole(),
         slowest=SWING,
         step=LOOP_STEP,
@@ -540,10 +539,7 @@ RIGS = (
         amplitude=(FREE_AMPERES, 3.0 * FREE_AMPERES),
         load=(2e-3, 0.01),
         strength=lambda true: true["torque_constant"] * FREE_AMPERES,
-        readings=(
-            (Signal("encoder_angle", "rad", 1.0), 2),
-            (Signal("current", "A", 1.0), 1),
-        ),
+        readings=FREE_READINGS,
         fastest=SPIN,
         slowest=SPIN,
         step=LOOP_STEP,
