@@ -166,7 +166,8 @@ def c_run_text(text: str) -> str:
         "    const double *restrict v__p, double *restrict v__x, Whole v__rows,",
         "    const double *restrict v__times,",
         f"    const double (*restrict v__inputs)[{_columns(run, '_inputs')}],",
-        f"    double (*restrict v__out)[{_columns(run, '_out')}], Whole *restrict v__at)",
+        f"    double (*restrict v__out)[{_columns(run, '_out')}], double v__most,",
+        "    Whole *restrict v__at)",
         *_whole(_AsNumba(_Kinds(run.body, calls=_WHOLE_CALLS), {}, {}), run.body),
     ]
     return "\n".join([*lines, ""])

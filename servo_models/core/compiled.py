@@ -18,6 +18,7 @@ import functools
 import hashlib
 import sys
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -31,7 +32,8 @@ from servo_models.errors import UserError
 from servo_models.files import cached
 
 Run = Callable[..., tuple[int, int]]
-"""``run`` as ``stepper.run_text`` says.  It takes arrays of float64 in C order and no other."""
+"""``run`` as ``stepper.run_text`` says, with no end of sub-steps unless ``most`` are given.  It takes
+arrays of float64 in C order and no other."""
 
 FAST = ("-fno-math-errno", "-fno-trapping-math")
 """Flags that change no bit: nobody reads ``errno`` and the flags of the processor."""
@@ -48,7 +50,7 @@ def array(dimensions, readonly=False):
 '''
 _TAIL = """
 
-SIGNATURE = (array(1, True), array(1), array(1, True), array(2, True), array(2))
+SIGNATURE = (array(1, True), array(1), array(1, True), array(2, True), array(2), types.float64)
 run = njit([SIGNATURE], cache=True, nogil=True, error_model="numpy")(run)
 """
 
@@ -84,14 +86,17 @@ def run_in_c(text: str) -> Run:
         (*FAST, *flags),
     )
     function = ctypes.CDLL(str(library)).run
-    count, pointer = ctypes.c_longlong, ctypes.c_void_p
-    function.argtypes = [pointer, pointer, count, pointer, pointer, pointer, pointer]
+    count, pointer, number = ctypes.c_longlong, ctypes.c_void_p, ctypes.c_double
+    function.argtypes = [pointer, pointer, count, pointer, pointer, pointer, number, pointer]
 
-    def run(p: Array, x: Array, times: Array, inputs: Array, out: Array) -> tuple[int, int]:
+    def run(
+        p: Array, x: Array, times: Array, inputs: Array, out: Array, most: float = inf
+    ) -> tuple[int, int]:
         row = count()
         code = function(
             *(_address(p, 1), _address(x, 1, changed=True), len(times)),
             *(_address(times, 1), _address(inputs, 2), _address(out, 2, changed=True)),
+            most,
             ctypes.addressof(row),
         )
         return code, row.value
@@ -119,8 +124,14 @@ def run_by_numba(text: str) -> Run:
         (folder / _FILE).write_bytes(source.encode())
         _executed(folder / _FILE, source, name)
 
-    module = _executed(cached(name, make) / _FILE, source, name)
-    run: Run = module.run
+    jitted = _executed(cached(name, make) / _FILE, source, name).run
+
+    def run(
+        p: Array, x: Array, times: Array, inputs: Array, out: Array, most: float = inf
+    ) -> tuple[int, int]:
+        code, row = jitted(p, x, times, inputs, out, most)
+        return int(code), int(row)
+
     return run
 
 

@@ -100,6 +100,11 @@ class Flat:
         """Code of a run that would need shorter sub-steps than it may have."""
         return 1 + len(self.states) + len(self.outputs)
 
+    @property
+    def too_long(self) -> int:
+        """Code of a run that would take more sub-steps than it may."""
+        return self.too_fast + 1
+
 
 def neutral_effects(flat: Flat, values: Sequence[float]) -> set[str]:
     """Return the names of the effects whose switches are all 0 in ``values``."""
@@ -123,6 +128,8 @@ def trouble(flat: Flat, code: int, x: Sequence[float] = (0.0,)) -> str:
             f"the parameters make '{flat.name}' too fast for its internal step: {needed}; give that"
             " if its bounds allow, or slower parameters"
         )
+    if code == flat.too_long:
+        return f"the parameters make '{flat.name}' so stiff that it takes more sub-steps than allowed"
     names = [f"state '{name}'" for name, _, _ in flat.states]
     names += [f"output '{name}'" for name in flat.outputs]
     return f"{names[code - 1]} is not finite; a parameter or the internal step is too large"

@@ -200,8 +200,14 @@ class Printer:
             *(["_fine = _size"] if self.states else []),
             *(["_reach = _size", "_until = _t"] if self.modes else []),
             "while True:",
-            *indent(self.sub_step(unrolled, row)),
+            *indent([*self.limited(row), *self.sub_step(unrolled, row)]),
         ]
+
+    def limited(self, row: str) -> list[str]:
+        """End a run, which has a ``row``, after so many sub-steps; those thrown away count too."""
+        if row == "None":
+            return []
+        return ["_spent += 1.0", "if _spent > _most:", f"    return {self.flat.too_long}, {row}"]
 
     def sub_step(self, unrolled: bool, row: str) -> list[str]:
         held = [f"{name} = {kept('in', name)}" for name in self.flat.inputs]

@@ -201,12 +201,14 @@ class Model:
         except UserError as error:
             raise UserError(f"{error}{self._responsible(begin, times, inputs)}") from None
 
-    def from_rest(self, vector: Array, times: Array, inputs: Array) -> Array:
+    def from_rest(
+        self, vector: Array, times: Array, inputs: Array, most: float = math.inf
+    ) -> Array:
         """Return ``run`` from rest with another parameter vector [SI], in the order of ``values``.
 
         Hundreds of simulations share an experiment, which has to have passed ``check_grid``.
         """
-        return self.ran(vector, self.at_rest(vector), times, inputs)
+        return self.ran(vector, self.at_rest(vector), times, inputs, most)
 
     @cached_property
     def shaft(self) -> Shaft | None:
@@ -233,13 +235,24 @@ class Model:
         row = self.ran(vector, state, np.zeros(1), rest)[0]
         return float(row[self.plant.outputs.index(output)])
 
-    def ran(self, vector: Array, state: Array, times: Array, inputs: Array) -> Array:
-        """Return ``run`` with another parameter vector [SI]; ``state`` is advanced in place."""
+    def ran(
+        self,
+        vector: Array,
+        state: Array,
+        times: Array,
+        inputs: Array,
+        most: float = math.inf,
+    ) -> Array:
+        """Return ``run`` with another parameter vector [SI]; ``state`` is advanced in place.
+
+        Raises:
+            UserError: see ``run``; also a run of more than ``most`` sub-steps.
+        """
         out = np.empty((len(times), len(self.plant.outputs)))
         run = _compiled(self.plant, self.actuator.name)
         given = (np.ascontiguousarray(it, dtype=float) for it in (vector, times, inputs))
         parameters, grid, columns = given
-        code, row = run(parameters, state, grid, columns, out)
+        code, row = run(parameters, state, grid, columns, out, most)
         if code:
             raise UserError(f"{trouble(self.flat, code, state.tolist())}, at t = {times[row]:g} s")
         return out

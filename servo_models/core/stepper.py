@@ -52,13 +52,14 @@ HEAD = (
 
 
 def run_text(flat: Flat) -> str:
-    """Print ``run(p, x, times, inputs, out) -> (code, row)``, all effects compiled in.
+    """Print ``run(p, x, times, inputs, out, most) -> (code, row)``, all effects compiled in.
 
     ``p`` are the parameters, ``x`` the state (updated), ``times`` the communication
     points, ``inputs[row]`` is held from ``times[row]`` on, ``out[row]`` receives the
-    outputs at ``times[row]``.  Code 0 is success; 1 + i says that x[i] is not finite, or
+    outputs at ``times[row]``, ``most`` sub-steps are made.  Code 0 is success; 1 + i says that x[i] is not finite, or
     past the states an output; ``flat.too_fast`` that the shortest sub-step is too long, and
-    x[0] which internal step would do, 0 for none; -1 - k that fault k was raised, at ``row``;
+    x[0] which internal step would do, 0 for none; ``flat.too_long`` that ``most`` are not enough;
+    -1 - k that fault k was raised, at ``row``;
     ``x`` is of no use then.
     """
     text = Printer(flat, dropped=set(), guarded=True)
@@ -75,12 +76,13 @@ def run_text(flat: Flat) -> str:
         f"_ahead = _np.zeros({len(flat.memory)})",
         *text.unpack(),
         *text.load(),
+        "_spent = 0.0",
         "for _row in _range(0, _len(_times)):",
         *indent(text.placed(rows)),
         *text.store(),
         "return 0, _len(_times)",
     ]
-    head = ["import numpy as _np", *HEAD, "def run(_p, _x, _times, _inputs, _out):"]
+    head = ["import numpy as _np", *HEAD, "def run(_p, _x, _times, _inputs, _out, _most):"]
     return "\n".join([*head, *indent(body), ""])
 
 

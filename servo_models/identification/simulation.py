@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -40,6 +41,10 @@ START_DIFFERENCE = 1e-4
 START_PRIOR = 1e-3
 """Weight of a full scale beside an error of the whole range of an output."""
 STEP = "internal_step"
+MOST_SUBSTEPS_OVER_USUAL = 8.0
+"""Sub-steps of a run in a search, over those of the internal step that suits its effects: a trial
+value so stiff that it takes more acts as none at all does, and would cost as much as hundreds of
+others."""
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
 
@@ -65,6 +70,7 @@ class Run:
     columns: tuple[int, ...]
     steps: Steps | None = None
     _chosen: dict[tuple[str, ...], float] = field(default_factory=dict, init=False, repr=False)
+    _usual: dict[float, float] = field(default_factory=dict, init=False, repr=False)
 
     def outputs(self, values: Mapping[str, float]) -> Array:
         """Measured outputs simulated with these parameters, shape (n, outputs of the log)."""
@@ -117,6 +123,16 @@ class Run:
         except UserError:
             return []
         return [f"log '{self.log.name}': {text}" for text in noticed(flat, state.tolist()).values()]
+
+    def most_substeps(self, vector: Array) -> float:
+        """Sub-steps that a run with a parameter vector may take: no end without ``steps``."""
+        if self.steps is None:
+            return math.inf
+        step = float(vector[self._places[STEP]])
+        if step not in self._usual:
+            usual = np.maximum(np.ceil(np.diff(self.times) / step), 1.0)
+            self._usual[step] = MOST_SUBSTEPS_OVER_USUAL * float(np.sum(usual))
+        return self._usual[step]
 
     def _vector(self, values: Mapping[str, float]) -> Array:
         """The parameter vector [SI] of a simulation with these values."""
@@ -200,7 +216,7 @@ def _simulated(run: Run, vector: Array) -> Array:
     found = (
         run.beginning.simulate(vector)
         if run.beginning
-        else run.model.from_rest(vector, run.times, run.inputs)
+        else run.model.from_rest(vector, run.times, run.inputs, run.most_substeps(vector))
     )
     found.flags.writeable = False
     return found
@@ -304,8 +320,8 @@ class Beginning:
             run.model.ran(vector, state, run.times[:2], np.array([held, held]))
         if run.model.shaft:
             run.model.shaft.place(state, values)
-        part = slice(len(run.times) - len(run.log.times), None)
-        found = run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows])
+        part, most = slice(len(run.times) - len(run.log.times), None), run.most_substeps(vector)
+        found = run.model.ran(vector, state, run.times[part][:rows], run.inputs[part][:rows], most)
         return found, state
 
     @cached_property
