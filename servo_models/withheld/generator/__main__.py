@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from servo_models.withheld.generator.cases import TIERS
+from servo_models.withheld.generator.cases import CLEAN, TIERS
 from servo_models.withheld.generator.files import generate
 
 
@@ -20,7 +20,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", type=int, required=True)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--tiers", default=",".join(TIERS))
+    parser.add_argument("--tiers", default=",".join(CLEAN))
     given = parser.parse_args()
     tiers = given.tiers.split(",")
     unknown = [tier for tier in tiers if tier not in TIERS]
