@@ -236,7 +236,8 @@ def by_actuator(cases: Sequence[Case]) -> Iterator[str]:
     actuators = sorted({case.actuator for case in cases})
     yield "## Each actuator alone\n"
     yield f"| tier | figure | bar | {' | '.join(actuators)} |\n|{'---|' * (3 + len(actuators))}"
-    for tier, bars in BARS.items():
+    known = {case.tier for case in cases}
+    for tier, bars in ((tier, bars) for tier, bars in BARS.items() if tier in known):
         for define in (it for it in FIGURES if it.__name__ in bars):
             own = [
                 define([c for c in cases if (c.tier, c.actuator) == (tier, a)]) for a in actuators

@@ -1,7 +1,8 @@
-"""python -m servo_models.withheld.generator FOLDER --cases N --seed S [--tiers easy,hard,poor]
+"""python -m servo_models.withheld.generator FOLDER --cases N --seed S [--tiers easy,rough]
 
 Writes the cases and prints the seal of their answers; progress goes to the standard error, one
-line "done/all" a case.  Exit 0 done, 2 could not run.
+line "done/all" a case.  The tiers are easy, hard and poor, or those that are named, rough among
+them.  Exit 0 done, 2 could not run.
 """
 
 from __future__ import annotations

@@ -153,7 +153,6 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     logs = tuple(_measured(log, noises, hard, quantum, rng) for log in noise_free)
     if GLITCHES in faults:
         logs = tuple(with_glitches(log, float(experiment.ranges[0]), rng) for log in logs)
-    rows = [plan.logged for plan in experiment.plans]
     return Case(
         tier,
         kind,
@@ -165,7 +164,7 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
         quantum,
         noise_free,
         logs,
-        tuple(arrivals(own, rng) if ARRIVAL in faults else own.astype(float) for own in rows),
+        tuple(_stamps(plan, faults, rng) for plan in experiment.plans),
         faults,
         command_step,
     )
@@ -179,7 +178,8 @@ def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
         command: SI, one value per row, shape (n,); it is played as its log can print it.
         rng: of the noise.
 
-    Its load is that of the last log, again from the beginning where that is over.  It has no faults.
+    Its load is that of the last log, again from the beginning where that is over.  Its
+    recording has no faults.
     """
     before = case.experiment
     plan = _plan(before.rig, before.plans[0].stride, command - before.rig.rest)
@@ -195,7 +195,7 @@ def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
         experiment=replace(before, plans=(*before.plans, plan)),
         noise_free=(*case.noise_free, noise_free),
         logs=(*case.logs, log),
-        stamps=(*case.stamps, plan.logged.astype(float)),
+        stamps=(*case.stamps, _stamps(plan, (), rng)),
     )
 
 
@@ -238,6 +238,11 @@ def draw_experiment(
     if faults:
         plans = tuple(logged(plan, faults, rng) for plan in plans)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
+
+
+def _stamps(plan: Plan, faults: tuple[str, ...], rng: np.random.Generator) -> Array:
+    """Time stamps of the logged rows, in periods of the plan."""
+    return arrivals(plan.logged, rng) if ARRIVAL in faults else plan.logged.astype(float)
 
 
 def _far(rng: np.random.Generator) -> float:
