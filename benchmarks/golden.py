@@ -37,6 +37,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import chdir
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -203,9 +204,14 @@ def _texts(diagnosis: Any, description: Path) -> dict[str, str]:
     from servo_models.identification.check import check
     from servo_models.report.terminal import text
 
-    checked = check(description, jobs=1)
-    results = {"diagnose": diagnosis, "check": checked, "identify": identified(description)}
-    return {name: text(result.report()) for name, result in results.items()}
+    with chdir(description.parent):  # a report names the path that it was given
+        file = Path(description.name)
+        results = {
+            "diagnose": diagnosis,
+            "check": check(file, jobs=1),
+            "identify": identified(file),
+        }
+        return {name: text(result.report()) for name, result in results.items()}
 
 
 # Jobs
