@@ -2,7 +2,7 @@
 
     python benchmarks/golden.py --quick                      # 20 withheld logs and some examples
     python benchmarks/golden.py                              # all but the real logs
-    python benchmarks/golden.py --real --only real_logs      # those, which take half an hour
+    python benchmarks/golden.py --real --only real_logs      # those alone; some take 20 minutes
     python benchmarks/golden.py --relative 1e-6              # where a library has replaced ours
     python benchmarks/golden.py --compare verdicts           # where answers may change
     python benchmarks/golden.py --write                      # after a change that is meant
@@ -189,14 +189,17 @@ def answered(job: Job) -> Row:
     begin = time.process_time()
     with warnings.catch_warnings(), patch.object(Model, "ran", counted):
         warnings.simplefilter("ignore")
+        result = None
         try:
             result = job.find(job.source)
             answer = figures_of(result)
         except UserError:
             answer = {"verdict": FAILED, "named": [], "set": []}
-        row = {"case": job.name, "answer": answer, "texts": {}, "simulations": simulations}
+        row: Row = {"case": job.name, "answer": answer, "texts": {}, "simulations": simulations}
         row["seconds"] = round(time.process_time() - begin, 3)
-        return {**row, "texts": _texts(result, job.source)} if job.reported else row
+        if job.reported and result is not None:
+            row["texts"] = _texts(result, job.source)
+    return row
 
 
 def _texts(diagnosis: Any, description: Path) -> dict[str, str]:

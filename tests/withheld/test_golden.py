@@ -15,6 +15,8 @@ from benchmarks.golden import (
     GOLDEN,
     QUICK,
     REPORTED,
+    Job,
+    answered,
     change,
     changed_verdict,
     check_inputs,
@@ -64,6 +66,17 @@ def test_an_input_that_was_changed_is_refused_by_name(tmp_path: Path) -> None:
     log.write_bytes(log.read_bytes() + b"\n")
     with pytest.raises(UserError, match=f"{log.name}' is not the input"):
         check_inputs(jobs, STORED)
+
+
+def refused(path: Path) -> Any:
+    raise UserError(f"'{path}' is refused")
+
+
+def test_a_diagnosis_that_is_refused_is_a_wrong_answer(tmp_path: Path) -> None:
+    row = answered(Job("withheld/0007", refused, tmp_path, {}, reported=True))
+    assert row["answer"] == {"verdict": "failed", "named": [], "set": []}
+    assert not right(TRUTH, row["answer"])
+    assert not right({**TRUTH, "kind": "nothing", "effects": [], "hidden": []}, row["answer"])
 
 
 TRUTH = {
