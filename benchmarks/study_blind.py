@@ -66,8 +66,8 @@ the noise follows from it:
 | rough | 5 to 20 | white, 1 floor | 20 or more, before faults | steps, triangles, chirp |
 
 The recording of a *rough* case has one or two faults: uneven rows, dropped rows, a command and a
-judged reading in coarse steps, rows stamped as they arrive, single wild readings, a constant that is
-2 to 4 standard deviations from its nominal value (`servo_models/withheld/generator/faults.py`).
+judged reading in coarse steps, rows stamped as they arrive, single wild readings, a constant that
+is 2 to 4 standard deviations from its nominal value (`servo_models/withheld/generator/faults.py`).
 
 On the hard tier a single cause, of the catalogue or not, comes with a *hidden* effect of 30 % of
 its gap. A cause is *separated* from its best rival where the two, both fitted to the log without
