@@ -36,7 +36,7 @@ from scipy.stats import binomtest
 
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS
-from servo_models.withheld.generator.cases import TIERS, Case, another_command, draw_case, with_log
+from servo_models.withheld.generator.cases import CLEAN, Case, another_command, draw_case, with_log
 from servo_models.withheld.generator.files import write_case
 from servo_models.withheld.score import share
 
@@ -48,7 +48,7 @@ Row = dict[str, Any]
 
 def examined(seed: int, number: int) -> Row:
     """What the first log of a rig and either second one lead to."""
-    case = draw_case(seed, number, TIERS[number % len(TIERS)])
+    case = draw_case(seed, number, CLEAN[number % len(CLEAN)])
     row: Row = {
         "number": number,
         "tier": case.tier,
@@ -130,7 +130,7 @@ def table(found: Sequence[Row]) -> str:
         " | control | asked alone, control alone | McNemar p | truth no candidate"
         " | asked, where the command is expected to leave the truth alone"
     ]
-    for tier in ("all", *TIERS):
+    for tier in ("all", *CLEAN):
         here = [row for row in found if tier in ("all", row["tier"])]
         cases = [row for row in here if ASKED in row]
         open_ = [row for row in here if "planned" in row]

@@ -17,7 +17,7 @@ def blind(
         Path | None, typer.Option(metavar="FILE", help="Write every figure and case (.json).")
     ] = None,
     tiers: Annotated[
-        str, typer.Option(metavar="TIER,TIER", help="Tiers to draw from: easy, hard, poor.")
+        str, typer.Option(metavar="TIER,TIER", help="Tiers to draw from: easy, hard, poor, rough.")
     ] = "easy,hard,poor",
     folder: Annotated[
         Path | None,

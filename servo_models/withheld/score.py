@@ -192,6 +192,14 @@ def false_causes(cases: Cases) -> Figure:
     return share(verdict not in (NO_GAP, PARAMETERS) for verdict in found)
 
 
+def good(case: Case) -> bool:
+    """Return whether the answer to a case is the truth."""
+    if case.kind == NOTHING:
+        return not false_causes([case]).value
+    outside = case.said.verdict == OUTSIDE
+    return outside if case.kind == "foreign" else case.right and not outside
+
+
 def foreign_recall(cases: Cases) -> Figure:
     """A cause outside the catalogue, separated: the verdict is ``outside-catalogue``."""
     return share(

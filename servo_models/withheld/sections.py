@@ -6,19 +6,17 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.report.numbers import Quantity
 from servo_models.report.sections import Card, Cell, Mark, Report, Section, Table
 from servo_models.withheld.run import Check
 from servo_models.withheld.score import (
     FIGURES,
-    NOTHING,
     Case,
     Cases,
     Figure,
     calibration,
     confusion,
-    false_causes,
+    good,
 )
 
 VERSION = 1
@@ -63,6 +61,7 @@ BARS: dict[str, dict[str, Bar]] = {
         **QUICK,
     },
     "poor": {"owns_up": (AT_LEAST, 0.90), **TRUE_TO_WORD, **QUICK},
+    "rough": {**TRUE_TO_WORD, **QUICK},
 }
 COLUMNS = ("figure", "value (95 %)", "cases", "bar", "")
 
@@ -151,21 +150,13 @@ def quantity(figure: Figure) -> Quantity:
 
 def _mistaken(cases: Cases) -> tuple[tuple[Cell, ...], ...]:
     """Truths and other answers, the most frequent first."""
-    wrong = [case for case in cases if not _good(case)]
+    wrong = [case for case in cases if not good(case)]
     found = [
         (truth, answer, count)
         for truth, answers in confusion(wrong).items()
         for answer, count in answers.items()
     ]
     return tuple(sorted(found, key=lambda one: -one[2])[:SHOWN])
-
-
-def _good(case: Case) -> bool:
-    """Whether the answer to a case is the truth."""
-    if case.kind == NOTHING:
-        return not false_causes([case]).value
-    outside = case.said.verdict == OUTSIDE
-    return outside if case.kind == "foreign" else case.right and not outside
 
 
 def _calibration(cases: Cases) -> Section:

@@ -1,7 +1,8 @@
-"""python -m servo_models.withheld.generator FOLDER --cases N --seed S [--tiers easy,hard,poor]
+"""python -m servo_models.withheld.generator FOLDER --cases N --seed S [--tiers easy,rough]
 
 Writes the cases and prints the seal of their answers; progress goes to the standard error, one
-line "done/all" a case.  Exit 0 done, 2 could not run.
+line "done/all" a case.  The tiers are easy, hard and poor, or those that are named, rough among
+them.  Exit 0 done, 2 could not run.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from servo_models.withheld.generator.cases import TIERS
+from servo_models.withheld.generator.cases import CLEAN, TIERS
 from servo_models.withheld.generator.files import generate
 
 
@@ -20,7 +21,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", type=int, required=True)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--tiers", default=",".join(TIERS))
+    parser.add_argument("--tiers", default=",".join(CLEAN))
     given = parser.parse_args()
     tiers = given.tiers.split(",")
     unknown = [tier for tier in tiers if tier not in TIERS]

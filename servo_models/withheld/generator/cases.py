@@ -4,7 +4,8 @@ Tiers.  *easy*: a cause alone makes a gap of 5 to 20 times the noise floor; at l
 fastest time constant; white noise; steps of several sizes, slow triangles and a chirp.  *hard*:
 the main cause as before, a hidden second one with 30 % of its gap (where two are to be named
 the second is no secret, and there is no third), coloured noise 3 times as large, a reading
-quantum, a quarter of the rows.  *poor*: one large step there and back, all else easy.
+quantum, a quarter of the rows.  *poor*: one large step there and back, all else easy.  *rough*:
+easy, with one or two faults of the recording, see ``faults``.
 
 The gap of a cause is the RMS difference that it makes alone, on the true rig, in the judged
 reading; the noise floor follows from it.  Where nothing is wrong the floor follows from a cause
@@ -20,13 +21,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, Drawn, draw
+from servo_models.withheld.generator.faults import (
+    ARRIVAL,
+    COARSE,
+    COMMAND_STEP,
+    FAR,
+    GLITCHES,
+    PRIOR,
+    READING_STEP,
+    arrivals,
+    draw_faults,
+    logged,
+    with_glitches,
+)
 from servo_models.withheld.generator.rigs import RIGS, Rig
 from servo_models.withheld.generator.simulation import Experiment, Plan
 
 Array = NDArray[np.float64]
 
-EASY, HARD, POOR = TIERS = ("easy", "hard", "poor")
-THIN = {EASY: 1, HARD: 4, POOR: 1}
+EASY, HARD, POOR, ROUGH = TIERS = ("easy", "hard", "poor", "rough")
+CLEAN = (EASY, HARD, POOR)
+"""Tiers without faults of the recording: those that are drawn where none is named."""
+THIN = {EASY: 1, HARD: 4, POOR: 1, ROUGH: 1}
 """Samples of which a tier logs one."""
 KINDS = {"nothing": 0.16, "one": 0.25, "two": 0.42, "foreign": 0.17}
 """How often each is drawn: about as many cases of each kind are told apart by their logs, of two
@@ -85,7 +101,11 @@ class Acting:
 
 @dataclass(frozen=True)
 class Case:
-    """All that is true of a case, and its logs with and without noise [SI]."""
+    """All that is true of a case, and its logs with and without noise [SI].
+
+    ``stamps`` are those of the logged rows, in periods of their plan; ``command_step`` is that in
+    which commands are logged [SI], 0 for none.
+    """
 
     tier: str
     kind: str
@@ -97,6 +117,9 @@ class Case:
     quantum: float
     noise_free: tuple[Array, ...]
     logs: tuple[Array, ...] = field(repr=False)
+    stamps: tuple[Array, ...] = field(repr=False)
+    faults: tuple[str, ...] = ()
+    command_step: float = 0.0
 
 
 def draw_case(seed: int, number: int, tier: str) -> Case:
@@ -104,7 +127,8 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     rng = np.random.default_rng([seed, number])
     rig = RIGS[int(rng.integers(len(RIGS)))]
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    experiment = draw_experiment(rig, tier, rng)
+    faults = draw_faults(rng) if tier == ROUGH else ()
+    experiment = draw_experiment(rig, tier, rng, faults)
     known, foreign = CATALOGUE[rig.actuator], FOREIGN[rig.actuator]
     main = _find(experiment, foreign if kind == "foreign" else known, rng)
     acting, hidden = [main], []
@@ -120,9 +144,15 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
     noise_free = experiment.logs(_settings(experiment, *acting, *hidden))
     hard = tier == HARD
     quantum = floor * rng.uniform(1.0, 4.0) if hard else 0.0
+    command_step = 0.0
+    if COARSE in faults:
+        quantum = floor * rng.uniform(*READING_STEP)
+        command_step = float(np.ptp(experiment.plans[0].command)) * rng.uniform(*COMMAND_STEP)
     noise = COLOURED * floor if hard else floor
     noises = noise * experiment.ranges / experiment.ranges[0]
     logs = tuple(_measured(log, noises, hard, quantum, rng) for log in noise_free)
+    if GLITCHES in faults:
+        logs = tuple(with_glitches(log, float(experiment.ranges[0]), rng) for log in logs)
     return Case(
         tier,
         kind,
@@ -134,6 +164,9 @@ def draw_case(seed: int, number: int, tier: str) -> Case:
         quantum,
         noise_free,
         logs,
+        tuple(_stamps(plan, faults, rng) for plan in experiment.plans),
+        faults,
+        command_step,
     )
 
 
@@ -145,7 +178,8 @@ def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
         command: SI, one value per row, shape (n,); it is played as its log can print it.
         rng: of the noise.
 
-    Its load is that of the last log, again from the beginning where that is over.
+    Its load is that of the last log, again from the beginning where that is over.  Its
+    recording has no faults.
     """
     before = case.experiment
     plan = _plan(before.rig, before.plans[0].stride, command - before.rig.rest)
@@ -161,6 +195,7 @@ def with_log(case: Case, command: Array, rng: np.random.Generator) -> Case:
         experiment=replace(before, plans=(*before.plans, plan)),
         noise_free=(*case.noise_free, noise_free),
         logs=(*case.logs, log),
+        stamps=(*case.stamps, _stamps(plan, (), rng)),
     )
 
 
@@ -175,13 +210,17 @@ def another_command(case: Case, rows: int, rng: np.random.Generator) -> Array:
     return command[:rows]
 
 
-def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment:
+def draw_experiment(
+    rig: Rig, tier: str, rng: np.random.Generator, faults: tuple[str, ...] = ()
+) -> Experiment:
     """Draw the true constants of a rig, its load, what it plays and what is logged."""
     true = {}
+    far = str(rng.choice(list(rig.nominal))) if PRIOR in faults else ""
     for name, nominal in rig.nominal.items():
         value = 0.0
         while value < LEAST_VALUE:
-            value = 1.0 + rig.spread[name] * rng.standard_normal()
+            off = rng.standard_normal() if name != far else _far(rng)
+            value = 1.0 + rig.spread[name] * off
         true[name] = value * nominal
         if name == "transport_delay.time":
             true[name] = round(true[name] / rig.step) * rig.step
@@ -196,7 +235,19 @@ def draw_experiment(rig: Rig, tier: str, rng: np.random.Generator) -> Experiment
     plans = _plans(rig, tier, rng)
     if loaded and (rng.random() < VARIED or rig.integrators):
         plans = tuple(replace(it, load=load_profile(rig, len(it.command), rng)) for it in plans)
+    if faults:
+        plans = tuple(logged(plan, faults, rng) for plan in plans)
     return Experiment(rig, true, round(float(load), 6), plans, readings, seed)
+
+
+def _stamps(plan: Plan, faults: tuple[str, ...], rng: np.random.Generator) -> Array:
+    """Time stamps of the logged rows, in periods of the plan."""
+    return arrivals(plan.logged, rng) if ARRIVAL in faults else plan.logged.astype(float)
+
+
+def _far(rng: np.random.Generator) -> float:
+    """A distance from a nominal value, in standard deviations, that its uncertainty belies."""
+    return float(rng.uniform(*FAR) * rng.choice([-1.0, 1.0]))
 
 
 def _plans(rig: Rig, tier: str, rng: np.random.Generator) -> tuple[Plan, ...]:

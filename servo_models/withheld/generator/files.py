@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.withheld.generator.cases import TIERS, Acting, Case, draw_case
+from servo_models.withheld.generator.cases import CLEAN, Acting, Case, draw_case
 from servo_models.withheld.generator.rigs import LOAD, Rig, Signal
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def generate(
     folder: Path,
     cases: int,
     seed: int,
-    tiers: Sequence[str] = TIERS,
+    tiers: Sequence[str] = CLEAN,
     progress: Callable[[int, int], None] | None = None,
 ) -> str:
     """Write cases into a new folder, whole or not at all, and return the seal of their answers.
@@ -90,6 +90,7 @@ def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
         "floor": case.floor,
         "noise": case.noise,
         "quantum": case.quantum,
+        **({"faults": list(case.faults)} if case.faults else {}),
         "noise_free": [f"truth/{name}/{log}" for log in logs],
         "files": {path: hashlib.sha256(c).hexdigest() for path, c in written.items()},
     }
@@ -141,12 +142,16 @@ def _csv(case: Case, number: int, log: Array, digits: int) -> bytes:
     e = case.experiment
     plan = e.plans[number]
     signals = _signals(case)
-    time = 1e3 * e.rig.step * plan.stride * np.arange(len(log))
-    columns = [time, plan.command / e.rig.command.unit_size]
+    time = 1e3 * e.rig.step * plan.stride * case.stamps[number]
+    command = plan.command[plan.logged]
+    if case.command_step:
+        codes = np.round((command - e.rig.rest) / case.command_step)
+        command = e.rig.rest + case.command_step * codes
+    columns = [time, command / e.rig.command.unit_size]
     formats = ["%.7g", f"%.{e.rig.command.digits}f"]
     names = ["time_ms", e.rig.command.column]
     if e.varied:
-        columns.append(e.load * plan.shares)
+        columns.append(e.load * plan.shares[plan.logged])
         formats.append(f"%.{LOAD.digits}f")
         names.append(LOAD.column)
     for i, signal in enumerate(signals):

@@ -683,11 +683,18 @@ class Plan:
         stride: steps of the simulation per row.
         command: SI, one value per row, shape (n,).
         load: over the load torque of the experiment, shape (n,); None for 1 in all rows.
+        rows: those that are logged, rising; None for all.
     """
 
     stride: int
     command: Array
     load: Array | None = None
+    rows: NDArray[np.int64] | None = None
+
+    @property
+    def logged(self) -> NDArray[np.int64]:
+        """Rows that are logged, shape (m,)."""
+        return np.arange(len(self.command)) if self.rows is None else self.rows
 
     @property
     def shares(self) -> Array:
@@ -735,7 +742,7 @@ class Experiment:
         return self.logs({})
 
     def logs(self, settings: Mapping[str, float]) -> tuple[Array, ...]:
-        """Return noise-free logs [SI], one of shape (rows, readings) per plan."""
+        """Return noise-free logs [SI], one of shape (logged rows, readings) per plan."""
         every = {**self.rig.constants(self.true), **settings}
         unknown = set(every) - {name for stage in STAGES for name in stage._fields}
         if unknown:
@@ -770,7 +777,7 @@ class Experiment:
         seen[:, judged] = read(seen[:, judged].copy(), sensor, step)
         seen[:, DRIVE - ANGLE] *= sensor.drive_unit
         seen[:, FEEDBACK - ANGLE] *= sensor.feedback_unit
-        return seen[before :: plan.stride][:, self.readings]
+        return seen[before :: plan.stride][plan.logged][:, self.readings]
 
 
 def _some(stage: Any, settings: Mapping[str, float]) -> Any:
