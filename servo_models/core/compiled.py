@@ -32,8 +32,8 @@ from servo_models.errors import UserError
 from servo_models.files import cached
 
 Run = Callable[..., tuple[int, int]]
-"""``run`` as ``stepper.run_text`` says, with no end of sub-steps unless ``most`` are given.  It takes
-arrays of float64 in C order and no other."""
+"""``run`` as ``stepper.run_text`` says, of any number of sub-steps unless ``most`` are given.  It
+takes arrays of float64 in C order and no other."""
 
 FAST = ("-fno-math-errno", "-fno-trapping-math")
 """Flags that change no bit: nobody reads ``errno`` and the flags of the processor."""

@@ -129,7 +129,7 @@ def trouble(flat: Flat, code: int, x: Sequence[float] = (0.0,)) -> str:
             " if its bounds allow, or slower parameters"
         )
     if code == flat.too_long:
-        return f"the parameters make '{flat.name}' so stiff that it takes more sub-steps than allowed"
+        return f"the parameters make '{flat.name}' so stiff that it takes too many sub-steps"
     names = [f"state '{name}'" for name, _, _ in flat.states]
     names += [f"output '{name}'" for name in flat.outputs]
     return f"{names[code - 1]} is not finite; a parameter or the internal step is too large"

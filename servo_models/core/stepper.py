@@ -56,11 +56,10 @@ def run_text(flat: Flat) -> str:
 
     ``p`` are the parameters, ``x`` the state (updated), ``times`` the communication
     points, ``inputs[row]`` is held from ``times[row]`` on, ``out[row]`` receives the
-    outputs at ``times[row]``, ``most`` sub-steps are made.  Code 0 is success; 1 + i says that x[i] is not finite, or
-    past the states an output; ``flat.too_fast`` that the shortest sub-step is too long, and
-    x[0] which internal step would do, 0 for none; ``flat.too_long`` that ``most`` are not enough;
-    -1 - k that fault k was raised, at ``row``;
-    ``x`` is of no use then.
+    outputs at ``times[row]``; ``most`` sub-steps may be made.  Code 0 is success; 1 + i says that
+    x[i] is not finite, or past the states an output; ``flat.too_fast`` that the shortest sub-step
+    is too long, and x[0] which internal step would do, 0 for none; ``flat.too_long`` that ``most``
+    are not enough; -1 - k that fault k was raised, at ``row``; ``x`` is of no use then.
     """
     text = Printer(flat, dropped=set(), guarded=True)
     rows = [

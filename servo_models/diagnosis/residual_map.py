@@ -24,14 +24,9 @@ from numpy.typing import NDArray
 from servo_models.core.plant import Plant
 from servo_models.core.types import Array
 from servo_models.diagnosis.held_out import held_out_squares
-from servo_models.diagnosis.search.crossval import (
-    CrossValidation,
-    blocks,
-    consistency,
-    cross_validate,
-)
+from servo_models.diagnosis.search.crossval import Judged, blocks, consistency, cross_validate
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
-from servo_models.diagnosis.search.linearisation import Linearisation, linearised
+from servo_models.diagnosis.search.linearisation import linearised
 from servo_models.effects.residual_map import CURVES, KNOTS
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
@@ -45,8 +40,8 @@ PROBE_IN_FLOORS = 1.0
 LARGEST_PROBE_IN_FULL_SCALES = 0.1
 PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 """On squared second differences, tried in turn, over the mean square of what a knot does."""
-DEPENDENT = 1e-10
-"""Singular value over the largest, below which slopes are alike."""
+DEPENDENT = 1e-12
+"""Share of its square that is added to that of each slope: slopes that are alike share a step."""
 LEVEL_PENALTY = 1e-3
 """Weight of squared first differences, over that of second ones: a curve is level without data."""
 SMALL_PENALTY = 1e-4
@@ -236,9 +231,8 @@ def _explained(basis: Sequence[Array], y: Array, weights: Array) -> tuple[Array,
 def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap | None:
     """Return what a fitted model leaves, as a residual map.
 
-    It is learnt beside the effects that were taken, and beside parameters alone: effects none of
-    which explains all may stand for a part of what is missing.  Of the two, that with the effects
-    is told unless the other one surely leaves less.
+    It is learnt beside the effects that were taken, or else beside parameters alone: effects none
+    of which explains all may stand for a part of what is missing.
 
     Args:
         taken: with the effects that were taken, if any.
@@ -254,10 +248,8 @@ def learn(taken: FittedModel, retuned: FittedModel | None = None) -> ResidualMap
     if any(taken.problem.model.values[f"{name}.{it}"] for it in sizes):
         return None
     beside = [taken] if retuned is None or retuned is taken else [taken, retuned]
-    found = [it for it in (_learnt(base, name, taken) for base in beside) if it is not None]
-    if len(found) > 1 and _better(found[1].fitted.evidence, found[0].fitted.evidence, LEAST_GAIN):
-        return found[1]
-    return found[0] if found else None
+    maps = (_learnt(base, name, taken) for base in beside)
+    return next((learnt for learnt in maps if learnt is not None), None)
 
 
 def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | None:
@@ -268,11 +260,11 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
     sizes = _sizes(base.problem.model.plant, name)
     best, *others = (_OnWire(base, name, size, ranges).chosen() for size in sizes)
     for other in others:  # a motor makes a torque of its drive: of two alike, it is the torque
-        if _better(other.evidence, best.evidence, LEAST_GAIN):
+        if _better(other, best, LEAST_GAIN):
             best = other
     if not best.curves:
         return None
-    fitted = best.wire.fitted(best.curves, best.penalty)
+    fitted = best.wire.fitted(best)
     if not _better(fitted.evidence, taken.evidence, LEAST_CLOSED):
         return None
     if _held_out(fitted) > _held_out(taken):  # such as motion of another kind
@@ -286,7 +278,7 @@ def _held_out(found: FittedModel) -> float:
     return float(np.mean(squares)) if len(squares) else 0.0
 
 
-def _better(one: CrossValidation, other: CrossValidation, least: float) -> bool:
+def _better(one: Judged, other: Judged, least: float) -> bool:
     """Whether unseen errors are smaller by a share of their squares at least, and surely."""
     gain = 1.0 - float(one.losses.sum() / other.losses.sum())
     return gain >= least and consistency(one, other) <= SURE
@@ -369,12 +361,18 @@ class _Penalised(Problem):
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """Curves on one wire, their penalty, and how they hold on unseen blocks by slopes alone."""
+    """Curves on one wire, their penalty, and how they hold on unseen blocks by slopes alone.
+
+    Attributes:
+        losses: squared errors of each block, unseen, shape (blocks,).
+        step: of the parameters and of the knots of these curves, in probes, that slopes promise.
+    """
 
     wire: _OnWire
     curves: tuple[str, ...]
     penalty: float
-    evidence: CrossValidation
+    losses: Array
+    step: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,6 +419,25 @@ class _OnWire:
         found = iter(self.problem.workers.map(lambda it: self.change(self.probe, *it), tasks))
         return {key: np.column_stack([next(found) for _ in range(KNOTS)]) for key in self.ranges}
 
+    @cached_property
+    def blocks(self) -> tuple[Array, Array, Array]:
+        """Products of all slopes and the errors in each block: of slopes, shape (blocks, q, q), of
+        slopes and errors, (blocks, q), and the squared errors, (blocks,)."""
+        n, parts = self.problem.samples, blocks(self.problem)
+        old = self.taken.linearised.slopes[:n].copy()
+        old[:, discontinuous_of(self.problem)] = 0.0
+        slopes, errors = np.hstack([old, *self.slopes.values()]), self.taken.linearised.errors[:n]
+        rows = [np.flatnonzero(parts == k) for k in range(int(parts.max()) + 1)]
+        gram = np.array([slopes[part].T @ slopes[part] for part in rows])
+        towards = np.array([slopes[part].T @ errors[part] for part in rows])
+        return gram, towards, np.bincount(parts, errors**2)
+
+    def columns(self, keys: Sequence[str]) -> list[int]:
+        """Places of the parameters and of the knots of some curves among all slopes."""
+        p = self.taken.linearised.slopes.shape[1]
+        begins = {key: p + i * KNOTS for i, key in enumerate(self.ranges)}
+        return [*range(p), *(begins[key] + k for key in keys for k in range(KNOTS))]
+
     def penalty_rows(self, keys: Sequence[str], penalty: float) -> Array:
         """Rows the squares of which are the penalty on knots in probes, shape (k, KNOTS * n)."""
         unit = np.eye(KNOTS)
@@ -431,65 +448,64 @@ class _OnWire:
                 np.sqrt(SMALL_PENALTY) * unit,
             ]
         )
-        rows = np.zeros((len(shape) * len(keys), KNOTS * len(keys)))
-        for i, key in enumerate(keys):
-            usual = np.sqrt(penalty * np.sum(self.slopes[key] ** 2) / KNOTS)
-            down, across = slice(i * len(shape), None), slice(i * KNOTS, (i + 1) * KNOTS)
-            rows[down][: len(shape), across] = usual * shape
-        return rows
+        usual = [np.sqrt(penalty * np.sum(self.slopes[key] ** 2) / KNOTS) for key in keys]
+        return np.kron(np.diag(usual), shape)
 
-    def linear(self, keys: Sequence[str], penalty: float) -> Linearisation:
-        """The diagnosed model with curves, at the best fit that slopes promise."""
-        old, n = self.taken.linearised, self.problem.samples
-        rows = self.penalty_rows(keys, penalty)
-        p, priors = old.slopes.shape[1], len(old.errors) - n
-        slopes = np.zeros((len(old.errors) + len(rows), p + rows.shape[1]))
-        slopes[: len(old.errors), :p] = old.slopes
-        slopes[:n, p:] = np.hstack([np.empty((n, 0)), *(self.slopes[key] for key in keys)])
-        slopes[n + priors :, p:] = rows
-        slopes[:, discontinuous_of(self.problem)] = 0.0
-        errors = np.concatenate([old.errors, np.zeros(len(rows))])
-        step = -np.linalg.lstsq(slopes, errors, rcond=DEPENDENT)[0]
-        vector = np.concatenate([old.vector, np.zeros(rows.shape[1])]) + step
-        return Linearisation(self.problem, vector, errors + slopes @ step, slopes)
-
-    def judged(self, keys: Sequence[str], penalty: float) -> CrossValidation:
+    def judged(self, keys: Sequence[str], penalty: float) -> _Choice:
         """How the model with curves predicts unseen blocks, by one step along slopes."""
-        linear = self.linear(keys, penalty)
-        held = discontinuous_of(self.problem)
-        return cross_validate(self.problem, linear, blocks(self.problem), held)
+        old, n, where = self.taken.linearised, self.problem.samples, self.columns(keys)
+        gram, towards, squares = self.blocks
+        gram, towards = gram[:, where][:, :, where], towards[:, where]
+        p = old.slopes.shape[1]
+        known, priors = np.zeros((len(where), len(where))), np.zeros(len(where))
+        known[:p, :p] = old.slopes[n:].T @ old.slopes[n:]
+        priors[:p] = old.slopes[n:].T @ old.errors[n:]
+        rows = self.penalty_rows(keys, penalty)
+        known[p:, p:] = rows.T @ rows
+        whole = known + gram.sum(axis=0)
+        whole += DEPENDENT * np.diag(np.diag(whole) + 1e-30)
+        step = -np.linalg.solve(whole, priors + towards.sum(axis=0))
+        # each block without itself, from where the step to the least of all has led
+        there = towards + gram @ step
+        left = squares + (towards + there) @ step
+        apart = np.linalg.solve(whole - gram, there[..., None])[..., 0]
+        along, size = np.sum(apart * there, axis=1), np.einsum("ki,kij,kj->k", apart, gram, apart)
+        part = np.minimum(1.0, np.sqrt(np.maximum(left, 0.0) / np.maximum(size, 1e-300)))
+        losses = left + part * (2.0 * along + part * size)
+        return _Choice(self, tuple(keys), penalty, losses, step)
 
     def chosen(self) -> _Choice:
         """The curves that hold best on unseen blocks, taken in one by one."""
-        best = _Choice(self, (), 0.0, self.judged((), 0.0))
+        best = self.judged((), 0.0)
         while True:
             trials = [
-                _Choice(self, (*best.curves, key), weight, self.judged((*best.curves, key), weight))
+                self.judged((*best.curves, key), weight)
                 for key in self.ranges
                 if key not in best.curves
                 for weight in PENALTIES
             ]
             if not trials:
                 return best
-            next_ = min(trials, key=lambda it: float(it.evidence.losses.sum()))
-            if not _better(next_.evidence, best.evidence, LEAST_GAIN):
+            next_ = min(trials, key=lambda it: float(it.losses.sum()))
+            if not _better(next_, best, LEAST_GAIN):
                 return best
             best = next_
 
-    def fitted(self, keys: Sequence[str], penalty: float) -> FittedModel:
+    def fitted(self, choice: _Choice) -> FittedModel:
         """The diagnosed model and curves, fitted together to the whole response."""
-        linear = self.linear(keys, penalty)
-        old = self.taken.linearised.vector
-        p = len(old)
-        start = np.concatenate([old, np.zeros(len(linear.vector) - p)])
-        step = linear.vector - start
-        problem = self.penalised(keys, penalty)
-        trials = [np.clip(start + part * step, *problem.bounds) for part in FIRST_STEPS]
+        keys, penalty, old = choice.curves, choice.penalty, self.taken.linearised
+        problem, p, n = self.penalised(keys, penalty), len(old.vector), self.problem.samples
+        start = np.concatenate([old.vector, np.zeros(len(choice.step) - p)])
+        trials = [np.clip(start + part * choice.step, *problem.bounds) for part in FIRST_STEPS]
         begin = trials[int(np.argmin(problem.costs(trials)))]
+        known = np.zeros((len(old.errors) + len(problem.rows), len(start)))
+        known[: len(old.errors), :p] = old.slopes
+        known[:n, p:] = np.hstack([self.slopes[key] for key in keys])
+        known[len(old.errors) :, p:] = self.penalty_rows(keys, penalty)
         usual = np.full(p, DIFFERENCE) if self.taken.widths is None else self.taken.widths
         widths = np.concatenate([usual, np.full(len(begin) - p, KNOT_WIDTH_IN_PROBES)])
-        vector, met, _ = descend(problem, begin, FIT_TOLERANCE, FIT_STEPS, widths)
-        found = linearised(problem, vector, widths)
+        vector, met, slopes = descend(problem, begin, FIT_TOLERANCE, FIT_STEPS, widths, known)
+        found = linearised(problem, vector, widths, slopes)
         evidence = cross_validate(problem, found, blocks(problem), discontinuous_of(problem))
         return FittedModel(self.taken.effects, problem, found, evidence, met, 0.0, widths)
 

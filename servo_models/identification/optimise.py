@@ -284,6 +284,8 @@ def _slopes(problem: Problem, vector: Array, widths: Array | None, known: Array 
     if known is None:
         return problem.jacobian(vector, widths)
     others = range(known.shape[1], len(vector))
+    if not others:
+        return known
     return np.column_stack([known, problem.jacobian(vector, widths, others)])
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +115,14 @@ def dispersion(errors: Array) -> float:
     return max(float(np.mean(errors**2)), 1e-30) * inflation(errors)
 
 
+class Judged(Protocol):
+    """Anything judged on blocks that are held out."""
+
+    @property
+    def losses(self) -> Array:
+        """Sum of squared unseen errors of each block, shape (blocks,)."""
+
+
 def advantage(better: CrossValidation, worse: CrossValidation, by_chance: bool = False) -> float:
     """Return twice the log likelihood ratio on unseen blocks, in independent samples.
 
@@ -126,7 +135,7 @@ def advantage(better: CrossValidation, worse: CrossValidation, by_chance: bool =
     return float((worse.losses - better.losses).sum()) / scale
 
 
-def consistency(better: CrossValidation, worse: CrossValidation) -> float:
+def consistency(better: Judged, worse: Judged) -> float:
     """Return the probability of so many blocks in favour by chance.
 
     They speak in two ways, and either will do: how often the errors fall, whatever their size

@@ -1,19 +1,18 @@
 """Effects that re-tuned parameters imitate: one may be there, and the logs would hardly show it.
 
 Screening tells of which that may be so; then the effect is put into the model at the values that
-were screened, and at some between them, and the parameters are fitted beside it.
+were screened, the largest first, and the parameters are fitted beside it.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.search.candidates import Settings
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.diagnosis.search.screening import Screened
@@ -23,8 +22,8 @@ SHOWN_IN_SIGMAS = 3.0
 """Standard deviations, of noise or of the parameters together, by which an effect stands out."""
 UNMASKED_SHARE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
-HALVINGS = 2
-"""Of the way between a size that does not show and the next one, which does."""
+SIZES_TRIED = 5
+"""Sizes of each shape, the largest that slopes call masked first."""
 SHAPES_TRIED = 2
 """Shapes and signs of an effect, those first that may move most."""
 MASKED_FIT_STEPS = 8
@@ -63,20 +62,22 @@ def masked_effects(
     """
     alike: dict[tuple[object, ...], list[Screened]] = {}
     for result in results:
-        # a ripple is screened as a share of each phase, at no size of its own
-        if result.linearised is retuned.linearised and result.waves is None:
+        # a ripple is screened as a share of each phase, at no size of its own; codes and clocks show
+        # in the data, whatever parameters do
+        smooth = result.waves is None and not result.candidate.discontinuous
+        if result.linearised is retuned.linearised and smooth:
             alike.setdefault(_kind(result), []).append(result)
     largest: dict[str, MaskedEffect] = {}
     tried: Counter[str] = Counter()
-    for own in sorted(alike.values(), key=lambda it: -_promised(it)):
-        name = own[0].candidate.name
+    for sizes in sorted(alike.values(), key=lambda group: -_promised(group)):
+        name = sizes[0].candidate.name
         wanted = max(least, largest[name].moved) if name in largest else least
-        if _promised(own) > wanted and tried[name] < SHAPES_TRIED:
+        if _promised(sizes) > wanted and tried[name] < SHAPES_TRIED:
             tried[name] += 1
-            one = _Walk(fitter, retuned, own).largest()
-            if one and one.moved > wanted:
-                largest[name] = one
-    return sorted(largest.values(), key=lambda it: -it.moved)
+            masked = _largest(fitter, retuned, sizes)
+            if masked and masked.moved > wanted:
+                largest[name] = masked
+    return sorted(largest.values(), key=lambda masked: -masked.moved)
 
 
 def _kind(result: Screened) -> tuple[object, ...]:
@@ -99,66 +100,20 @@ def _alike(result: Screened) -> bool:
     return bool(np.linalg.norm(result.difference) < UNMASKED_SHARE * np.linalg.norm(result.change))
 
 
-class _Walk:
-    """Through the sizes of an effect of one sign and shape, to the largest that does not show."""
-
-    def __init__(self, fitter: Fitter, retuned: FittedModel, own: Sequence[Screened]) -> None:
-        self.fitter, self.retuned = fitter, retuned
-        self.candidate = own[0].candidate
-        self.sizes = sorted(own, key=lambda it: float(np.linalg.norm(it.change)))
-        self.best: MaskedEffect | None = None
-
-    def largest(self) -> MaskedEffect | None:
-        """Return the effect at the largest size that does not show, None for none."""
-        low, high = -1, len(self.sizes)
-        middle = max(i for i in range(high) if _alike(self.sizes[i]))
-        while high - low > 1:
-            if self._passes(self.sizes[middle]):
-                low = middle
-            else:
-                high = middle
-            middle = (low + high) // 2
-        if high < len(self.sizes) and (self.best or _alike(self.sizes[high])):
-            self._closer(self._at(low), self.sizes[high].settings)
-        return self.best
-
-    def _at(self, index: int) -> Settings:
-        """Settings of a size; before the first one, of none, as long as larger ones do more."""
-        if index >= 0:
-            return self.sizes[index].settings
-        off = dict.fromkeys(self.candidate.switches, 0.0)
-        return {name: off.get(name, value) for name, value in self.sizes[0].settings.items()}
-
-    def _closer(self, low: Settings, high: Settings) -> None:
-        for _ in range(HALVINGS):
-            middle = {name: 0.5 * (low[name] + high[name]) for name in low}
-            start = self.best.fitted_model.values if self.best else self.retuned.values
-            if self._tried(middle, start):
-                low = middle
-            else:
-                high = middle
-
-    def _passes(self, result: Screened) -> bool:
-        """Whether parameters imitate an effect at a value that was screened."""
-        if not result.change.any():
-            return True
-        return _alike(result) and self._tried(
-            result.settings, result.linearised.start(result.change)
-        )
-
-    def _tried(self, settings: Settings, start: Mapping[str, float]) -> bool:
-        """Whether they do so at some settings; keeps the largest that they do imitate."""
-        model = self.fitter.model
-        other = replace(self.fitter, model=replace(model, values={**model.values, **settings}))
-        if self.candidate.discontinuous:
-            other = other.surveyed()
-        found = other.fit((self.candidate.name,), (), start, limit=MASKED_FIT_STEPS)
-        if _stands_out(found, self.retuned):
-            return False
-        moved = _moved(found, self.retuned)
-        if self.best is None or moved > self.best.moved:
-            self.best = MaskedEffect(found, moved)
-        return True
+def _largest(
+    fitter: Fitter, retuned: FittedModel, sizes: Iterable[Screened]
+) -> MaskedEffect | None:
+    """The effect of one sign and shape at the largest of its sizes that does not show."""
+    imitated = sorted(filter(_alike, sizes), key=lambda it: -float(np.linalg.norm(it.change)))
+    for result in imitated[:SIZES_TRIED]:
+        settings, start = result.settings, result.linearised.start(result.change)
+        on = replace(fitter.model, values={**fitter.model.values, **settings})
+        other = replace(fitter, model=on)
+        effect, slopes = (result.candidate.name,), retuned.linearised.slopes
+        model = other.fit(effect, (), start, slopes, limit=MASKED_FIT_STEPS)
+        if not _stands_out(model, retuned):
+            return MaskedEffect(model, _moved(model, retuned))
+    return None
 
 
 def _stands_out(found: FittedModel, retuned: FittedModel) -> bool:
