@@ -157,8 +157,7 @@ def signed_rank(values: Array) -> float:
     values = values[values != 0.0]
     _, place, count = np.unique(np.abs(values), return_inverse=True, return_counts=True)
     doubled = (2 * np.cumsum(count) - count + 1)[place]  # whole numbers, where ranks are shared too
-    chances = np.ones(1)
-    """Of each sum of the doubled ranks with a positive sign."""
+    chances = np.ones(1)  # of each sum of the doubled ranks with a positive sign
     for rank in doubled:
         without = np.zeros(rank)
         chances = 0.5 * (np.append(chances, without) + np.append(without, chances))
