@@ -5,6 +5,8 @@ Source: Ljung, System Identification, 2nd ed., sec. 16.6; Ljung and Box, Biometr
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from servo_models.core.types import Array, Mask
@@ -47,14 +49,14 @@ def whiteness(residuals: Array, seen: Mask | None = None) -> float:
 
     Of samples that are not ``seen``, shape (n,), nothing is known; they still take their time.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     r, counts = _pairs(residuals, np.ones(len(residuals), dtype=bool) if seen is None else seen)
     if r[0] == 0.0:
         return 1.0
     n, met = counts[0], np.flatnonzero(counts[1:]) + 1
     statistic = n * (n + 2.0) * float(np.sum((r[met] / r[0]) ** 2 / counts[met]))
-    return float(chi2.sf(statistic, len(met)))
+    return float(chdtrc(len(met), statistic))
 
 
 def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> float:
@@ -63,8 +65,6 @@ def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> floa
     The largest of them over lags 0 to 25 against its asymptotic spread, Bonferroni.  The input is
     known at samples that are not ``seen``, shape (n,), the residuals are not.
     """
-    from scipy.stats import norm
-
     seen = np.ones(len(residuals), dtype=bool) if seen is None else seen
     span = _span(seen)
     values, u = np.where(seen, residuals, 0.0)[span], given[span] - np.mean(given[span])
@@ -76,7 +76,7 @@ def dependence(residuals: Array, given: Array, seen: Mask | None = None) -> floa
     if variance <= 0.0:
         return 1.0
     largest = float(np.max(np.abs(both))) * np.sqrt(len(values) / variance)
-    return float(min(1.0, 2.0 * len(both) * norm.sf(largest)))
+    return float(min(1.0, len(both) * math.erfc(largest / math.sqrt(2.0))))
 
 
 def autocovariance(residuals: Array) -> Array:
@@ -84,19 +84,19 @@ def autocovariance(residuals: Array) -> Array:
 
     That of the autoregression, up to order 20 by the BIC, with the first lags of the residuals:
     it does not cut off long tails, as sums of measured lags do.
-    Source: Brockwell, Davis, Time Series: Theory and Methods, 2nd ed., secs. 8.1 and 9.3.
+    Source: Brockwell, Davis, Time Series: Theory and Methods, 2nd ed., secs. 5.2 (Durbin and
+    Levinson), 8.1 and 9.3.
     """
-    from scipy.linalg import solve_toeplitz
-    from scipy.signal import lfilter
-
     n = len(residuals)
     r = correlations(residuals, residuals, ORDERS)
     if r[0] == 0.0:
         return r[:1]
-    best, least = np.zeros(0), np.inf
-    for order in range(min(ORDERS, n // 10) + 1):
-        phi = solve_toeplitz(r[:order], r[1 : order + 1]) if order else np.zeros(0)
-        left = 1.0 - float(phi @ r[1 : order + 1]) / r[0]
+    phi, left = np.zeros(0), 1.0
+    best, least = phi, 0.0
+    for order in range(1, min(ORDERS, n // 10) + 1):
+        partial = (r[order] - float(phi @ r[order - 1 : 0 : -1])) / (left * r[0])
+        phi = np.append(phi - partial * phi[::-1], partial)
+        left *= 1.0 - partial**2
         if left < PREDICTED:
             break
         criterion = n * np.log(left) + order * np.log(n)
@@ -104,18 +104,48 @@ def autocovariance(residuals: Array) -> Array:
             best, least = phi, criterion
     if not len(best):
         return r[:1]
-    # the recursion r[k] = sum phi[j] r[k - j] is a filter that goes on from the first lags
-    more = lfilter([1.0], [1.0, *-best], np.zeros(LONGEST), zi=_memory(best, r))[0]
-    every = np.concatenate([r[: len(best) + 1], more])
+    every = np.concatenate([r[:1], recursion(best, r[1 : len(best) + 1], LONGEST)])
     alive = np.flatnonzero(np.abs(every) > FAINT * r[0])
     return every[: min(int(alive[-1]) + 1, n)]
 
 
-def _memory(phi: Array, r: Array) -> Array:
-    from scipy.signal import lfiltic
+def recursion(weights: Array, first: Array, count: int) -> Array:
+    """Return y[k] = sum of weights[j] y[k - 1 - j], shape (count,), as ``first`` begins it.
 
-    order = len(phi)
-    return np.asarray(lfiltic([1.0], [1.0, *-phi], r[order::-1][:order]))
+    Both have the shape (order,).  A matrix leads from so many values to as many that follow, and
+    its square twice as far, so that all are known after few products.
+
+    Example:
+        >>> recursion(np.array([1.0, 1.0]), np.array([1.0, 1.0]), 8)
+        array([ 1.,  1.,  2.,  3.,  5.,  8., 13., 21.])
+    """
+    order = len(weights)
+    onward = np.eye(order, k=1)
+    onward[-1] = weights[::-1]
+    onward = np.linalg.matrix_power(onward, order)
+    known = first[:, None]
+    while known.size < count:
+        known = np.hstack([known, onward @ known])
+        onward = onward @ onward
+    return known.T.ravel()[:count]
+
+
+def stretch_powers(values: Array, window: Array) -> Array:
+    """Return the power of each windowed stretch by frequency, stretches overlapping by half.
+
+    Shape (stretches, frequencies).  In a window of ``hann`` white noise of variance 1 has power 1.
+    Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
+    """
+    length = len(window)
+    starts = np.arange(0, len(values) - length + 1, max(length // 2, 1))
+    stretches = values[starts[:, None] + np.arange(length)] * window
+    return np.asarray(np.abs(np.fft.rfft(stretches, axis=1)) ** 2)
+
+
+def hann(length: int) -> Array:
+    """Return a window of so many samples without zeros at its ends, whose squares sum to 1."""
+    window: Array = np.hanning(length + 2)[1:-1]
+    return window / math.sqrt(window @ window)
 
 
 def scatter(slopes: Array, covariance: Array) -> Array:

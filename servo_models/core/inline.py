@@ -4,20 +4,25 @@ The subset a block may use is small on purpose, so that one text runs in CPython
 numba and can be printed as C: assignments, ``if``, ``while`` without ``return``,
 arithmetic, comparisons, ``abs``, ``int``, ``float`` and ``math``, which stand there as
 ``_abs`` and so on, since a wire may be called ``abs``.
+
+A function is read once, however often a plant has it: ``return gain * signal`` becomes the
+template ``{0} = {gain} * {signal}``, and each of its places fills in its names.
 """
 
 from __future__ import annotations
 
 import ast
-import copy
+import functools
 import inspect
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from servo_models.core.block import Block
+from servo_models.core.block import Block, Function
 from servo_models.core.flat import local
 
+KEPT = 512
+"""Templates that a process keeps, the latest ones."""
 _BUILTINS = {"abs": abs, "int": int, "float": float, "math": math}
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.While, ast.Return, ast.Pass)
 _EXPRESSIONS = (
@@ -39,35 +44,62 @@ def inline(block: Block, names: Mapping[str, str], targets: Sequence[str], owner
     Raises:
         ValueError: the block uses something outside the subset; names block and line.
     """
-    tree = ast.parse(textwrap.dedent(inspect.getsource(block.function)))
-    function = tree.body[0]
-    assert isinstance(function, ast.FunctionDef)
-    body = function.body[1:]  # the docstring comes first, block.py insists on it
-    _check_subset(block, body)
-    rename = _Rename(block, names, owner, body)
-    _set_after(block, body, set(rename.stored) - set(names))
-    lines = [f"{rename.names[name]} = {names[name]}" for name in rename.stored if name in names]
-    for statement in _tail_form(body, targets, block):
-        lines += ast.unparse(ast.fix_missing_locations(rename.visit(statement))).splitlines()
-    return lines
+    returned = (*(block.acts_on or block.gives), *block.memory)
+    stored, template = _template(block.function, block.name, returned)
+    known = {**names, **{name: local(owner, name) for name in stored}}
+    lines = [f"{known[name]} = {names[name]}" for name in stored if name in names]
+    return lines + [_or_pass(line.format(*targets, **known)) for line in template]
 
 
-def _check_subset(block: Block, body: Sequence[ast.stmt]) -> None:
-    for node in (node for statement in body for node in ast.walk(statement)):
+def _or_pass(line: str) -> str:
+    """A line, or ``pass`` in its place if it gives a name its own value."""
+    statement = line.lstrip()
+    left, _, right = statement.partition(" = ")
+    return line.replace(statement, "pass") if left == right else line
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _template(
+    function: Function, block: str, returned: tuple[str, ...]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the variables that a block stores, and its lines with names and targets in braces.
+
+    Args:
+        function: of the block.
+        block: its name, for errors.
+        returned: what it returns, for errors.
+    """
+    definition = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(definition, ast.FunctionDef)
+    body = definition.body[1:]  # the docstring comes first, block.py insists on it
+    nodes = [node for statement in body for node in ast.walk(statement)]
+    _check_subset(block, nodes)
+    names = [node for node in nodes if isinstance(node, ast.Name)]
+    stored = dict.fromkeys(node.id for node in names if isinstance(node.ctx, ast.Store))
+    arguments = inspect.signature(function).parameters.keys()
+    _set_after(block, body, set(stored) - arguments)
+    rename = _Rename(block, function, {*stored, *arguments})
+    renamed = [rename.visit(statement) for statement in body]
+    lines = [ast.unparse(statement) for statement in _tail_form(renamed, returned, block)]
+    return tuple(stored), "\n".join(lines).splitlines()
+
+
+def _check_subset(block: str, nodes: Sequence[ast.AST]) -> None:
+    for node in nodes:
         known = _STATEMENTS if isinstance(node, ast.stmt) else _EXPRESSIONS
         if isinstance(node, (ast.stmt, ast.expr)) and not isinstance(node, known):
             kind = type(node).__name__
             raise ValueError(
-                f"block '{block.name}' uses {kind} (line {node.lineno} of its source), which a"
+                f"block '{block}' uses {kind} (line {node.lineno} of its source), which a"
                 " block may not: see the docstring of inline.py"
             )
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod):
             left = node.left
             if not (isinstance(left, ast.Call) and ast.unparse(left.func) == "int"):
-                raise ValueError(f"block '{block.name}' takes % of a float: take it of an int()")
+                raise ValueError(f"block '{block}' takes % of a float: take it of an int()")
 
 
-def _set_after(block: Block, body: Sequence[ast.stmt], unset: set[str]) -> set[str]:
+def _set_after(block: str, body: Sequence[ast.stmt], unset: set[str]) -> set[str]:
     """Return which local variables of ``unset`` may still have no value after ``body``.
 
     Raises:
@@ -88,37 +120,36 @@ def _set_after(block: Block, body: Sequence[ast.stmt], unset: set[str]) -> set[s
     return unset
 
 
-def _check_set(block: Block, tree: ast.AST, unset: set[str]) -> None:
+def _check_set(block: str, tree: ast.AST, unset: set[str]) -> None:
     stored_only = not isinstance(tree, ast.AugAssign)
     for node in ast.walk(tree):
         if not isinstance(node, ast.Name) or node.id not in unset:
             continue
         if not (stored_only and isinstance(node.ctx, ast.Store)):
             raise ValueError(
-                f"block '{block.name}' reads '{node.id}' (line {node.lineno} of its source), which"
+                f"block '{block}' reads '{node.id}' (line {node.lineno} of its source), which"
                 " may have no value there: give it one before"
             )
 
 
-def _tail_form(body: Sequence[ast.stmt], targets: Sequence[str], block: Block) -> list[ast.stmt]:
+def _tail_form(body: Sequence[ast.stmt], returned: Sequence[str], block: str) -> list[ast.stmt]:
     """Turn returns in tail position into assignments and the rest after them into else."""
     done: list[ast.stmt] = []
     for i, statement in enumerate(body):
         if isinstance(statement, ast.Return):
-            return [*done, _assign(statement, targets, block)]
+            return [*done, _assign(statement, returned, block)]
         if isinstance(statement, ast.If) and _returns(statement):
-            rest = list(body[i + 1 :])
-            copied = copy.deepcopy(rest)  # both branches are renamed, each once
-            then = statement.body if _ends(statement.body) else [*statement.body, *copied]
+            rest = body[i + 1 :]
+            then = statement.body if _ends(statement.body) else [*statement.body, *rest]
             other = statement.orelse if _ends(statement.orelse) else [*statement.orelse, *rest]
             branch = ast.If(
                 test=statement.test,
-                body=_tail_form(then, targets, block),
-                orelse=_tail_form(other, targets, block),
+                body=_tail_form(then, returned, block),
+                orelse=_tail_form(other, returned, block),
             )
             return [*done, branch]
         if _returns(statement):
-            raise ValueError(f"block '{block.name}' returns from inside a loop: return at its end")
+            raise ValueError(f"block '{block}' returns from inside a loop: return at its end")
         done.append(statement)
     return done
 
@@ -136,51 +167,30 @@ def _ends(body: Sequence[ast.stmt]) -> bool:
     return isinstance(last, ast.Return)
 
 
-class _Result(ast.Name):
-    """A target name that is already a text name."""
-
-
-def _assign(statement: ast.Return, targets: Sequence[str], block: Block) -> ast.stmt:
+def _assign(statement: ast.Return, returned: Sequence[str], block: str) -> ast.stmt:
     value = statement.value
     given = len(value.elts) if isinstance(value, ast.Tuple) else 1
-    if value is None or given != len(targets):
+    if value is None or given != len(returned):
         raise ValueError(
-            f"block '{block.name}' returns {given} values where its signature asks for"
-            f" {len(targets)} ({', '.join(targets)})"
+            f"block '{block}' returns {given} values where its signature asks for"
+            f" {len(returned)} ({', '.join(returned)})"
         )
-    stores: list[ast.expr] = [_Result(id=name, ctx=ast.Store()) for name in targets]
+    stores: list[ast.expr] = [ast.Name(id=f"{{{i}}}", ctx=ast.Store()) for i in range(given)]
     target = stores[0] if given == 1 else ast.Tuple(elts=stores, ctx=ast.Store())
-    return ast.Assign(targets=[target], value=value)
+    return ast.copy_location(ast.Assign(targets=[target], value=value), statement)
 
 
 class _Rename(ast.NodeTransformer):
-    def __init__(
-        self, block: Block, names: Mapping[str, str], owner: str, body: Sequence[ast.stmt]
-    ) -> None:
+    """Puts names of variables in braces, and constants of the file in place of theirs."""
+
+    def __init__(self, block: str, function: Function, variables: set[str]) -> None:
         self.block = block
-        outer = inspect.getclosurevars(block.function)
-        self.seen = {**block.function.__globals__, **outer.nonlocals}
-        self.stored = dict.fromkeys(
-            node.id
-            for statement in body
-            for node in ast.walk(statement)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-        )
-        self.names = {**names, **{name: local(owner, name) for name in self.stored}}
-
-    def visit_Assign(self, node: ast.Assign) -> ast.stmt:
-        self.generic_visit(node)
-        target, value = node.targets[0], node.value
-        if isinstance(target, ast.Name) and isinstance(value, ast.Name) and target.id == value.id:
-            return ast.Pass()
-        return node
-
-    def visit__Result(self, node: _Result) -> ast.expr:
-        return ast.Name(id=node.id, ctx=ast.Store())
+        self.seen = {**function.__globals__, **inspect.getclosurevars(function).nonlocals}
+        self.variables = variables
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        if node.id in self.names:
-            return ast.Name(id=self.names[node.id], ctx=node.ctx)
+        if node.id in self.variables:
+            return ast.Name(id=f"{{{node.id}}}", ctx=node.ctx)
         builtin = _BUILTINS.get(node.id)
         constant = self.seen.get(node.id, builtin)
         if builtin is not None and constant is builtin:
@@ -188,24 +198,18 @@ class _Rename(ast.NodeTransformer):
         if isinstance(constant, (int, float)) and math.isfinite(constant):
             return ast.Constant(value=constant)
         raise ValueError(
-            f"block '{self.block.name}' uses '{node.id}' (line {node.lineno} of its source);"
+            f"block '{self.block}' uses '{node.id}' (line {node.lineno} of its source);"
             " a block may use its arguments, constants and Python's own abs, int, float and math"
         )
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
-        queue = self.visit(node.value)
-        index = self.visit(node.slice)
-        first = ast.Constant(value=int(queue.id))
-        return ast.Subscript(
-            value=ast.Name(id="_x", ctx=ast.Load()),
-            slice=ast.BinOp(left=first, op=ast.Add(), right=index),
-            ctx=node.ctx,
-        )
+        place = ast.BinOp(left=self.visit(node.value), op=ast.Add(), right=self.visit(node.slice))
+        return ast.Subscript(value=ast.Name(id="_x", ctx=ast.Load()), slice=place, ctx=node.ctx)
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
         if isinstance(node.op, ast.Pow):
             raise ValueError(
-                f"block '{self.block.name}' uses **, whose last bit differs between numba and"
+                f"block '{self.block}' uses **, whose last bit differs between numba and"
                 " CPython: write the product"
             )
         self.generic_visit(node)

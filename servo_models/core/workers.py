@@ -42,7 +42,6 @@ class Workers:
         self._open = ExitStack()
 
     def __enter__(self) -> Workers:
-        import scipy.linalg  # noqa: F401 - it brings a BLAS of its own, limited once it is loaded
         from threadpoolctl import threadpool_limits
 
         self._open.enter_context(threadpool_limits(1, "blas"))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.clock import ROUNDING
@@ -444,20 +445,19 @@ def _band(
 ) -> tuple[float, float] | None:
     """Where the input's power density, brought to the scale of an output, is above its floor.
 
-    Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967); the floor is taken as white.
+    The floor is taken as white.
     """
-    from scipy.signal import welch
-
     if not np.ptp(values):
         return None
     grid = np.arange(0.0, log.duration + 0.5 * step, step)
     held = values[np.searchsorted(log.times, grid + 1e-9 * step, side="right") - 1]
-    rate, length = 1.0 / step, min(len(grid), 2048)
-    frequencies, power = welch(held, rate, nperseg=length)
+    length = min(len(grid), 2048)
+    power = stretch_powers(held - held.mean(), hann(length)).mean(axis=0)
+    frequencies = np.fft.rfftfreq(length, step)
     above = np.zeros(len(frequencies), dtype=bool)
     for reading in readings:
         gain = np.var(log.outputs[reading.name]) / np.var(values)
-        above |= power * gain > 2.0 * reading.floor.value**2 / rate
+        above |= power * gain > reading.floor.value**2
     covered = frequencies[above & (frequencies > 0.0)]
     return (float(covered[0]), float(covered[-1])) if len(covered) else None
 

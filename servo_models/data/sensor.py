@@ -82,9 +82,10 @@ def noise_under_steps(values: Array, step: float) -> float:
 
     if seen <= shown(0.0):
         return 0.0
-    from scipy.optimize import brentq
-
-    return step * float(brentq(lambda sigma: shown(sigma) - seen, 0.0, math.sqrt(seen) + 1.0))
+    low, high = 0.0, math.sqrt(seen) + 1.0
+    while low < (middle := 0.5 * (low + high)) < high:
+        low, high = (middle, high) if shown(middle) < seen else (low, middle)
+    return step * high
 
 
 def _rounding_at_a_place(sigma: float) -> Array:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TypeVar
-
-import numpy as np
 
 Effects = tuple[str, ...]
 T = TypeVar("T")
@@ -81,11 +80,12 @@ def _slots(models: Sequence[Effects], family: Callable[[str], str]) -> tuple[Slo
 
 def _linked(items: Sequence[T], link: Callable[[T, T], bool]) -> list[list[T]]:
     """Items in groups: those linked directly or over others, each in the order given."""
-    from scipy.sparse.csgraph import connected_components
-
-    links = np.array([[link(one, other) for other in items] for one in items])
-    _, labels = connected_components(links, directed=False)
+    labels = [*range(len(items))]
+    for i, j in combinations(range(len(items)), 2):
+        if link(items[i], items[j]):
+            first, second = sorted((labels[i], labels[j]))
+            labels = [first if label == second else label for label in labels]
     groups: dict[int, list[T]] = {}
-    for label, item in zip(labels.tolist(), items):
+    for label, item in zip(labels, items):
         groups.setdefault(label, []).append(item)
     return list(groups.values())

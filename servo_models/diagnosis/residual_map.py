@@ -199,11 +199,11 @@ def _power(power: float, x: Array, y: Array, weights: Array) -> _Power:
 
 def _surely_less(left: float, other: float, freedom: int) -> bool:
     """Whether a form leaves less than one of a term less, by an F test, and visibly so."""
-    from scipy.stats import f
+    from scipy.special import fdtri
 
     if freedom < 1 or other < LEAST_BEND:
         return False
-    return (other - left) * freedom > left * float(f.ppf(1.0 - SURE, 1, freedom))
+    return (other - left) * freedom > left * float(fdtri(1.0, freedom, 1.0 - SURE))
 
 
 def _one_way(up: float, down: float, of: str) -> str:

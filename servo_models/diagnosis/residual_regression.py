@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.localisation.samples import moving_input
@@ -197,10 +198,10 @@ def functions_of(times: Array, command: Array, position: Array) -> dict[str, Arr
         fading = np.exp(-since / (scales * scale))
         functions[f"direction, {scales:g} after reversal"] = towards * fading
         functions[f"rate, {scales:g} after reversal"] = v * fading
-        functions[f"step, {scales:g} after it"] = _lagged(step, scales * scale)
-        functions[f"|step|, {scales:g} after it"] = _lagged(np.abs(step), scales * scale)
+        functions[f"step, {scales:g} after it"] = lagged(step, scales * scale)
+        functions[f"|step|, {scales:g} after it"] = lagged(np.abs(step), scales * scale)
     for name in FORCES:
-        functions[f"{name}, lagged"] = _lagged(_lagged(functions[name], scale), scale)
+        functions[f"{name}, lagged"] = lagged(lagged(functions[name], scale), scale)
     return functions
 
 
@@ -275,13 +276,7 @@ class _Regression:
 
     def _white(self, columns: Array) -> Array:
         """Columns of shape (n, k) through the filter, log by log."""
-        from scipy.signal import lfilter, lfilter_zi
-
-        still = lfilter_zi(self.filter, [1.0])[:, None]
-        parts = np.split(columns, self.cuts)
-        return np.vstack(
-            [lfilter(self.filter, [1.0], part, axis=0, zi=still * part[:1])[0] for part in parts]
-        )
+        return np.vstack([filtered(self.filter, it) for it in np.split(columns, self.cuts)])
 
 
 def _autoregression(parts: Sequence[Array]) -> Array:
@@ -295,6 +290,15 @@ def _autoregression(parts: Sequence[Array]) -> Array:
     return np.concatenate([[1.0], -np.linalg.lstsq(np.vstack(pasts), now, rcond=None)[0]])
 
 
+def filtered(weights: Array, columns: Array) -> Array:
+    """Return sum of weights[j] columns[t - j], shape (n, k), with the first row before it as well.
+
+    ``columns`` has the shape (n, k), ``weights`` (order + 1,).
+    """
+    longer = np.vstack([np.repeat(columns[:1], len(weights) - 1, axis=0), columns])
+    return np.asarray(sliding_window_view(longer, len(weights), axis=0) @ weights[::-1])
+
+
 def _since_reversal(sign: Array) -> tuple[Array, Array]:
     """The direction that motion has or had last, and samples since it turned, inf before."""
     places = np.arange(len(sign))
@@ -304,12 +308,15 @@ def _since_reversal(sign: Array) -> tuple[Array, Array]:
     return towards, np.where(turn >= 0, places - turn, np.inf)
 
 
-def _lagged(signal: Array, samples: float) -> Array:
-    """A signal behind a first-order lag with a time constant of so many samples."""
-    from scipy.signal import lfilter
+def lagged(signal: Array, samples: float) -> Array:
+    """Return a signal of shape (n,) behind a lag of first order, which begins at its first value.
 
-    keep = math.exp(-1.0 / samples)
-    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], signal, zi=[keep * signal[0]])[0])
+    ``samples`` is the time constant.  The impulse response is convolved by its spectrum.
+    """
+    n, keep = len(signal), math.exp(-1.0 / samples)
+    answer, change = (1.0 - keep) * keep ** np.arange(n), signal - signal[0]
+    both = np.fft.rfft(answer, 2 * n) * np.fft.rfft(change, 2 * n)
+    return np.asarray(signal[0] + np.fft.irfft(both, 2 * n)[:n])
 
 
 def _samples(records: Sequence[Record]) -> int:

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import toeplitz
-from scipy.signal import lfilter, lsim
+from scipy.linalg import solve_toeplitz, toeplitz
+from scipy.signal import lfilter, lfiltic, lsim, welch
 from scipy.stats import binom
 
-from servo_models.analysis.statistics import dependence, inflation, scatter, whiteness
+from servo_models.analysis.statistics import (
+    autocovariance,
+    dependence,
+    hann,
+    inflation,
+    recursion,
+    scatter,
+    stretch_powers,
+    whiteness,
+)
+from servo_models.core.types import Array
 
 
 def test_residual_tests_reject_noise_at_their_nominal_rate() -> None:
@@ -86,3 +96,49 @@ def test_the_scatter_of_slopes_is_their_product_with_the_whole_covariance(lags: 
     slopes, covariance = rng.standard_normal((50, 3)), rng.standard_normal(lags)
     whole = toeplitz(np.concatenate([covariance, np.zeros(50 - lags)]))
     np.testing.assert_allclose(scatter(slopes, covariance), slopes.T @ whole @ slopes, rtol=1e-9)
+
+
+@pytest.mark.parametrize("denominator", [[1.0, -0.95], [1.0, -1.98, 0.985], [1.0, 0.3, -0.5, 0.1]])
+def test_a_recursion_is_the_free_response_of_a_filter(denominator: list[float]) -> None:
+    order = len(denominator) - 1
+    first = np.random.default_rng(4).standard_normal(order)
+    memory = lfiltic([1.0], denominator, first[::-1])
+    after, _ = lfilter([1.0], denominator, np.zeros(500), zi=memory)
+    found = recursion(-np.array(denominator[1:]), first, 500 + order)
+    np.testing.assert_allclose(found, [*first, *after], rtol=1e-9, atol=1e-12)
+
+
+def smooth(n: int) -> Array:
+    return np.asarray(np.sin(np.arange(n) / 50.0) + np.sin(np.arange(n) / 33.0) ** 3)
+
+
+@pytest.mark.parametrize("poles", [[0.6], [0.99 * np.exp(0.1j), 0.99 * np.exp(-0.1j)], [0.9] * 3])
+def test_an_autocovariance_is_that_of_the_best_autoregression(poles: list[complex]) -> None:
+    """Here each order is solved by itself, and its equation run on as a filter."""
+    n, lags = 4000, 20
+    noise = np.random.default_rng(5).standard_normal(n)
+    errors = lfilter([1.0], np.poly(poles).real, noise) + 0.1 * smooth(n)
+    r = np.array([errors[k:] @ errors[: n - k] for k in range(lags + 1)]) / n
+    fits = [(0.0, np.zeros(0))]
+    for order in range(1, lags + 1):
+        phi = solve_toeplitz(r[:order], r[1 : order + 1])
+        left = 1.0 - phi @ r[1 : order + 1] / r[0]
+        fits.append((n * np.log(left) + order * np.log(n), phi))
+    phi = min(fits, key=lambda fit: fit[0])[1]
+    found = autocovariance(errors)
+    order = len(phi)
+    memory = lfiltic([1.0], [1.0, *-phi], r[order:0:-1])
+    after, _ = lfilter([1.0], [1.0, *-phi], np.zeros(len(found)), zi=memory)
+    expected = [*r[: order + 1], *after]
+    np.testing.assert_allclose(found, expected[: len(found)], rtol=0.0, atol=1e-9 * r[0])
+    assert np.all(np.abs(expected[len(found) :]) <= 1e-3 * r[0])
+
+
+@pytest.mark.parametrize("length", [16, 47, 48, 1000])
+def test_stretches_have_the_power_of_welch(length: int) -> None:
+    """Whose density has both signs of a frequency."""
+    values, window = np.random.default_rng(6).standard_normal(1000), hann(length)
+    overlap = length - length // 2
+    _, density = welch(values, window=window, noverlap=overlap, detrend=False)
+    density[1 : (length + 1) // 2] /= 2.0
+    np.testing.assert_allclose(stretch_powers(values, window).mean(axis=0), density, rtol=1e-9)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,6 +33,7 @@ from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import EQ_12
+from tests.support.compilers import in_c_only
 from tests.support.delayed_motor import DESCRIPTION, describe
 from tests.support.logs import changed, log_of
 
@@ -383,3 +386,12 @@ def test_every_effect_is_told_on_a_declared_wire_the_first_that_it_is_placed_on(
             before = {it for it in wires[: wires.index(wire)] if it in plant.wire}
             # a play divides the inertia before its output is another one
             assert before <= {"shaft_inertia", "coasting_inertia"}
+
+
+@in_c_only
+def test_a_diagnosis_loads_no_library_that_takes_longer_than_its_search(tmp_path: Path) -> None:
+    path = describe(tmp_path, seconds=0.1)
+    code = f"import servo_models, sys; servo_models.diagnose({str(path)!r}); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    heavy = {"scipy.stats", "scipy.signal", "scipy.optimize", "scipy.linalg", "matplotlib", "numba"}
+    assert not heavy & set(loaded.stdout.decode().split())

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
+from scipy.stats import wilcoxon
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.search.crossval import CrossValidation, consistency
+from servo_models.diagnosis.search.crossval import CrossValidation, consistency, signed_rank
 
 BLOCKS, ROWS = 20, 50
 
@@ -64,3 +67,20 @@ def test_rest_that_both_meet_exactly_has_no_say() -> None:
 def test_the_same_errors_say_nothing() -> None:
     same = judged(np.ones(BLOCKS), 0)
     assert consistency(same, same) == 1.0
+
+
+@pytest.mark.parametrize("count", [1, 6, 20, 50])
+def test_signed_ranks_are_those_of_wilcoxon(count: int) -> None:
+    for seed in range(20):
+        values = np.random.default_rng(seed).normal(0.3, 1.0, count)
+        expected = wilcoxon(values, alternative="greater", method="exact").pvalue
+        assert signed_rank(np.append(values, 0.0)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_equal_sizes_share_their_rank() -> None:
+    """All signs are drawn, one by one."""
+    values = np.array([2.0, -1.0, 2.0, 3.0, -2.0, 1.0, 5.0])
+    ranks = np.array([4.0, 1.5, 4.0, 6.0, 4.0, 1.5, 7.0])
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(ranks))))
+    expected = np.mean(signs @ ranks >= np.sign(values) @ ranks)
+    assert signed_rank(values) == pytest.approx(expected, rel=1e-12)

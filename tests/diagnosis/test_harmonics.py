@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lombscargle
 
 from servo_models.core.simulate import model, simulate
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.harmonics import order_peaks
+from servo_models.diagnosis.search.harmonics import order_peaks, sine_powers
 from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.screening import likeliest, screen
 from servo_models.diagnosis.search.selection import SubsetSelection
@@ -75,3 +76,11 @@ def test_the_spectrum_over_the_angle_has_a_peak_at_each_count() -> None:
     peaks = order_peaks(nominal, one)[: len(SINES)]
     travelled = 3.5  # rad
     assert sorted(peaks) == pytest.approx(sorted(SINES), abs=1.0 / travelled)
+
+
+def test_the_power_of_sines_is_that_of_lomb_and_scargle() -> None:
+    random = np.random.default_rng(9)
+    angle, counts = np.sort(random.uniform(0.0, 7.0, 300)), np.linspace(0.5, 40.0, 80)
+    values = np.sin(11.0 * angle) + random.standard_normal(300)
+    expected = lombscargle(angle, values, counts)
+    np.testing.assert_allclose(sine_powers(angle, values, counts), expected, rtol=1e-9)

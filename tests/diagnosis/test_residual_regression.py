@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfilter_zi
 from scipy.stats import kstest
 
 from servo_models.core.types import Array
@@ -15,7 +15,9 @@ from servo_models.diagnosis.residual_regression import (
     LockedTest,
     Record,
     command_locked,
+    filtered,
     functions_of,
+    lagged,
     locked_test,
 )
 from tests.support.diagnoses import made
@@ -159,3 +161,18 @@ def test_what_matters_is_sure_and_large(
 ) -> None:
     test = LockedTest(p_value, explained, 0.1, "rate")
     assert test.matters(2.0, gap, limit_cycle) is lacks
+
+
+@pytest.mark.parametrize("samples", [0.3, 8.0, 1e4])
+def test_a_lagged_signal_is_that_of_a_filter_at_rest_before(samples: float) -> None:
+    signal = 3.0 + np.random.default_rng(7).standard_normal(COUNT)
+    keep = math.exp(-1.0 / samples)
+    expected, _ = lfilter([1.0 - keep], [1.0, -keep], signal, zi=[keep * signal[0]])
+    np.testing.assert_allclose(lagged(signal, samples), expected, rtol=1e-12)
+
+
+def test_errors_are_whitened_as_by_a_filter_at_rest_before() -> None:
+    weights, columns = np.array([1.0, -1.2, 0.5]), np.random.default_rng(8).normal(size=(COUNT, 3))
+    rest = lfilter_zi(weights, [1.0])[:, None] * columns[:1]
+    expected, _ = lfilter(weights, [1.0], columns, axis=0, zi=rest)
+    np.testing.assert_allclose(filtered(weights, columns), expected, rtol=1e-12, atol=1e-12)

@@ -169,8 +169,6 @@ def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Se
 
 def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
     """Return the counts [periods in a turn] at the highest peaks of errors over the angle."""
-    from scipy.signal import lombscargle  # starting any command would load it
-
     records = list(_over_angle(model, one))
     travelled = max(float(np.ptp(angle)) for angle, _ in records)
     between = [float(np.median(np.abs(np.diff(angle)))) for angle, _ in records if len(angle) > 1]
@@ -184,10 +182,25 @@ def order_peaks(model: FittedModel, one: Candidate) -> list[float]:
         onward = np.gradient(angle) > 0.0
         for way in (onward, ~onward):  # what lags in time is ahead on the way back
             if np.count_nonzero(way) > LEAST_SAMPLES_IN_A_PERIOD:
-                power += lombscargle(angle[way], errors[way] - errors[way].mean(), counts)
+                power += sine_powers(angle[way], errors[way] - errors[way].mean(), counts)
     around = np.concatenate([[0.0], power, [0.0]])
     peaks = np.flatnonzero((power > around[:-2]) & (power >= around[2:]))
     return [float(counts[it]) for it in peaks[np.argsort(-power[peaks])][:PEAKS]]
+
+
+def sine_powers(angle: Array, values: Array, counts: Array) -> Array:
+    """Return half of what the best sine of each count takes off the sum of squares, shape (m,).
+
+    Args:
+        angle: of each value [rad], shape (n,).
+        values: without their mean, shape (n,).
+        counts: periods in a turn, shape (m,).
+    """
+    turned, n = np.exp(1j * np.outer(counts, angle)), len(values)
+    double = np.sum(turned**2, axis=1)
+    along = turned @ values * np.exp(-0.5j * np.angle(double))  # sine and cosine are orthogonal
+    rest = np.maximum(n - np.abs(double), n * np.finfo(float).eps)
+    return np.asarray(along.real**2 / (n + np.abs(double)) + along.imag**2 / rest)
 
 
 def _over_angle(model: FittedModel, one: Candidate) -> Iterator[tuple[Array, Array]]:

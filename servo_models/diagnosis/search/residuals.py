@@ -29,6 +29,7 @@ from weakref import ref
 import numpy as np
 from cachetools import LRUCache, cached
 
+from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
@@ -203,10 +204,7 @@ def _spectrum(errors: Array, window: Array) -> tuple[Array, Array]:
     Both have the mean of white noise at its power; the median of few stretches is up to 5 % more,
     which is the safe side, and less at Nyquist's frequency, of which there is one.
     """
-    length = len(window)
-    starts = np.arange(0, len(errors) - length + 1, length // 2)
-    stretches = errors[starts[:, None] + np.arange(length)] * window
-    power = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
+    power = stretch_powers(errors, window)
     return power.mean(axis=0), np.median(power, axis=0) / math.log(2.0)
 
 
@@ -217,8 +215,7 @@ def _autoregressions(length: int) -> tuple[Array, Array, Array]:
 
     The window is no small matter where noise remembers for a good part of it.
     """
-    window: Array = np.hanning(length + 2)[1:-1]
-    window /= math.sqrt(window @ window)
+    window = hann(length)
     frequency: Array = np.fft.rfftfreq(length).astype(float)
     lags = np.arange(length)
     overlap = np.correlate(window, window, "full")[length - 1 :]

@@ -286,7 +286,7 @@ def surplus_zero(fit: Fit) -> str:
     its covariance.
     Source: Soederstroem, Test of pole-zero cancellation, Automatica 11 (1975).
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     f, m, n = fit.function, fit.structure.zeros + 1, fit.structure.poles
     slowest = float(np.min(np.abs(f.poles)))
@@ -304,7 +304,7 @@ def surplus_zero(fit: Fit) -> str:
             distance = np.array([gap.real, gap.imag][: len(parts)])
             statistic = float(distance @ np.linalg.pinv(spread, hermitian=True) @ distance)
             near = abs(gap) < CLOSE * abs(pole)
-            if near or statistic < chi2.ppf(CERTAIN, len(parts)):
+            if near or statistic < chdtri(len(parts), 1.0 - CERTAIN):
                 return (
                     f"pole-zero cancellation: the zero at {_shown(zero)} rad/s and the pole at"
                     f" {_shown(pole)} rad/s are one within"
