@@ -62,8 +62,8 @@ def masked_effects(
     """
     alike: dict[tuple[object, ...], list[Screened]] = {}
     for result in results:
-        # a ripple is screened as a share of each phase, at no size of its own; codes and clocks show
-        # in the data, whatever parameters do
+        # a ripple is screened as a share of each phase, at no size of its own; codes and clocks
+        # show in the data, whatever parameters do
         smooth = result.waves is None and not result.candidate.discontinuous
         if result.linearised is retuned.linearised and smooth:
             alike.setdefault(_kind(result), []).append(result)
