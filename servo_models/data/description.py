@@ -266,8 +266,8 @@ def _free(document: Section, free: Sequence[str], chosen: Model) -> tuple[str, .
 
 
 def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tuple[Log, ...]:
-    entries = document.sections("logs")
-    if not entries and "sweeps" not in document and "elements" not in document:
+    entries, sweeps = document.sections("logs"), document.sections("sweeps")
+    if not entries and not sweeps and "elements" not in document:
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read, clocks = functools.cache(read_columns), functools.cache(read_clock)
     logs: list[Log] = []
