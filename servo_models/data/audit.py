@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
-from servo_models.data.clock import ROUNDING
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
@@ -200,6 +200,8 @@ SHORT_STEPS = 3
 """Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
 LONG_STEPS = 0.1
 """Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
+USUAL_ROWS = 33
+"""Rows about a step that tell the usual one: a clock may wander."""
 STRAIGHT_ROWS = 16
 """Rows over which stamps are compared with a straight line."""
 BENT_STAMPS = 2.0
@@ -227,8 +229,8 @@ class Sampling:
         step: mean of the steps that are no gaps.
         jitter: their standard deviation.
         stamp: smallest common step of the time stamps, 0 for none.
-        gaps: steps longer than 1.5 usual ones; where stamps are rounded, than a usual one and a
-            stamp, so that a lost row of less than two stamps may not show.
+        gaps: steps longer than 1.5 usual ones; where stamps are rounded, also than a usual one of
+            the rows about and a stamp, so that a lost row of less than two stamps may not show.
         rounded: the stamps are so coarse that the steps differ by their rounding.
     """
 
@@ -245,10 +247,12 @@ def _sampling(log: Log) -> Sampling:
     """Return the clock of a log."""
     steps = np.diff(log.times)
     stamp = reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size
-    longest = GAP * float(np.median(steps))
+    longest: float | Array = GAP * float(np.median(steps))
     if rounded := _are_rounded(steps, stamp):
-        mean = float(steps[steps < np.median(steps) + GAP * stamp].mean())
-        longest = (1.0 + ROUNDING) * (mean + stamp)
+        near = np.minimum(steps, np.median(steps) + GAP * stamp)
+        usual = uniform_filter1d(near, USUAL_ROWS, mode="nearest")
+        off = stamp / USUAL_ROWS  # by the rounding of the first and of the last of these rows
+        longest = np.maximum(GAP * usual, usual + stamp + 2.0 * off)
     lost = np.flatnonzero(steps > longest)
     kept = np.delete(steps, lost)
     gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
