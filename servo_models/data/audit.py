@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
@@ -250,7 +249,8 @@ def _sampling(log: Log) -> Sampling:
     longest: float | Array = GAP * float(np.median(steps))
     if rounded := _are_rounded(steps, stamp):
         near = np.minimum(steps, np.median(steps) + GAP * stamp)
-        usual = uniform_filter1d(near, USUAL_ROWS, mode="nearest")
+        around = np.pad(near, USUAL_ROWS // 2, mode="edge")
+        usual = np.convolve(around, np.full(USUAL_ROWS, 1.0 / USUAL_ROWS), "valid")
         off = stamp / USUAL_ROWS  # by the rounding of the first and of the last of these rows
         longest = np.maximum(GAP * usual, usual + stamp + 2.0 * off)
     lost = np.flatnonzero(steps > longest)
