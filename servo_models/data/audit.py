@@ -15,7 +15,7 @@ import numpy as np
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.data.outliers import about_outliers
+from servo_models.data.outliers import POSITIONS, about_outliers
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
 from servo_models.data.sensor import (
     clipped_share,
@@ -32,6 +32,9 @@ INNER = (1.0, 99.0)
 """Percentiles between which readings count: noise is 4.7 times its floor wide there."""
 MOVES = 10.0
 """That width over the noise floor, from which something moves."""
+STRETCHES = 100
+"""Of a log; within one of them nothing moves where it rests."""
+SPEEDS = ("m/s", "rad/s")
 ODD = 3.0
 """Medians of all logs above which the floor of one is its own: of two logs both always count."""
 
@@ -142,7 +145,7 @@ def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
-    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
+    return Audit(log, clock, commands, readings, _at_rest(log, plant, readings), odd)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
@@ -175,14 +178,27 @@ def _floor(readings: Sequence[Reading]) -> tuple[float, str]:
     return largest.value, largest.origin
 
 
-def _at_rest(log: Log, readings: Sequence[Reading]) -> float:
-    still = np.ones(len(log.times) - 2, dtype=bool)
+def _at_rest(log: Log, plant: Plant, readings: Sequence[Reading]) -> float:
+    """Share of samples that begin or end a stretch of the log in which nothing has moved.
+
+    Within two samples slow motion hides in noise; and a speed that does not change is no rest.
+    """
+    count = len(log.times)
+    ahead = max(2, count // STRETCHES)
+    still = np.ones(count - ahead, dtype=bool)
     for values in log.inputs.values():
-        still &= values[2:] == values[:-2]
+        still &= values[ahead:] == values[:-ahead]
+    units = {reading.name: plant.wire[reading.name].unit for reading in readings}
+    has_position = any(unit in POSITIONS for unit in units.values())
     for reading in readings:
-        values = log.outputs[reading.name]
-        still &= np.abs(values[2:] - values[:-2]) <= max(4.0 * reading.floor.value, reading.step)
-    return float(still.mean())
+        values, hidden = log.outputs[reading.name], max(4.0 * reading.floor.value, reading.step)
+        still &= np.abs(values[ahead:] - values[:-ahead]) <= hidden
+        if units[reading.name] in SPEEDS and not has_position:
+            still &= np.abs(values[ahead:]) <= hidden
+    rest = np.zeros(count, dtype=bool)
+    rest[ahead:] |= still
+    rest[:-ahead] |= still
+    return float(rest.mean())
 
 
 # The clock

@@ -112,9 +112,9 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     Where its actuator is a Python file, that is run: ``trust`` allows this wherever it lies.
 
     Raises:
-        UserError: a log, a folder or no TOML; an unknown key, actuator, variant, parameter or signal; a unit
-            that does not convert; a value out of bounds; a log that cannot be read or used,
-            see ``signals.read_log``.  It names the file, and the key or row and column.
+        UserError: a log, a folder or no TOML; an unknown key, actuator, variant, parameter or
+            signal; a unit that does not convert; a value out of bounds; a log that cannot be read
+            or used, see ``signals.read_log``.  It names the file, and the key or row and column.
 
     Example:
         >>> import servo_models as sm
