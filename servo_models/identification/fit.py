@@ -14,7 +14,7 @@ from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.belief import Doubt
+from servo_models.identification.doubts import Doubt
 from servo_models.identification.optimise import (
     LOCAL,
     SEARCHES,

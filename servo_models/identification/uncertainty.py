@@ -13,7 +13,7 @@ import numpy as np
 
 from servo_models.analysis.statistics import autocovariance, inflation, scatter
 from servo_models.core.types import Array
-from servo_models.identification.belief import Doubt
+from servo_models.identification.doubts import Doubt
 from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
 

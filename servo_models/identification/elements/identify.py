@@ -13,7 +13,7 @@ from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
 from servo_models.data.schema import Section
 from servo_models.errors import UserError
-from servo_models.identification.belief import Doubt, judged
+from servo_models.identification.doubts import Doubt, judged
 from servo_models.identification.elements.estimate import Estimate, exactly
 from servo_models.identification.elements.lines import line_with_flats, straight_line
 from servo_models.identification.elements.loop import Choice, Synthesis, synthesise
