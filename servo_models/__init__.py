@@ -11,48 +11,57 @@ Example:
     >>> response = sm.simulate(servo, [0.0, 0.5, 1.0], {"pulse_width": 2.0e-3})
     >>> response["angle"].shape  # rad; SI everywhere inside
     (3,)
+
+A name is imported when it is first used, so that the package alone costs nothing.
 """
 
-from importlib.metadata import version as _version
+from __future__ import annotations
 
-from servo_models.actuators.torque_causal import torque_causal
-from servo_models.analysis.explain import explain, overview
-from servo_models.analysis.figures import figures
-from servo_models.analysis.linearise import linearise
-from servo_models.build import build
-from servo_models.core.block import (
-    Ambiguity,
-    Clock,
-    DeadTime,
-    Fault,
-    FirstOrderLag,
-    Grid,
-    Harmonic,
-    Hints,
-    Memory,
-    Mode,
-    Notice,
-    Param,
-    Queue,
-    block,
-    effect,
-)
-from servo_models.core.catalogue import actuator, effects_on
-from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
-from servo_models.core.simulate import Model, Result, model, simulate
-from servo_models.data.arrays import describe
-from servo_models.data.description import Description, read_description
-from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
-from servo_models.data.tables import read_inputs, read_signals, write_signals
-from servo_models.diagnosis.diagnose import diagnose
-from servo_models.errors import UserError
-from servo_models.identification.check import check
-from servo_models.identification.identify import identify
-from servo_models.validation.any_fmu.experiment import Against
-from servo_models.validation.rows import Validation
-from servo_models.validation.runner import validate
+import functools
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-__version__ = _version("servo-models")
+if TYPE_CHECKING:
+    from servo_models.actuators.torque_causal import torque_causal
+    from servo_models.analysis.explain import explain, overview
+    from servo_models.analysis.figures import figures
+    from servo_models.analysis.linearise import linearise
+    from servo_models.build import build
+    from servo_models.core.block import (
+        Ambiguity,
+        Clock,
+        DeadTime,
+        Fault,
+        FirstOrderLag,
+        Grid,
+        Harmonic,
+        Hints,
+        Memory,
+        Mode,
+        Notice,
+        Param,
+        Queue,
+        block,
+        effect,
+    )
+    from servo_models.core.catalogue import actuator, effects_on
+    from servo_models.core.plant import Actuator, Plant, State, Variant, Wire, place
+    from servo_models.core.simulate import Model, Result, model, simulate
+    from servo_models.data.arrays import describe
+    from servo_models.data.description import Description, read_description
+    from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
+    from servo_models.data.tables import read_inputs, read_signals, write_signals
+    from servo_models.diagnosis.diagnose import diagnose
+    from servo_models.errors import UserError
+    from servo_models.identification.check import check
+    from servo_models.identification.identify import identify
+    from servo_models.validation.any_fmu.experiment import Against
+    from servo_models.validation.rows import Validation
+    from servo_models.validation.runner import validate
+
+    __version__: str
 
 __all__ = [
     "Actuator",
@@ -105,3 +114,40 @@ __all__ = [
     "write_parameters",
     "write_signals",
 ]
+
+
+@functools.cache
+def _homes() -> dict[str, str]:
+    """Module of each public name, as the imports above say it."""
+    import ast
+    from pathlib import Path
+
+    found = ast.walk(ast.parse(Path(__file__).read_bytes()))
+    imports = (node for node in found if isinstance(node, ast.ImportFrom) and node.module)
+    return {name.name: str(node.module) for node in imports for name in node.names}
+
+
+class _Package(ModuleType):
+    """This package: it imports names late, and its module ``build`` does not hide ``build``."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "__version__":
+            from importlib.metadata import version
+
+            found: Any = version("servo-models")
+        elif name in __all__:
+            found = getattr(importlib.import_module(_homes()[name]), name)
+        else:
+            raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
+        super().__setattr__(name, found)
+        return found
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in __all__ and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *__all__, "__version__"})
+
+
+sys.modules[__name__].__class__ = _Package

@@ -209,9 +209,21 @@ def _digests(folder: Path) -> dict[str, str]:
     }
 
 
+def _not_private(folder: Path) -> str:
+    """Why somebody else may have put into a folder what is there, "" if nobody can have."""
+    if os.name == "nt":  # a folder of the user is nobody else's there
+        return ""
+    about = folder.stat()
+    if about.st_uid != os.geteuid():
+        return "is not yours"
+    return "may be written by others" if about.st_mode & 0o022 else ""
+
+
 def _sealed(folder: Path) -> bool:
     """Whether a cache entry is there, as it was made and under the name it was made for."""
     try:
+        if _not_private(folder):
+            return False
         seal = {"name": folder.name, "sha256": _digests(folder)}
         return bool(json.loads((folder / SEAL).read_bytes()) == seal)
     except (OSError, ValueError, RecursionError):
@@ -238,15 +250,22 @@ def scratch() -> Iterator[Path]:
 def cache_folder() -> Path:
     """Return the user's cache folder, or one temporary folder where that cannot be written.
 
-    ``SERVO_MODELS_CACHE`` keeps it elsewhere.  It is looked up once a process.
+    So it is where others may write it, with a line on standard error: what is in it is loaded and
+    run.  ``SERVO_MODELS_CACHE`` keeps it elsewhere.  It is looked up once a process.
     """
     base = os.environ.get("SERVO_MODELS_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "servo-models"
     )
     folder = Path(base).absolute()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
+        folder.mkdir(0o700, parents=True, exist_ok=True)
+        if odd := _not_private(folder):
+            print(
+                f"servo-models: the cache '{folder}' {odd}, so nothing is loaded from it: remove"
+                " it, or set SERVO_MODELS_CACHE to a folder of your own",
+                file=sys.stderr,
+            )
+        elif os.access(folder, os.W_OK):
             _sweep(folder)
             return folder
     except OSError:

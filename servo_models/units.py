@@ -63,8 +63,9 @@ def _pint_name(unit: str) -> str:
             f"'{unit[:60]}' is no unit: write names, with one digit for an exponent and . * /"
             " between them, such as deg/s or N.m.s/rad2"
         )
+    turns = re.sub(r"\brev\b|\br(?=/)", "turn", unit)  # as in rev/min and r/min
     return (
-        re.sub(r"([A-Za-z%])(\d)", r"\1**\2", unit)
+        re.sub(r"([A-Za-z%])(\d)", r"\1**\2", turns)
         .replace(".", "*")
         .replace("Ohm", "ohm")
         .replace("%", "percent")

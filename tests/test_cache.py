@@ -124,6 +124,60 @@ def test_a_cache_that_cannot_be_written_is_one_temporary_folder_that_goes(tmp_pa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
+posix_only = pytest.mark.skipif(os.name == "nt", reason="no modes of files on Windows")
+
+
+@posix_only
+@pytest.mark.parametrize("mode", [0o770, 0o777, 0o1777])
+def test_nothing_is_loaded_from_a_cache_that_others_may_write(
+    cache: Path, capsys: pytest.CaptureFixture[str], mode: int
+) -> None:
+    """A library planted there, with a seal that fits, would run as part of the process."""
+    planted = cached("entry", fill)
+    cache.chmod(mode)
+    cache_folder.cache_clear()
+    made = [cached("entry", fill), cached("other", fill)]
+    assert found(made[0]) == CONTENT
+    assert all(folder.is_relative_to(cache_folder()) for folder in made)
+    assert not cache_folder().is_relative_to(cache)
+    assert planted.exists()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"'{cache}' may be written by others" in line
+
+
+@posix_only
+def test_nor_from_one_of_somebody_else(
+    cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cached("entry", fill)
+    cache_folder.cache_clear()
+    me = os.geteuid()
+    monkeypatch.setattr("os.geteuid", lambda: me + 1)
+    assert not cache_folder().is_relative_to(cache)
+    assert f"'{cache}' is not yours" in capsys.readouterr().err
+
+
+@posix_only
+def test_nor_an_entry_that_others_may_write(
+    cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cached("entry", fill).chmod(0o777)
+    made = cached("entry", fill)
+    assert made == cache / "entry"
+    assert made.stat().st_mode & 0o077 == 0
+    assert "is made again" in capsys.readouterr().err
+
+
+@posix_only
+def test_a_new_cache_is_for_nobody_else(cache: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        assert cache_folder() == cache
+    finally:
+        os.umask(before)
+    assert cache.stat().st_mode & 0o077 == 0
+
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path

@@ -42,51 +42,22 @@ def check(
 
     servo-models check log.toml
     """
-    if os.path.isdir(file):  # False for a name that is too long
-        raise _begin_one(file)
+    from servo_models.data.description import check_is_description, read_description
+
+    if init and os.path.isdir(file):  # False for a name that is too long
+        check_is_description(file)
     if init:
         return _init(file, out, actuator, trust)
     if out or actuator:
         raise UserError("--out and --actuator say how a description is begun: add --init")
-    if file.suffix.lower() != ".toml":
-        raise _begin_one(file)
+    check_is_description(file)
     from servo_models.cli.console import progress, show
-    from servo_models.data.description import read_description
     from servo_models.identification.check import check as run
 
     with progress("checking"):
         found = run(read_description(file, trust))
     show(found.report())
     return 1 if found.warnings else 0
-
-
-def _begin_one(path: Path) -> UserError:
-    """What to do with a log, or a folder of logs, in place of a description."""
-    from servo_models.data.readers import suffixes
-
-    is_folder = os.path.isdir(path)
-    what = "a folder, no description" if is_folder else "no description"
-    files = sorted(path.iterdir()) if is_folder else [path.with_suffix(".toml"), path]
-    told = next(filter(_is_description, files), None)
-    logs = (it for it in files if it.suffix.lower() in suffixes() and it.is_file())
-    log = next(logs, None) if is_folder else path
-    if told:
-        return UserError(f"'{path}' is {what}; there is one: 'servo-models check {told}'")
-    if not log:
-        return UserError(f"'{path}' is a folder without a log: name a description or a log")
-    return UserError(f"'{path}' is {what}; begin one with 'servo-models check {log} --init'")
-
-
-def _is_description(path: Path) -> bool:
-    """Whether a file is TOML that tells of logs, as one of parameters does not."""
-    from servo_models.data.schema import read_toml
-
-    if path.suffix.lower() != ".toml" or not os.path.isfile(path):
-        return False
-    try:
-        return "logs" in read_toml(path)
-    except UserError:
-        return False
 
 
 def _init(file: Path, out: Path | None, actuator: str | None, trust: bool) -> int:

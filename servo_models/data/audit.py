@@ -15,9 +15,8 @@ import numpy as np
 from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
-from servo_models.data.clock import ROUNDING
 from servo_models.data.log import Log
-from servo_models.data.outliers import about_outliers
+from servo_models.data.outliers import POSITIONS, about_outliers
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
 from servo_models.data.sensor import (
     clipped_share,
@@ -34,6 +33,9 @@ INNER = (1.0, 99.0)
 """Percentiles between which readings count: noise is 4.7 times its floor wide there."""
 MOVES = 10.0
 """That width over the noise floor, from which something moves."""
+STRETCHES = 100
+"""Of a log; within one of them nothing moves where it rests."""
+SPEEDS = ("m/s", "rad/s")
 ODD = 3.0
 """Medians of all logs above which the floor of one is its own: of two logs both always count."""
 
@@ -144,7 +146,7 @@ def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
-    return Audit(log, clock, commands, readings, _at_rest(log, readings), odd)
+    return Audit(log, clock, commands, readings, _at_rest(log, plant, readings), odd)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
@@ -177,14 +179,27 @@ def _floor(readings: Sequence[Reading]) -> tuple[float, str]:
     return largest.value, largest.origin
 
 
-def _at_rest(log: Log, readings: Sequence[Reading]) -> float:
-    still = np.ones(len(log.times) - 2, dtype=bool)
+def _at_rest(log: Log, plant: Plant, readings: Sequence[Reading]) -> float:
+    """Share of samples that begin or end a stretch of the log in which nothing has moved.
+
+    Within two samples slow motion hides in noise; and a speed that does not change is no rest.
+    """
+    count = len(log.times)
+    ahead = max(2, count // STRETCHES)
+    still = np.ones(count - ahead, dtype=bool)
     for values in log.inputs.values():
-        still &= values[2:] == values[:-2]
+        still &= values[ahead:] == values[:-ahead]
+    units = {reading.name: plant.wire[reading.name].unit for reading in readings}
+    has_position = any(unit in POSITIONS for unit in units.values())
     for reading in readings:
-        values = log.outputs[reading.name]
-        still &= np.abs(values[2:] - values[:-2]) <= max(4.0 * reading.floor.value, reading.step)
-    return float(still.mean())
+        values, hidden = log.outputs[reading.name], max(4.0 * reading.floor.value, reading.step)
+        still &= np.abs(values[ahead:] - values[:-ahead]) <= hidden
+        if units[reading.name] in SPEEDS and not has_position:
+            still &= np.abs(values[ahead:]) <= hidden
+    rest = np.zeros(count, dtype=bool)
+    rest[ahead:] |= still
+    rest[:-ahead] |= still
+    return float(rest.mean())
 
 
 # The clock
@@ -201,6 +216,8 @@ SHORT_STEPS = 3
 """Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
 LONG_STEPS = 0.1
 """Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
+USUAL_ROWS = 33
+"""Rows about a step that tell the usual one: a clock may wander."""
 STRAIGHT_ROWS = 16
 """Rows over which stamps are compared with a straight line."""
 BENT_STAMPS = 2.0
@@ -228,8 +245,8 @@ class Sampling:
         step: mean of the steps that are no gaps.
         jitter: their standard deviation.
         stamp: smallest common step of the time stamps, 0 for none.
-        gaps: steps longer than 1.5 usual ones; where stamps are rounded, than a usual one and a
-            stamp, so that a lost row of less than two stamps may not show.
+        gaps: steps longer than 1.5 usual ones; where stamps are rounded, also than a usual one of
+            the rows about and a stamp, so that a lost row of less than two stamps may not show.
         rounded: the stamps are so coarse that the steps differ by their rounding.
     """
 
@@ -246,10 +263,13 @@ def _sampling(log: Log) -> Sampling:
     """Return the clock of a log."""
     steps = np.diff(log.times)
     stamp = reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size
-    longest = GAP * float(np.median(steps))
+    longest: float | Array = GAP * float(np.median(steps))
     if rounded := _are_rounded(steps, stamp):
-        mean = float(steps[steps < np.median(steps) + GAP * stamp].mean())
-        longest = (1.0 + ROUNDING) * (mean + stamp)
+        near = np.minimum(steps, np.median(steps) + GAP * stamp)
+        around = np.pad(near, USUAL_ROWS // 2, mode="edge")
+        usual = np.convolve(around, np.full(USUAL_ROWS, 1.0 / USUAL_ROWS), "valid")
+        off = stamp / USUAL_ROWS  # by the rounding of the first and of the last of these rows
+        longest = np.maximum(GAP * usual, usual + stamp + 2.0 * off)
     lost = np.flatnonzero(steps > longest)
     kept = np.delete(steps, lost)
     gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)

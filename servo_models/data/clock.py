@@ -175,7 +175,8 @@ def _numbered(counts: NDArray[np.int64], width: float) -> NDArray[np.int64] | No
         if found is None or _line(counts[first:last], found, width)[1] > width:
             return None
         numbers = found
-    return numbers
+    gaps = np.count_nonzero(np.diff(numbers) > 1)
+    return numbers if gaps <= FIRST_BREAKS + MOST_BREAKS * n else None
 
 
 def _line(

@@ -6,6 +6,7 @@ A description is a TOML file beside the logs; ``docs/description.md`` shows ever
 from __future__ import annotations
 
 import functools
+import os.path
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,7 @@ from servo_models.core.plant import Actuator, unknown
 from servo_models.core.simulate import Model, model
 from servo_models.data.log import Log
 from servo_models.data.parameters import ParameterFile, ParameterSet, read_parameters
-from servo_models.data.readers import Columns, read_columns
+from servo_models.data.readers import Columns, read_columns, suffixes
 from servo_models.data.runs import check_apart, runs
 from servo_models.data.schema import (
     Quantity,
@@ -111,9 +112,9 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
     Where its actuator is a Python file, that is run: ``trust`` allows this wherever it lies.
 
     Raises:
-        UserError: no TOML; an unknown key, actuator, variant, parameter or signal; a unit
-            that does not convert; a value out of bounds; a log that cannot be read or used,
-            see ``signals.read_log``.  It names the file, and the key or row and column.
+        UserError: a log, a folder or no TOML; an unknown key, actuator, variant, parameter or
+            signal; a unit that does not convert; a value out of bounds; a log that cannot be read
+            or used, see ``signals.read_log``.  It names the file, and the key or row and column.
 
     Example:
         >>> import servo_models as sm
@@ -121,10 +122,39 @@ def read_description(path: str | Path, trust: bool = False) -> Description:
         >>> description.logs[0].outputs["reading"].shape  # rad
         (400,)
     """
+    check_is_description(Path(path))
     document = read_toml(Path(path))
     table = document.read(DescriptionTable)
     chosen, parameters = _model(document, table, trust)
     return described(document, chosen, parameters)
+
+
+def check_is_description(path: Path) -> None:
+    """Refuse a log, or a folder, in place of a description.
+
+    Raises:
+        UserError: it is one; the description that is there, or how to begin one.
+    """
+    is_folder = os.path.isdir(path)  # False for a name that is too long
+    if not is_folder and path.suffix.lower() == ".toml":
+        return
+    what = "a folder, no description" if is_folder else "no description"
+    files = sorted(path.iterdir()) if is_folder else [path.with_suffix(".toml"), path]
+    if told := next(filter(_tells_of_logs, files), None):
+        raise UserError(f"'{path}' is {what}; there is one: '{told}'")
+    logs = (file for file in files if file.suffix.lower() in suffixes() and file.is_file())
+    log = next(logs, None) if is_folder else path
+    if not log:
+        raise UserError(f"'{path}' is a folder without a log: name a description or a log")
+    raise UserError(f"'{path}' is {what}; begin one with 'servo-models check {log} --init'")
+
+
+def _tells_of_logs(path: Path) -> bool:
+    """Whether a file is TOML that tells of logs, as one of parameters does not."""
+    try:
+        return path.suffix.lower() == ".toml" and path.is_file() and "logs" in read_toml(path)
+    except (UserError, OSError):
+        return False
 
 
 def described(
@@ -266,8 +296,8 @@ def _free(document: Section, free: Sequence[str], chosen: Model) -> tuple[str, .
 
 
 def _logs(document: Section, chosen: Model, tables: Mapping[str, Columns]) -> tuple[Log, ...]:
-    entries = document.sections("logs")
-    if not entries and "sweeps" not in document and "elements" not in document:
+    entries, sweeps = document.sections("logs"), document.sections("sweeps")
+    if not entries and not sweeps and "elements" not in document:
         document.fail("logs", "missing; add [[logs]] with file, time and outputs")
     read, clocks = functools.cache(read_columns), functools.cache(read_clock)
     logs: list[Log] = []

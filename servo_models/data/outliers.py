@@ -36,6 +36,15 @@ class Outlier(NamedTuple):
     size: float
 
 
+def off_neighbours(values: Array) -> Array:
+    """Return how far readings lie off the running median, shape (n,); 0 where there are few."""
+    if len(values) < WINDOW:
+        return np.zeros(len(values))
+    ends = np.pad(values, WINDOW // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(ends, WINDOW)
+    return np.asarray(values - np.median(windows, axis=1))
+
+
 def outliers(values: Array, excused: Mask | None = None) -> Array:
     """Return by how much outliers lie off the running median, 0 for all other readings.
 
@@ -49,11 +58,9 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
     Returns:
         Distances with their sign, shape (n,).
     """
-    off = np.zeros(len(values))
+    off = off_neighbours(values)
     if len(values) < WINDOW:
         return off
-    ends = np.pad(values, WINDOW // 2, mode="edge")
-    off = values - np.median(np.lib.stride_tricks.sliding_window_view(ends, WINDOW), axis=1)
     if excused is not None:
         off[excused] = 0.0
     sizes = np.sort(np.abs(off))[::-1]

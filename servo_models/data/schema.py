@@ -144,10 +144,16 @@ class Section:
         return self.at(key)
 
     def sections(self, key: str) -> list[Section]:
-        """Return a list of inner tables, empty where the key is not there."""
+        """Return a list of inner tables, empty where the key is not there.
+
+        Raises:
+            UserError: it is there and empty, or no list of tables.
+        """
         if key not in self:
             return []
         tables = self.at(key).read(list[dict[str, Any]], f"[[{key}]]")
+        if not tables:
+            self.fail(key, f"has no table; add [[{key}]], or remove the key")
         name = _dotted(self.name, key)
         return [Section(self.file, f"{name}[{k}]", table) for k, table in enumerate(tables, 1)]
 

@@ -738,6 +738,7 @@ def _check_duration(clock: Clock, internal_step: float) -> None:
             f"{where(clock.column)} in {clock.unit}: rows are {usual:.3g} s apart, which no clock"
             " tells apart; correct the unit or the column"
         )
+    clock.columns.check_steps(clock.column, since, clock.rows)
     if lasts > MOST_EMPTY * len(since) * usual:
         row = int(np.argmax(steps)) + 1
         raise UserError(

@@ -61,15 +61,18 @@ def transport_delay(
     if time <= 0.0:
         return signal, newest, current, written, read, next_edge, full
     if signal != newest:
-        if written - read >= EDGES:
-            full = 1.0
         slot = 2 * (int(written) % EDGES)
         edges[slot] = now + time
         edges[slot + 1] = signal
         newest = signal
         written = written + 1.0
-    while read < written and edges[2 * (int(read) % EDGES)] <= due:
+    waiting = written - read
+    if waiting > EDGES:  # or a restored state is none that a run has saved
+        full = 1.0
+        waiting = 0.0
+    while waiting > 0.0 and edges[2 * (int(read) % EDGES)] <= due:
         current = edges[2 * (int(read) % EDGES) + 1]
         read = read + 1.0
-    next_edge = edges[2 * (int(read) % EDGES)] if read < written else math.inf
+        waiting = waiting - 1.0
+    next_edge = edges[2 * (int(read) % EDGES)] if waiting > 0.0 else math.inf
     return current, newest, current, written, read, next_edge, full

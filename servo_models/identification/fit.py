@@ -14,6 +14,7 @@ from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
+from servo_models.identification.doubts import Doubt
 from servo_models.identification.optimise import (
     LOCAL,
     SEARCHES,
@@ -26,7 +27,7 @@ from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
-from servo_models.identification.uncertainty import is_believable, spread, warnings
+from servo_models.identification.uncertainty import spread, warnings
 
 METHODS = {
     "local": "simulation error, least squares",
@@ -98,15 +99,12 @@ def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress)
     except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
         tell("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector)
-    odd = _outliers(problem.model, problem.logs)
-    odd += false_starts(problem.runs, values)
+    odd = [*_outliers(problem.model, problem.logs), *false_starts(problem.runs, values)]
     beyond = [text for run in problem.runs for text in run.notices(values)]
-    said = [*odd, *beyond, *warnings(problem, found.vector, uncertainty)]
+    said = [*map(Doubt, odd), *beyond, *warnings(problem, found.vector, uncertainty)]
     said += _ending(found, kind, starts)
-    numbers = np.array(list(values.values()))
-    believable = not odd and is_believable(problem.free, numbers, uncertainty)
     fitted = replace(problem.model, values={**problem.model.values, **values})
-    return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said, believable)
+    return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
 
 
 def _check(logs: Sequence[Log], names: Sequence[str], kind: str) -> None:
@@ -168,9 +166,9 @@ def _on_bounds(problem: Problem, vector: Array) -> Array:
 
 def _ending(found: Optimum, kind: str, starts: int) -> list[str]:
     if found.interrupted:
-        return ["stopped before it converged: these are the best values so far"]
+        return [Doubt("stopped before it converged: these are the best values so far")]
     if not found.converged:
-        return ["the search did not converge: give it more starts or fewer free parameters"]
+        return [Doubt("the search did not converge: give it more starts or fewer free parameters")]
     if found.widths is not None and kind == LOCAL and starts == 1:
         return [
             "the response is rough in these parameters, as with a quantiser or dry friction in"

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from servo_models.core.plant import GreyBox
 from servo_models.core.types import Array
+from servo_models.identification.doubts import Doubt
 
 VAGUE = 0.3
 """A constant whose standard error is a larger part of it is not determined."""
@@ -57,7 +58,7 @@ class Constant:
         if self.standard_error is not None and self.value:
             share = 100.0 * self.standard_error / abs(self.value)
             why = f"its standard error is {share:.0f} % of it; {touchy}"
-        return f"the data do not determine {self.name}: {why}"
+        return Doubt(f"the data do not determine {self.name}: {why}")
 
 
 @dataclass(frozen=True, eq=False)

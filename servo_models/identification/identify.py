@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from servo_models.data.description import (
     ELEMENTS,
@@ -33,6 +31,7 @@ from servo_models.data.parameters import (
     write_parameters,
 )
 from servo_models.errors import UserError
+from servo_models.identification.doubts import doubts
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
 from servo_models.identification.result import FIT, HELD_OUT, Identification
@@ -41,9 +40,6 @@ from servo_models.report.sections import Report
 
 if TYPE_CHECKING:
     from servo_models.analysis.figures import Figures
-
-HARDLY = 0.7
-"""Error left over the standard deviation of a reading, from which a fit does not follow it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,13 +51,20 @@ class Outcome(Result):
         parameters: with standard errors, the date of today and hashes of the files; None where
             nothing became a parameter.
         converged: False for a search that was stopped, or has not found a best value.
-        believable: False where it says itself that values are not to be believed.
     """
 
     result: Any
     parameters: ParameterSet | None
     converged: bool = True
-    believable: bool = True
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why its values are not to be believed, a sentence each; none where they are."""
+        return doubts(self.result.warnings)
+
+    @property
+    def believable(self) -> bool:
+        return not self.doubts
 
     def report(self, date: str = "") -> Report:
         report: Report = self.result.report(date)
@@ -72,6 +75,7 @@ class Outcome(Result):
         return {
             "converged": self.converged,
             "believable": self.believable,
+            "doubts": list(self.doubts),
             "parameter_set": self.parameters and self.parameters.document(),
             "result": self.result.document(),
         }
@@ -166,10 +170,7 @@ def identify(
         told.bounds,
         told.path,
     )
-    odd = tuple(_not_followed(found))
-    said = (*found.warnings, *odd)
-    found = replace(found, warnings=said, believable=found.believable and not odd)
-    return Outcome(found, _of_simulation(found), found.converged, found.believable)
+    return Outcome(found, _of_simulation(found), found.converged)
 
 
 def method_of(told: Description) -> str:
@@ -179,18 +180,6 @@ def method_of(told: Description) -> str:
     if ELEMENTS in told.document:
         return ELEMENTS
     return TRANSFER_FUNCTION if "sweeps" in told.document else SIMULATION
-
-
-def _not_followed(found: Identification) -> Iterator[str]:
-    """A sentence on each output whose motion the fitted model misses almost whole."""
-    for name in found.sigma:
-        own = [log.outputs[name][log.fitted] for log in found.logs if name in log.outputs]
-        if found.rms(name, FIT) > HARDLY * float(np.std(np.concatenate(own))):
-            yield (
-                f"the fitted model explains hardly anything of '{name}', so its values say nothing"
-                " of this log: check unit, scale and sign of the column, and that the log is of"
-                f" '{found.fitted.actuator.name}'"
-            )
 
 
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
@@ -210,9 +199,7 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
     method = f"transfer function, {found.chosen.name}; grey box"
     constants = found.constants.estimates if found.constants else None
     parameters = constants and _of_tables(told, constants, method, files, found.warnings)
-    physical = found.constants.constants.values() if found.constants else ()
-    determined = all(constant.determined for constant in physical)
-    return Outcome(found, parameters or None, not found.interrupted, determined)
+    return Outcome(found, parameters or None, not found.interrupted)
 
 
 def _by_elements(told: Description) -> Outcome:

@@ -42,6 +42,7 @@ class Free:
         scale: size of a change that matters; the search sees value / scale.
         nominal: value of the model before the fit.
         prior: standard deviation of ``nominal``, or None.
+        switch: at 0 it takes its effect away.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Free:
     scale: float
     nominal: float
     prior: float | None = None
+    switch: bool = False
 
 
 def free_parameter(
@@ -75,6 +77,7 @@ def free_parameter(
         scale=prior or size,
         nominal=nominal,
         prior=prior,
+        switch=param.switch,
     )
 
 

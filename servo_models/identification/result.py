@@ -14,6 +14,7 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
+from servo_models.identification.doubts import about_errors, doubts, judged
 from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
 from servo_models.identification.uncertainty import Spread
@@ -64,8 +65,6 @@ class Identification(Result):
         before, after: simulated outputs by log, SI by name.
         method: in words.
         warnings: in words, each with its cure.
-        believable: False where a warning says that an estimate is not to be believed, or names
-            outliers or a log that begins in another state.
         converged, interrupted: how the search ended.
         costs: where every start ended, best first.
         evaluations: simulations of all logs.
@@ -86,11 +85,15 @@ class Identification(Result):
     after: Sequence[dict[str, Array]]
     method: str
     warnings: Sequence[str]
-    believable: bool
     converged: bool
     interrupted: bool
     costs: Sequence[float]
     evaluations: int
+
+    @property
+    def believable(self) -> bool:
+        """Whether no warning says that the values are not to be believed."""
+        return not doubts(self.warnings)
 
     def rms(self, output: str, part: str, stage: str = "after") -> float:
         """Return the RMS error [SI] of an output over all logs of a part.
@@ -108,7 +111,8 @@ class Identification(Result):
         from servo_models.data.audit import audits, noise_floors
         from servo_models.identification.sections import identification_report
 
-        return identification_report(self, noise_floors(audits(self.logs, self.fitted.plant)))
+        floors = noise_floors(audits(self.logs, self.fitted.plant))
+        return judged(identification_report(self, floors), self.warnings)
 
     def document(self) -> dict[str, Any]:
         return {
@@ -184,7 +188,6 @@ def conclude(
     before: Sequence[dict[str, Array]],
     method: str,
     warnings: Sequence[str],
-    believable: bool,
 ) -> Identification:
     """Put together what a search and its uncertainty have found.
 
@@ -200,7 +203,7 @@ def conclude(
                 " the fit, so the fitted model runs away there: free fewer parameters, give"
                 " them bounds or priors, or correct the column"
             )
-    return Identification(
+    concluded = Identification(
         nominal=problem.model,
         fitted=fitted,
         logs=problem.logs,
@@ -216,9 +219,9 @@ def conclude(
         after=after,
         method=method,
         warnings=warnings,
-        believable=believable,
         converged=found.converged,
         interrupted=found.interrupted,
         costs=found.costs,
         evaluations=problem.memory.evaluations,
     )
+    return replace(concluded, warnings=(*about_errors(concluded), *warnings))

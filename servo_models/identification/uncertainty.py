@@ -13,6 +13,7 @@ import numpy as np
 
 from servo_models.analysis.statistics import autocovariance, inflation, scatter
 from servo_models.core.types import Array
+from servo_models.identification.doubts import Doubt
 from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
 
@@ -229,52 +230,52 @@ def doubt(free: Free, value: float, error: float) -> str:
     return NOT_DETERMINED if error > UNDETERMINED * size else ""
 
 
-def is_believable(free: Sequence[Free], values: Array, found: Spread) -> bool:
-    """Return whether no estimate [SI] is one that ``warnings`` says not to believe.
+def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
+    """Return in words what makes an estimate doubtful, each with its cure.
 
     One that is known from its prior only still is what was believed before, and an effect that
-    ends at 0 is found not to be needed.
+    ends at 0 is found not to be needed: neither is a ``Doubt``.
     """
-    rows = zip(free, values.tolist(), found.standard_errors.tolist())
-    doubts = [doubt(*row) for row in rows if row[1] != 0.0 or not np.isnan(row[2])]
-    determined = all(text in ("", FROM_PRIOR) for text in doubts)
-    apart = not _alike([one.name for one in free], found)
-    return determined and apart and found.condition <= ILL_CONDITIONED
-
-
-def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
-    """Return in words what makes an estimate doubtful, each with its cure."""
     said: list[str] = []
     unseen: list[str] = []
     names = [free.name for free in problem.free]
-    for name, side in zip(names, found.on_bound):
-        if side:
-            said.append(
-                f"'{name}' sits on its {side} bound: the data ask for something the model"
-                " does not have, or the parameter is not needed"
-            )
-    for free, value, error, slope in zip(
-        problem.free, vector * problem.scales, found.standard_errors, found.slopes
+    for free, value, error, slope, side in zip(
+        problem.free,
+        vector * problem.scales,
+        found.standard_errors,
+        found.slopes,
+        found.on_bound,
     ):
         reason = doubt(free, value, error)
-        if slope == 0.0:
-            said.append(
+        if side:
+            text = (
+                f"'{free.name}' sits on its {side} bound: the data ask for something the model"
+                " does not have, or the parameter is not needed"
+            )
+            said.append(text if free.switch and value == 0.0 else Doubt(text))
+        elif slope == 0.0:
+            text = (
                 f"'{free.name}' is not excited by these logs: where the fit ended, nothing measured"
                 " depends on it; begin with another value, or fix it"
             )
+            said.append(text if reason == FROM_PRIOR else Doubt(text))
         elif reason == FROM_PRIOR:
             unseen.append(f"'{free.name}'")
         elif reason == PULLED:
             prior = free.prior or 1.0
             said.append(
-                f"'{free.name}' was pulled {abs(value - free.nominal) / prior:.2g} prior deviations"
-                f" away, though its standard error is {error / prior:.2g} of them: do not believe"
-                " it; the errors are hardly noise, so the model lacks something"
+                Doubt(
+                    f"'{free.name}' was pulled {abs(value - free.nominal) / prior:.2g} prior"
+                    f" deviations away, though its standard error is {error / prior:.2g} of them:"
+                    " do not believe it; the errors are hardly noise, so the model lacks something"
+                )
             )
         elif reason == NOT_DETERMINED:
             said.append(
-                f"the data do not determine '{free.name}': its standard error is"
-                f" {_share(error, value)}; fix it, give it a prior, or excite it more"
+                Doubt(
+                    f"the data do not determine '{free.name}': its standard error is"
+                    f" {_share(error, value)}; fix it, give it a prior, or excite it more"
+                )
             )
     if unseen:
         verb, its = ("is", "its prior") if len(unseen) == 1 else ("are", "their priors")
@@ -287,8 +288,10 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
     said += _alike(names, found)
     if found.condition > ILL_CONDITIONED:
         said.append(
-            f"the fit is ill-conditioned ({_short(found.condition)}): some combination of"
-            " parameters is free; fix one of them"
+            Doubt(
+                f"the fit is ill-conditioned ({_short(found.condition)}): some combination of"
+                " parameters is free; fix one of them"
+            )
         )
     return said
 
@@ -322,7 +325,7 @@ def together(names: Sequence[str], without_prior: Container[str]) -> str:
     )
 
 
-def _alike(names: Sequence[str], found: Spread) -> list[str]:
+def _alike(names: Sequence[str], found: Spread) -> list[Doubt]:
     """Pairs whose estimates hang together, beside the groups of which each has been told."""
     told = [set(group) for group in found.groups]
     pairs = [
@@ -333,9 +336,11 @@ def _alike(names: Sequence[str], found: Spread) -> list[str]:
         and not any({i, j} <= group for group in told)
     ]
     return [
-        f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
-        f" (correlation {found.correlations[i, j]:+.3f}): fix one of them or log an experiment"
-        " that moves only one"
+        Doubt(
+            f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
+            f" (correlation {found.correlations[i, j]:+.3f}): fix one of them or log an experiment"
+            " that moves only one"
+        )
         for i, j in pairs
     ]
 

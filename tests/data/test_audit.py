@@ -402,3 +402,31 @@ def test_real_emps(logs_folder: Path) -> None:
     found = real(logs_folder / "emps" / "DATA_EMPS.mat", "t", 1.0, "qg", "qm")
     assert (found.sampling.samples, found.sampling.gaps) == (24841, ())
     assert found.sampling.step == pytest.approx(1e-3)
+
+
+# Rest
+
+SPEED = Plant(
+    (Wire("u", "V", "", low=-10.0, high=10.0),), (Wire("y", "rad/s", ""),), (), (), ("y",)
+)
+SWITCHED_ON = 400  # of 4000 samples
+
+
+@pytest.mark.parametrize(("plant", "speed"), [(PLANT, 0.2), (PLANT, 20.0), (SPEED, 20.0)])
+def test_a_motor_at_speed_is_not_at_rest(plant: Plant, speed: float) -> None:
+    """Its rate does not change, and its angle by less than its noise from sample to sample."""
+    times = 1e-3 * np.arange(4000)
+    since = np.maximum(times - times[SWITCHED_ON], 0.0)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(4000)
+    motion = speed * since if plant is PLANT else speed * -np.expm1(-since / 0.01)
+    log = log_of(times, np.where(since > 0.0, 5.0, 0.0), motion + noise)
+    assert audit(log, plant).at_rest == pytest.approx(SWITCHED_ON / 4000, abs=0.02)
+
+
+def test_short_rests_count_whole() -> None:
+    """Each of 20 ramps is followed by a rest as long."""
+    times = 1e-3 * np.arange(4000)
+    ramp = np.cumsum(np.where(times // 0.1 % 2 == 0, 0.01, 0.0))
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(4000)
+    found = audited(times, np.zeros(4000), ramp + noise)
+    assert found.at_rest == pytest.approx(0.5, abs=0.03)

@@ -195,7 +195,10 @@ def wandering(first: float, last: float, lost: int = 0, jitter: float = 0.0) -> 
 
 @pytest.mark.parametrize(
     ("first", "last", "jitter"),
-    [(1.9, 2.1, 0.0), (2.0, 2.0, 0.1), (2.4, 2.6, 0.0), (2.6, 2.4, 0.0), (1.2, 1.4, 0.0)],
+    [
+        *((1.9, 2.1, 0.0), (2.0, 2.0, 0.1), (2.4, 2.6, 0.0), (2.6, 2.4, 0.0), (1.2, 1.4, 0.0)),
+        *((2.45, 3.2, 0.0), (3.2, 2.45, 0.0), (2.0, 3.2, 0.0), (2.8, 2.8, 0.5)),
+    ],
 )
 @pytest.mark.parametrize("lost", [0, 5])
 def test_stamps_that_are_coarser_than_a_wandering_clock_are_no_gaps(
@@ -211,6 +214,20 @@ def test_stamps_that_are_coarser_than_a_wandering_clock_are_no_gaps(
     (said,) = [text for text in found.warnings if "coarser" in text]
     assert "time stamps in steps of 1 ms are coarser than the clock" in said
     assert "log with finer stamps" in said
+
+
+@pytest.mark.parametrize(("before", "after"), [(2.0, 2.45), (2.0, 3.2), (2.2, 2.8), (2.45, 3.2)])
+@pytest.mark.parametrize("rows", [150, 250, 400, 1000])
+def test_a_clock_that_changes_its_pace_has_lost_nothing(
+    before: float, after: float, rows: int
+) -> None:
+    """A grid of the one pace takes every second step of the other one for a lost row."""
+    stamps = np.round(np.cumsum(np.repeat([before, after], rows // 2)))
+    assert dithered(stamps, MS) is None
+    times = MS * (stamps - stamps[0])
+    found = audit(logs.log_of(times, {"u": times % 0.1}, {"y": times}), GAPPY)
+    assert found.sampling.gaps == ()
+    assert found.sampling.step == pytest.approx(times[-1] / (rows - 1))
 
 
 @pytest.mark.parametrize("period", [1.0, 2.0])

@@ -24,6 +24,8 @@ from tests.support.own_actuators import SOURCE
         ('"measured"\n', '"measured"\nfree = ["mass"]\n', ["free", "'mass'"]),
         ('"measured"\n', '"measured\n', ["no TOML", "line 2"]),
         (LOG, "", ["logs: missing", "[[logs]]"]),
+        (LOG, "logs = []\n", ["logs: has no table; add [[logs]], or remove the key"]),
+        (HEAD, HEAD + "sweeps = []\n", ["sweeps: has no table; add [[sweeps]], or remove the key"]),
         (LOG, LOG + LOG, ["logs[2].name", "a second log 'log'"]),
         ("[[logs]]", "[logs]", ["logs: no list; write for example [[logs]]"]),
         ('file = "log.csv"', "", ["logs[1].file: missing"]),

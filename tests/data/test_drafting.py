@@ -52,12 +52,15 @@ def test_a_description_that_is_there_is_named_before_another_is_begun(run: Run, 
     (csv.parent / "a.toml").write_text('actuator = "sg90"\n[parameters]\n')
     (csv.parent / "b.toml").write_text("= no TOML")
     for given in (csv.parent, csv):
-        assert f"begin one with 'servo-models check {csv} --init'" in run("check", given)[2]
+        for command in ("check", "identify", "diagnose"):
+            code, out, err = run(command, given)
+            assert (code, out) == (2, "")
+            assert f"no description; begin one with 'servo-models check {csv} --init'" in err
     told = described(csv).rename(csv.with_suffix(".toml"))
     for given in (csv.parent, csv):
         code, _, err = run("check", given)
         assert code == 2
-        assert f"no description; there is one: 'servo-models check {told}'" in err
+        assert f"no description; there is one: '{told}'" in err
 
 
 def test_a_description_without_logs_is_refused(run: Run, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Callable
@@ -46,6 +47,19 @@ def test_named_files_of_the_package_exist(page: Path) -> None:
         r"`((?:servo_models|tests|benchmarks|fmu_src)/[\w/.]*)`", page.read_text(encoding="utf-8")
     ):
         assert (ROOT / name).exists(), name
+
+
+def test_the_keys_of_a_diagnosis_in_json_are_those_of_its_schema() -> None:
+    def names_in(part: Any) -> set[str]:
+        inner = part.values() if isinstance(part, dict) else part if isinstance(part, list) else ()
+        found = set(part.get("properties", ())) if isinstance(part, dict) else set()
+        return found.union(*map(names_in, inner))
+
+    schema = json.loads((ROOT / "servo_models" / "diagnosis" / "schema.json").read_text())
+    text = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    table = text.split("| key | what it holds |")[1].split("\n\n")[0]
+    told = set(re.findall(r"`([a-z_]+)`", table))
+    assert told - names_in(schema) <= {"null", "window"}  # of JSON, and of a description
 
 
 def test_the_architecture_names_folders_and_modules_that_exist() -> None:

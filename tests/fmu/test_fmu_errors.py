@@ -22,7 +22,7 @@ from servo_models.build import FMI3, NATIVE, PYTHON
 from servo_models.core.simulate import model
 from servo_models.errors import UserError
 from servo_models.validation.fmu_subject import Subject
-from tests.support.fmu_host import Host
+from tests.support.fmu_host import Host, place_in_x
 from tests.support.kinds import FAILED, python_only
 
 Files = Callable[[str], Path]
@@ -379,15 +379,29 @@ DAMAGED: dict[str, Damage] = {
 }
 
 
+def sealed(state: dict[str, Any]) -> bytes:
+    """A saved state with a digest that fits."""
+    text = json.dumps(state)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return json.dumps({"state": text, "digest": digest}).encode()
+
+
 @python_only
 @pytest.mark.parametrize("name", DAMAGED)
 def test_a_state_that_is_no_state_is_refused_whatever_its_digest(host: Host, name: str) -> None:
     state = held(host)
     DAMAGED[name](state)
-    text = json.dumps(state)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    content = json.dumps({"state": text, "digest": digest}).encode()
-    refused(host, lambda: restore(host, content), "the state to restore is damaged")
+    refused(host, lambda: restore(host, sealed(state)), "the state to restore is damaged")
+
+
+@python_only
+@pytest.mark.parametrize("read", [-600.0, -1e18])
+def test_a_delay_line_that_no_run_has_ends_the_run(host: Host, read: float) -> None:
+    """Its loop over the edges that wait came to no end where 1 more is no other number."""
+    state = held(host)
+    state["x"][place_in_x("transport_delay__read")] = read
+    restore(host, sealed(state))
+    refused(host, lambda: host.fmu.doStep(1e-3, 1e-3), "the delay line is full")
 
 
 def test_a_changed_byte_of_a_state_is_seen(host: Host) -> None:

@@ -21,7 +21,7 @@ from fmu_src.native.archive import headers
 from servo_models.build import NATIVE, build
 from servo_models.core.simulate import model
 from tests.conftest import MODELS
-from tests.support.fmu_host import CALLBACKS, Host
+from tests.support.fmu_host import CALLBACKS, Host, place_in_x
 from tests.support.kinds import native_only
 from tests.support.own_actuators import write
 
@@ -161,6 +161,19 @@ def test_a_state_that_is_no_state_is_refused_whatever_its_digest(host: Host) -> 
         assert "the state to restore is damaged" in host.messages[-1][1], name
         host.fmu.setFMUstate(host.fmu.deSerializeFMUstate(content))
     host.fmu.doStep(1e-3, 1e-3)
+
+
+@pytest.mark.parametrize("read", [-600.0, -1e18])
+def test_a_delay_line_that_no_run_has_ends_the_run(host: Host, read: float) -> None:
+    """Its loop over the edges that wait came to no end where 1 more is no other number."""
+    content = saved(host)
+    x = HEADER.size + 8 * TIMES + 8 * len(host.description.modelVariables)
+    at = x + 8 * place_in_x("transport_delay__read")
+    forged = sealed(content[:at] + struct.pack("=d", read) + content[at + 8 :])
+    host.fmu.setFMUstate(host.fmu.deSerializeFMUstate(forged))
+    with pytest.raises(FMICallException):
+        host.fmu.doStep(1e-3, 1e-3)
+    assert "the delay line is full" in host.messages[-1][1]
 
 
 # Derivatives, against the equations

@@ -20,6 +20,7 @@ from fmpy.fmi2 import (
 )
 from fmpy.fmi3 import FMU3Slave
 
+from servo_models.core.simulate import model
 from servo_models.core.types import Array
 
 Messages = list[tuple[int, str]]
@@ -154,3 +155,9 @@ class Host:
         """Initialise at the first of ``times`` and run to the last."""
         self.start({**dict(zip(self.inputs, inputs[0])), **(parameters or {})}, times[0])
         return self.run(times, inputs)
+
+
+def place_in_x(memory: str) -> int:
+    """Where in a saved state vector of the torque motor a memory is."""
+    flat = model("torque_motor").flat
+    return len(flat.states) + [name for name, _ in flat.memory].index(memory)

@@ -204,6 +204,8 @@ def ground(tmp_path: Path) -> Path:
         ("y,time\n0,0\n1,1\n", "the first column is 'y'; name it 'time'"),
         ("time,y\n0,0\n1,1\n0.5,1\n", "time runs backward"),
         ("time,y,y\n0,0,0\n1,1,1\n", "has two columns 'y'"),
+        ("time,y\n0,0\n5e-324,1\n1,1\n", "row 3, column 'time': time moves from 0.0 s to 5e-324 s"),
+        ("time,y\n-1.7e308,0\n1.7e308,1\n", "as no clock does; correct one of the two rows"),
     ],
 )
 def test_a_reference_that_says_nothing_is_refused(ground: Path, reference: str, told: str) -> None:
@@ -255,6 +257,22 @@ def test_units_of_columns_are_converted(ground: Path) -> None:
         ground / "lag.fmu", Against(ground / "in.csv", ground / "deg.csv"), LIMITS
     )
     assert all(row.passed for row in result.rows)
+
+
+def test_elements_of_arrays_have_their_names(tmp_path: Path) -> None:
+    """In the reference, the inputs, the tolerances and with a unit."""
+    one = FOREIGN["lag"]
+    names = {"u": "motor.u[2,1]", "y": "a[1,2]"}
+    renamed = [replace(v, name=names.get(v.name, v.name)) for v in one.variables]
+    fmu = replace(one, variables=tuple(renamed)).write(tmp_path)
+    fed = np.ones_like(one.times)
+    right = one.reference(one.times, {"u": fed})["y"] + 0.01
+    inputs = table(tmp_path / "in.csv", one.times, {'"motor.u[2,1]"': fed})
+    reference = table(tmp_path / "ref.csv", one.times, {'"a[1,2] [deg]"': np.degrees(right)})
+    for limit, passes in ((0.011, True), (0.009, False)):
+        (tmp_path / "tol.toml").write_text(f'[outputs."a[1,2]"]\natol = {limit}\n')
+        result = check_against(fmu, Against(inputs, reference, tmp_path / "tol.toml"), LIMITS)
+        assert all(row.passed for row in result.rows) == passes
 
 
 def test_outputs_without_a_column_are_named(tmp_path: Path) -> None:
@@ -379,7 +397,11 @@ def test_the_reference_that_an_fmu_carries_is_used(ground: Path, manifest: str) 
         ("", "names no experiment with references"),
         (EXPERIMENT.replace('stopTime="1"', 'stopTime="soon"'), "could not convert"),
         (EXPERIMENT.replace("parameters.ssv", "in.csv"), "is no XML"),
-        ("<Experiment>", "is no XML"),
+        (
+            "<Experiment>",
+            "lag.fmu': extra/org.fmi-standard.fmi-ls-ref cannot be read (fmi-ls-manifest.xml is no"
+            " XML: mismatched tag: line 1, column 29): give a reference with --reference ref.csv",
+        ),
     ],
 )
 def test_a_reference_of_its_own_that_is_none_is_refused(

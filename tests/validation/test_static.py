@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import struct
 import sys
 import zipfile
 from collections.abc import Callable
@@ -258,6 +259,13 @@ def test_bytes_that_are_no_library_raise_value_error(tmp_path: Path) -> None:
     damaged = [good[:size] for size in range(0, 4000, 37)]
     damaged += [good[:k] + bytes([good[k] ^ 0xFF]) + good[k + 1 :] for k in range(0, 4000, 11)]
     damaged += [kind + good[4:3000] for kind in (b"MZ\0\0", b"\xcf\xfa\xed\xfe")]
+    table = struct.unpack_from("<Q", good, 40)[0]
+    section, count = struct.unpack_from("<HH", good, 58)
+    fields = [40, *(table + section * k + at for k in range(count) for at in (24, 32))]
+    for field in fields:  # the table of sections, and where each begins and how long it is
+        large = bytearray(good)
+        struct.pack_into("<Q", large, field, 1 << 63)
+        damaged.append(bytes(large))
     for content in damaged:
         try:
             read_binary(content)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 NUMBER = 8  # bytes
 LEAST_RUN = 8
 """Rows of a run of its own; fewer are rows out of order."""
+SHORTEST_STEP = 1e-18  # s, far below the step of any clock or solver
 
 
 @dataclass(frozen=True)
@@ -217,7 +218,7 @@ class Columns:
     def check_order(self, column: str | int, times: Array, first: int = 0) -> None:
         """Raise UserError where ``times`` [s], the ones of that column from row ``first`` on, run
         backward: a row out of order, a clock that starts again, or midnight."""
-        backward = np.flatnonzero(np.diff(times) < 0.0) + 1
+        backward = np.flatnonzero(times[1:] < times[:-1]) + 1
         if not len(backward):
             return
         row = int(backward[0])
@@ -233,6 +234,19 @@ class Columns:
             )
         place = self.where(column, first + row)
         raise UserError(f"{place}: time runs backward from {before} to {after}; {cure}")
+
+    def check_steps(self, column: str | int, times: Array, rows: NDArray[np.int64]) -> None:
+        """Raise UserError where ``times`` [s], the ones of that column in these ``rows``, rise by
+        so little, or by so much, that no rate or duration is a finite number."""
+        with np.errstate(over="ignore"):
+            steps = np.diff(times)
+        odd = np.flatnonzero((steps > 0.0) & (steps < SHORTEST_STEP) | np.isinf(steps)) + 1
+        if len(odd):
+            row = int(odd[0])
+            raise UserError(
+                f"{self.where(column, int(rows[row]))}: time moves from {times[row - 1]!s} s to"
+                f" {times[row]!s} s, as no clock does; correct one of the two rows or its unit"
+            )
 
 
 def _are_two_runs(one: Array, other: Array) -> bool:

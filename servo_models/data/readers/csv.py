@@ -11,6 +11,7 @@ import io
 import itertools
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from servo_models.data.readers.columns import Source, Tables
@@ -88,18 +89,19 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _split(line: str, separator: str) -> list[str]:
-    return [cell.strip() for cell in _plain(line, separator).split(separator)]
+    """The cells of a line without quotes and outer blanks, such as ``a[1,2]``."""
+    if '"' in line:
+        with suppress(csv.Error):  # a cell beyond the limit of the reader: its quote does not end
+            (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+            return [cell.strip() for cell in cells]
+    return [cell.strip() for cell in line.replace('"', "").split(separator)]
 
 
 def _plain(line: str, separator: str) -> str:
     """The line without quotes; a separator inside quotes becomes a blank."""
     if '"' not in line:
         return line
-    try:
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    except csv.Error:  # a cell beyond the limit of the reader: its quote does not end
-        return line.replace('"', "")
-    return separator.join(cell.replace(separator, " ") for cell in cells)
+    return separator.join(cell.replace(separator, " ") for cell in _split(line, separator))
 
 
 def _is_header(first: Sequence[str], cells: Sequence[str]) -> bool:

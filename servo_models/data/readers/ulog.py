@@ -1,8 +1,7 @@
 """ULog files of PX4: a topic is a table.
 
 A further instance of a topic is called ``topic.1``, ``topic.2`` and so on.  Times stand in
-``timestamp``, in us.  Rows count the topic's messages from 1.  Of a file that was cut short
-the messages before the cut are read.
+``timestamp``, in us.  Rows count the topic's messages from 1.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import io
 import struct
 
 from servo_models.data.readers.columns import Source, Tables, array_column, extra
+from servo_models.errors import UserError
 
 SUFFIXES = (".ulg", ".ulog")
 HEADER = 16
@@ -23,11 +23,16 @@ def read(source: Source) -> Tables:
     """Read a ULog file.
 
     Raises:
-        UserError: it is damaged, or has no such topic.
+        UserError: it is damaged or cut short, or has no such topic.
     """
     pyulog = extra("ulog", "pyulog")
     if not _is_defined(source.content):
         raise source.damaged("ULog")
+    if not _is_whole(source.content):
+        raise UserError(
+            f"'{source.path}' ends within a message: copy it again; of a recording that was cut"
+            " off, ulog2csv of pyulog writes the part before the cut as CSV"
+        )
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # pyulog talks about damaged messages
             topics = pyulog.ULog(io.BytesIO(source.content)).data_list
@@ -56,3 +61,11 @@ def _is_defined(content: bytes) -> bool:
             return False
         place += 3 + size
     return False
+
+
+def _is_whole(content: bytes) -> bool:
+    """Whether the last message ends where the file does."""
+    place = HEADER
+    while place + 3 <= len(content):
+        place += 3 + int.from_bytes(content[place : place + 2], "little")
+    return place == len(content)

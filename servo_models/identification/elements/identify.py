@@ -13,6 +13,7 @@ from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
 from servo_models.data.schema import Section
 from servo_models.errors import UserError
+from servo_models.identification.doubts import Doubt, judged
 from servo_models.identification.elements.estimate import Estimate, exactly
 from servo_models.identification.elements.lines import line_with_flats, straight_line
 from servo_models.identification.elements.loop import Choice, Synthesis, synthesise
@@ -107,7 +108,7 @@ class ElementsResult(Result):
     def report(self, date: str = "") -> Report:
         from servo_models.identification.elements.sections import elements_report
 
-        return elements_report(self, date)
+        return judged(elements_report(self, date), self.warnings)
 
     def document(self) -> dict[str, Any]:
         return {
@@ -224,7 +225,8 @@ class _Bench:
     def set_size(self, name: str, estimate: Estimate | None) -> None:
         """Keep a parameter that cannot be below 0: an estimate below is taken as 0."""
         if estimate and estimate.value < 0.0:
-            self.warnings.append(f"'{name}' was found at {estimate.value:.3g} and is taken as 0")
+            text = f"'{name}' was found at {estimate.value:.3g} and is taken as 0"
+            self.warnings.append(Doubt(text))
             estimate = replace(estimate, value=0.0)
         self.set(name, estimate)
 

@@ -12,6 +12,7 @@ from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from servo_models.errors import UserError
+from servo_models.identification.doubts import Doubt, judged
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
 from servo_models.identification.transfer.choose import (
     Candidate,
@@ -31,7 +32,9 @@ from servo_models.identification.transfer.measurements import (
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
 
-INTERRUPTED = "interrupted: larger structures were not tried; the best of the others is chosen"
+INTERRUPTED = Doubt(
+    "interrupted: larger structures were not tried; the best of the others is chosen"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,7 +63,7 @@ class TransferResult(Result):
     def report(self, date: str = "") -> Report:
         from servo_models.identification.transfer.sections import transfer_report
 
-        return transfer_report(self, date)
+        return judged(transfer_report(self, date), self.warnings)
 
     def document(self) -> dict[str, Any]:
         constants = self.constants.estimates if self.constants else {}
@@ -262,7 +265,8 @@ def _inside(
 ) -> tuple[PhysicalConstants, tuple[str, ...]]:
     """Constants that the actuator takes: no delay where the function has none, and those beyond
     a bound on it, with what to say of these."""
-    known, constants, texts = model.plant.parameters, dict(physical.constants), []
+    known, constants = model.plant.parameters, dict(physical.constants)
+    texts: list[Doubt] = []
     if model.values.get(delay):
         constants.setdefault(delay, Constant(delay, 0.0, None))
     for name, constant in constants.items():
@@ -272,8 +276,11 @@ def _inside(
             constants[name] = replace(constant, value=value, standard_error=None)
             unit = known[name].param.unit
             texts.append(
-                f"'{name}' was found at {constant.value:.3g} {unit} and is taken as {value:g}, on"
-                " its bound: the constants no longer make this function; check those that are known"
+                Doubt(
+                    f"'{name}' was found at {constant.value:.3g} {unit} and is taken as {value:g},"
+                    " on its bound: the constants no longer make this function; check those that"
+                    " are known"
+                )
             )
     return replace(physical, constants=constants), tuple(texts)
 

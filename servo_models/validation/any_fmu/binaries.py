@@ -44,7 +44,7 @@ def read_binary(content: bytes) -> Binary:
     """
     try:
         return _read(content)
-    except (struct.error, IndexError, KeyError, UnicodeDecodeError) as error:
+    except (struct.error, IndexError, KeyError, OverflowError, UnicodeDecodeError) as error:
         raise ValueError(f"its header is damaged: {error}") from error
 
 
@@ -142,7 +142,11 @@ def _versions(content: bytes, start: int, count: int, names: int) -> list[tuple[
             library, _, numbers = _text(content, names + name).partition("_")
             if library == "GLIBC" and numbers.replace(".", "").isdigit():
                 versions.append(tuple(int(number) for number in numbers.split(".")))
+            if not after:
+                break
             at += after
+        if not following:
+            break
         start += following
     return versions
 

@@ -212,6 +212,7 @@ def _table(fmu: AnyFmu, path: Path, role: str) -> dict[str, Trace]:
         )
     times = columns.numbers(1) * (factor(clock[1], "s") if clock[1] else 1.0)
     columns.check_order(1, times)
+    columns.check_steps(1, times, np.arange(len(times)))
     if len(times) < 2 or times[0] == times[-1]:
         raise UserError(f"'{path}' has {len(times)} row(s), no run: give rows from start to stop")
     found: dict[str, Trace] = {}
@@ -371,7 +372,10 @@ def _read_manifest(fmu: AnyFmu, manifest: Path, inputs: Path | None) -> Iterator
 
 
 def _xml(path: Path) -> ElementTree.Element:
-    check_xml(path)
+    try:
+        check_xml(path)
+    except UserError as error:  # it names the file in the FMU, and who calls, FMU and cure
+        raise ValueError(str(error)) from error
     return ElementTree.parse(path).getroot()
 
 
