@@ -1,7 +1,8 @@
 """Outputs are written whole or not at all; the cache holds what it was given, or makes it anew.
 
-What is being written has a name of its own, which tells the process: what a killed one has left
-is removed by the next that writes there.
+What is being written lies in a folder such as ``.servo-models-x1_k09ab.part`` beside the output,
+with a file that is locked meanwhile.  What a killed process has left is not locked: the next that
+writes there removes it.
 """
 
 from __future__ import annotations
@@ -14,13 +15,11 @@ import hashlib
 import json
 import math
 import os
-import platform
 import re
 import shutil
 import stat
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
@@ -29,33 +28,49 @@ from servo_models.errors import UserError
 
 SEAL = "sealed.json"
 """File of a cache entry with its name and the SHA-256 of every other file in it."""
-_HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
-_DAY = 86400.0
-"""Age [s] at which what another host began to write is left over too."""
+_PREFIX, _SUFFIX = ".servo-models-", ".part"
+_PART = re.compile(rf"{re.escape(_PREFIX)}[a-z0-9_]{{8}}{re.escape(_SUFFIX)}")
+"""What ``tempfile`` makes of prefix and suffix."""
+_LOCK = ".servo-models.lock"
 
 
 def write_with(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, then move it into place.
+    """Let ``write`` fill a file of the same name in a temporary folder, then move it into place.
 
-    A crash, of the machine too, leaves the old file as it was.  The temporary file keeps the
-    suffix, since writers choose their format by it.
+    A crash, of the machine too, leaves the old file as it was.
 
     Raises:
         UserError: the folder cannot be made or written.
     """
-    part = _beside(path)
-    try:
-        write(part)
-        mask = os.umask(0)
-        os.umask(mask)
-        part.chmod(0o666 & ~mask)
-        _to_disk(part)
-        part.replace(path)
-        _to_disk(path.parent)
-    except OSError as error:
-        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with being_written(path) as part:
+        try:
+            write(part)
+            _to_disk(part)
+            part.replace(path)
+            _to_disk(path.parent)
+        except OSError as error:
+            raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
+
+
+@contextlib.contextmanager
+def being_written(path: Path) -> Iterator[Path]:
+    """A free name on the same disk for a file or folder that is then moved to ``path``.
+
+    The folder of ``path`` is made.  What stays under the free name goes at the end.
+
+    Raises:
+        UserError: the folder cannot be made or written.
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part = stack.enter_context(_part(path.parent))
+        except OSError as error:
+            raise UserError(
+                f"cannot write '{path}': {error.strerror or error}; choose a folder that you may"
+                " write"
+            ) from error
+        yield part / path.name
 
 
 largest_input: ContextVar[int] = ContextVar("largest_input", default=256 << 20)
@@ -124,23 +139,9 @@ def check_writable(path: Path) -> None:
     Raises:
         UserError: it cannot.
     """
-    _beside(path).unlink()
-    if path.is_dir():
-        raise UserError(f"cannot write '{path}': it is a folder; name a file")
-
-
-def _beside(path: Path) -> Path:
-    """An empty temporary file beside ``path``, whose folder is made."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _sweep(path.parent)
-        handle, name = tempfile.mkstemp(prefix=_prefix(), suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise UserError(
-            f"cannot write '{path}': {error.strerror or error}; choose a folder that you may write"
-        ) from error
-    os.close(handle)
-    return Path(name)
+    with being_written(path):
+        if path.is_dir():
+            raise UserError(f"cannot write '{path}': it is a folder; name a file")
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -167,16 +168,15 @@ def cached(name: str, make: Callable[[Path], object]) -> Path:
     if folder.exists():
         print(f"servo-models: '{folder}' was damaged and is made again", file=sys.stderr)
     try:
-        part = Path(tempfile.mkdtemp(prefix=_prefix(), dir=folder.parent))
-        try:
-            make(part)
-            digests = _digests(part)
-            (part / SEAL).write_text(json.dumps({"name": folder.name, "sha256": digests}))
-            for file in (*(part / one for one in digests), part / SEAL, part):
+        with _part(folder.parent) as part:
+            made = part / name
+            made.mkdir()
+            make(made)
+            digests = _digests(made)
+            (made / SEAL).write_text(json.dumps({"name": name, "sha256": digests}))
+            for file in (*(made / one for one in digests), made / SEAL, made):
                 _to_disk(file)
-            _put(part, folder)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
+            _put(made, folder)
     except OSError as error:
         raise UserError(
             f"cannot write the cache '{folder.parent}': {error.strerror or error}; set"
@@ -230,20 +230,13 @@ def _sealed(folder: Path) -> bool:
         return False
 
 
-def scratch_folder() -> Path:
-    """Return a new temporary folder; what killed processes have left of theirs goes first."""
-    _sweep(Path(tempfile.gettempdir()))
-    return Path(tempfile.mkdtemp(prefix=_prefix()))
-
-
 @contextlib.contextmanager
 def scratch() -> Iterator[Path]:
     """A temporary folder that goes at the end."""
-    folder = scratch_folder()
-    try:
+    with _part(Path(tempfile.gettempdir())) as part:
+        folder = part / "files"
+        folder.mkdir()
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 @functools.cache
@@ -270,43 +263,93 @@ def cache_folder() -> Path:
             return folder
     except OSError:
         pass
-    folder = scratch_folder()
-    atexit.register(_remove_own, folder, os.getpid())
-    return folder
+    temporary = scratch()
+    atexit.register(temporary.__exit__, None, None, None)
+    return temporary.__enter__()
 
 
-def _remove_own(folder: Path, process: int) -> None:
-    """Remove the temporary cache when the process that made it ends, not one forked from it."""
-    if os.getpid() == process:
-        shutil.rmtree(folder, ignore_errors=True)
+@contextlib.contextmanager
+def _part(folder: Path) -> Iterator[Path]:
+    """A new folder in ``folder``, which no other process removes; it goes at the end.
+
+    Raises:
+        OSError: ``folder`` cannot be written.
+    """
+    _sweep(folder)
+    part, handle = _begin(folder)
+    process = os.getpid()
+    try:
+        yield part
+    finally:
+        if os.getpid() == process:  # and not one forked from it
+            _remove(part, handle)
 
 
-def _prefix() -> str:
-    """How names of what this process is writing begin."""
-    return f".part-{_HOST}-{os.getpid()}-"
+def _begin(folder: Path) -> tuple[Path, int]:
+    """Make a part and lock it; another is made where a sweep came between the two."""
+    while True:
+        part = Path(tempfile.mkdtemp(prefix=_PREFIX, suffix=_SUFFIX, dir=folder))
+        with contextlib.suppress(FileNotFoundError):
+            handle = _open(part)
+            with contextlib.suppress(OSError):  # a disk without locks, on which nothing is swept
+                _lock(handle, wait=True)
+            if (part / _LOCK).exists():
+                return part, handle
+            os.close(handle)
 
 
 def _sweep(folder: Path) -> None:
     """Remove what processes that are gone had begun to write in a folder."""
-    for part in folder.glob(".part-*-*-*"):
-        _, _, rest = part.name.partition(".part-")
-        host, process, *_ = rest.split("-")
+    for part in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
         with contextlib.suppress(OSError):
-            ended = host == _HOST and process.isdigit() and not _runs(int(process))
-            if ended or time.time() - part.stat().st_mtime > _DAY:
-                shutil.rmtree(part) if part.is_dir() else part.unlink()
+            if not (_PART.fullmatch(part.name) and _is_ours(part)):
+                continue
+            handle = _open(part)
+            try:
+                _lock(handle, wait=False)
+            except OSError:
+                os.close(handle)
+            else:
+                _remove(part, handle)
 
 
-def _runs(process: int) -> bool:
-    if os.name == "nt":  # os.kill would end it; what is left there goes after a day
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
+def _is_ours(part: Path) -> bool:
+    """Whether it is a folder of this user: others may have put a link there."""
+    about = part.lstat()
+    user = 0 if sys.platform == "win32" else os.getuid()
+    return stat.S_ISDIR(about.st_mode) and about.st_uid == user
+
+
+def _open(part: Path) -> int:
+    return os.open(part / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+
+
+def _lock(handle: int, wait: bool) -> None:
+    """Lock an open file until it is closed, or its process has ended.
+
+    Raises:
+        OSError: another process holds it, or the disk has no locks.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(handle, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _remove(part: Path, handle: int) -> None:
+    """Remove a part, also one with folders that their owner may not write."""
+    if os.name == "nt":  # which removes no open file
+        os.close(handle)
+    for place, _, _ in os.walk(part):
+        with contextlib.suppress(OSError):
+            os.chmod(place, stat.S_IRWXU)
+    shutil.rmtree(part, ignore_errors=True)
+    if os.name != "nt":
+        os.close(handle)
 
 
 def _to_disk(path: Path) -> None:

@@ -18,6 +18,7 @@ from typer.core import TyperGroup
 from servo_models.cli.blind import blind
 from servo_models.cli.build import build
 from servo_models.cli.check import check
+from servo_models.cli.console import disarmed
 from servo_models.cli.diagnose import diagnose
 from servo_models.cli.explain import explain
 from servo_models.cli.figures import figures
@@ -32,8 +33,7 @@ EXIT_FAILED = 2
 INTERRUPTED = 130
 """What typer makes of Ctrl-C, without a word."""
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
-"""Base of all complaints about the command line.  Typer brings its own click since 0.26, and
-before it used the package: this is their common name."""
+"""Base of all complaints about the command line, which typer has no public name for."""
 
 
 class Commands(TyperGroup):
@@ -96,6 +96,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code; ``arguments`` defaults to the process's."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     _be_a_good_pipe()
+    with disarmed():
+        return _run(words)
+
+
+def _run(words: list[str]) -> int:
     try:
         code = app(
             args=words or ["--help"],

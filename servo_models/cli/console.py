@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from servo_models.report.sections import Report
 from servo_models.report.terminal import text
@@ -16,6 +19,48 @@ NARROW = 80
 """Columns of what is meant to be read, in a pipe too."""
 ONE_LINE = 2000
 """Characters; no row of a table is longer, so a filter such as grep finds all of it."""
+RUNNER_COMMAND = re.compile(r"(?:^|[\r\n])\s*:(?=:)|##\w*(?=\[)")
+"""What a CI runner obeys, up to the last sign that it needs: ``::error::`` where a line begins, and
+``##[error]``, ``##vso[...]``, ``##teamcity[...]`` anywhere."""
+
+
+@contextmanager
+def disarmed() -> Iterator[None]:
+    """Let no printed name command a CI runner: ``::error::x`` is printed as ``:\\:error::x``.
+
+    Names come out of anybody's files, and a report may break its lines anywhere, so this looks at
+    all that is written to stdout and stderr.
+    """
+    streams = [stream for stream in (sys.stdout, sys.stderr) if isinstance(stream, io.TextIOBase)]
+    for stream in streams:
+        stream.write = _Disarming(stream)  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        for stream in streams:
+            del stream.write
+
+
+class _Disarming:
+    """Write to a stream; ``line`` is what its last line has so far, as a name may be in pieces."""
+
+    def __init__(self, stream: io.TextIOBase) -> None:
+        self.stream, self.line = stream, ""
+
+    def __call__(self, said: str) -> int:
+        shown = RUNNER_COMMAND.sub(r"\g<0>\\", self.line + said)
+        _as_it_is(self.stream, shown[len(self.line) :])
+        self.line = re.split(r"[\r\n]", shown)[-1]
+        return len(said)
+
+
+def print_commands(lines: Iterable[str]) -> None:
+    """Print lines that a CI runner is to obey."""
+    _as_it_is(sys.stdout, "".join(f"{line}\n" for line in lines))
+
+
+def _as_it_is(stream: Any, said: str) -> None:
+    type(stream).write(stream, said)  # the method of its class, behind ``disarmed``
 
 
 def show(report: Report, width: int = ONE_LINE) -> None:

@@ -75,7 +75,7 @@ def diagnose(
 
     servo-models build --params PARAMS.toml
     """
-    from servo_models.cli.console import progress, show
+    from servo_models.cli.console import print_commands, progress, show
     from servo_models.data.description import read_description
     from servo_models.data.parameters import write_parameters
     from servo_models.diagnosis.diagnose import diagnose as run
@@ -106,7 +106,7 @@ def diagnose(
     if format_ is Format.JSON:
         print(found.to_json())
     elif format_ is Format.GITHUB:
-        print("\n".join(github(found)))
+        print_commands(github(found))
     else:
         show(found.report())
     return 0 if found.within_tolerance else GAP_FOUND

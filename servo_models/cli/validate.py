@@ -113,7 +113,7 @@ def validate(
 
     servo-models validate any.fmu --static-only
     """
-    from servo_models.cli.console import NARROW, progress, show
+    from servo_models.cli.console import NARROW, print_commands, progress, show
     from servo_models.core.catalogue import actuator as find_actuator
     from servo_models.data.parameters import read_parameters
     from servo_models.files import check_writable
@@ -158,7 +158,7 @@ def validate(
     if format_ is Format.JSON:
         print(result.to_json())
     elif format_ is Format.GITHUB:
-        print("\n".join(formats.github(result)))
+        print_commands(formats.github(result))
     elif brief:
         show(sections.summary(result), NARROW)
     else:

@@ -10,8 +10,11 @@ PACKAGES = ("servo-models", "pythonfmu", "fmpy", "numba", "numpy", "scipy", "con
 
 
 def finite_json(document: object) -> str:
-    """Return a document as JSON; a figure that is not finite becomes null."""
-    return json.dumps(_finite(document), indent=2)
+    """Return a document as JSON; a figure that is not finite becomes null.
+
+    Of ``##`` one sign is escaped, as CI runners obey ``##[error]`` anywhere in a line.
+    """
+    return json.dumps(_finite(document), indent=2).replace("##", r"#\u0023")
 
 
 def command(kind: str, title: str, message: str) -> str:

@@ -6,15 +6,14 @@ Names, sizes and the description are judged as the archive is unpacked.
 from __future__ import annotations
 
 import contextlib
-import os
-import shutil
 import stat
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
 from servo_models.errors import UserError
-from servo_models.files import scratch_folder
+from servo_models.files import scratch
 
 DESCRIPTION = "modelDescription.xml"
 MOST_FILES = 10_000
@@ -31,8 +30,9 @@ COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """FMI 2.0.4, section 2.3."""
 
 
-def unpack(path: Path, megabytes: float) -> Path:
-    """Return a new temporary folder with the files of an FMU; nothing is left after an error.
+@contextlib.contextmanager
+def unpacked(path: Path, megabytes: float) -> Iterator[Path]:
+    """A temporary folder with the files of an FMU; it goes at the end.
 
     Args:
         path: of the FMU.
@@ -45,25 +45,11 @@ def unpack(path: Path, megabytes: float) -> Path:
     limit = int(megabytes * 2**20)
     if (packed := path.stat().st_size) > limit:
         raise UserError(_too_large(packed, limit))
-    folder = scratch_folder()
-    try:
+    with scratch() as folder:
         with zipfile.ZipFile(path) as archive:
             _extract(archive, folder, limit)
         check_xml(folder / DESCRIPTION)
-    except BaseException:
-        remove(folder)
-        raise
-    return folder
-
-
-def remove(folder: Path) -> None:
-    """Remove a folder, also one whose files its owner may not write."""
-    shutil.rmtree(folder, ignore_errors=True)
-    if folder.exists():
-        for place, _, _ in os.walk(folder):
-            with contextlib.suppress(OSError):
-                os.chmod(place, stat.S_IRWXU)
-        shutil.rmtree(folder, ignore_errors=True)
+        yield folder
 
 
 def _extract(archive: zipfile.ZipFile, folder: Path, left: int) -> None:

@@ -6,7 +6,7 @@ import base64
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from servo_models.core.plant import Actuator
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
 from servo_models.errors import UserError
-from servo_models.validation.archive import remove, unpack
+from servo_models.validation.archive import unpacked
 from servo_models.validation.host_process import (
     LIMITS,
     DeadHostError,
@@ -61,6 +61,7 @@ class OpenFmu(ABC):
         self.name = self.path.name
         self.limits = limits
         self._host: HostProcess | None = None
+        self._files = ExitStack()
         self._started = 0
         self.over = ""
         if not os.path.isfile(self.path):
@@ -68,7 +69,7 @@ class OpenFmu(ABC):
                 f"no FMU '{path}': build it with servo-models build, or correct the name"
             )
         try:
-            self.folder = unpack(self.path, limits.unpacked_megabytes)
+            self.folder = self._files.enter_context(unpacked(self.path, limits.unpacked_megabytes))
         except Exception as error:  # zip and XML errors of many kinds
             raise self._unreadable(error) from error
         try:
@@ -93,7 +94,7 @@ class OpenFmu(ABC):
     def close(self) -> None:
         """End the process and remove the unpacked files."""
         self.end_process()
-        remove(self.folder)
+        self._files.close()
 
     def end_process(self) -> None:
         """End the process; the next call starts another."""

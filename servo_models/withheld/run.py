@@ -19,7 +19,6 @@ import hashlib
 import json
 import multiprocessing
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -33,7 +32,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from servo_models.errors import UserError, did_you_mean
-from servo_models.files import write_whole
+from servo_models.files import being_written, write_whole
 from servo_models.report.interchange import conditions
 from servo_models.report.result import Result
 from servo_models.withheld.generator.cases import TIERS
@@ -156,12 +155,11 @@ def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
     wanted = {**asdict(asked), "tiers": list(asked.tiers)}
     code = own_code()
     if not folder.exists():
-        part = folder.parent / f".part-{folder.name}"  # whole or not at all, whoever is killed
-        shutil.rmtree(part, ignore_errors=True)
-        seal = _generated(part, asked, tell)
-        begun = json.dumps({**wanted, "seal": seal, "code": code})
-        write_whole(part / path.name, begun.encode())
-        part.rename(folder)
+        with being_written(folder) as part:
+            seal = _generated(part, asked, tell)
+            begun = json.dumps({**wanted, "seal": seal, "code": code})
+            write_whole(part / path.name, begun.encode())
+            part.rename(folder)
         return seal
     if not path.is_file():
         raise UserError(f"'{folder}' is there and holds no withheld check: name a new folder")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -120,6 +121,24 @@ def test_a_crash_does_not_look_like_a_verdict(run: Run, monkeypatch: pytest.Monk
     code, _, err = run("list")
     assert code == 2
     assert "a bug" in err
+
+
+def test_a_process_that_validates_what_is_wrong_does_not_end_with_0(
+    fmu_file: Callable[[str], Path], tmp_path: Path
+) -> None:
+    """Beside the exit code of ``main``, what a shell or a CI runner sees of it."""
+    fmu, bad, reference = fmu_file("torque_motor"), tmp_path / "bad.fmu", tmp_path / "ref.csv"
+    bad.write_text("no zip")
+    reference.write_text("time,angle\n0,1\n0.1,2\n")
+    for words, code, said in [
+        (["absent.fmu"], 2, "no FMU 'absent.fmu'"),
+        ([bad, "--static-only"], 2, "bad.fmu"),
+        ([bad, "--reference", reference], 2, "bad.fmu"),
+        ([fmu, "--reference", reference], 1, "FAILED"),
+        ([fmu, "--refernce", reference], 2, "--reference"),
+    ]:
+        done = python("-m", "servo_models", "validate", *map(str, words))
+        assert (done.returncode, said in done.stdout + done.stderr) == (code, True), done
 
 
 def test_settings_reach_the_model(run: Run, tmp_path: Path) -> None:

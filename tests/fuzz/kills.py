@@ -303,7 +303,7 @@ def _whole_lines(path: Path) -> bytes:
 
 def _leftovers(place: Place, but_first: bool = False) -> str:
     """Name what lies about; ``but_first``: no run has had the occasion to remove it."""
-    parts = [path for folder in place for path in folder.rglob(".part-*")]
+    parts = [path for folder in place for path in folder.rglob(".servo-models-*.part")]
     left = [] if but_first else [str(path) for path in [*parts, *place.temporary.iterdir()]]
     return f"left over: {left}" if left else ""
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -184,13 +185,14 @@ def test_it_runs_as_a_process_of_its_own_and_prints_the_seal(tmp_path: Path) -> 
     assert "exists already" in again.stderr
 
 
-def test_cases_that_were_half_generated_are_generated_again(tmp_path: Path) -> None:
-    """A kill while cases are generated leaves them beside the folder, which is not there yet."""
-    left = tmp_path / ".part-runs"
-    (left / "cases" / "000").mkdir(parents=True)
-    (left / "truth").write_bytes(b"half")
+def test_cases_are_generated_anew_beside_folders_of_any_name(tmp_path: Path) -> None:
+    kept = {tmp_path / name / "precious" for name in (".part-runs", "runs.part", ".runs.part")}
+    for path in kept:
+        path.parent.mkdir()
+        path.write_bytes(b"kept")
     asked = Asked(cases=1, seed=5, tiers=("easy",))
     seal = sealed_cases(tmp_path / "runs", asked, lambda done, every, what: None)
     assert sealed_cases(tmp_path / "runs", asked, lambda done, every, what: None) == seal
-    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
-    assert not (tmp_path / "runs" / "truth").is_file()
+    generate(tmp_path / "cases", 1, 5)
+    assert {path.parent.name for path in kept} | {"runs", "cases"} == set(os.listdir(tmp_path))
+    assert all(path.read_bytes() == b"kept" for path in kept)

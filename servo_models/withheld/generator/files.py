@@ -15,7 +15,7 @@ import hashlib
 import io
 import json
 import math
-import shutil
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,19 +49,20 @@ def generate(
     """
     if folder.exists():
         raise FileExistsError(f"'{folder}' exists already; name a new folder")
-    part = folder.with_name(f"{folder.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    answers = []
-    for number in range(cases):
-        case = draw_case(seed, number, tiers[number % len(tiers)])
-        answers.append(write_case(part, f"{number:04d}", case))
-        if progress:
-            progress(number + 1, cases)
-    content = {"version": VERSION, "seed": seed, "cases": answers}
-    text = json.dumps(content, indent=1).encode()
-    part.mkdir(parents=True, exist_ok=True)
-    (part / "answers.json").write_bytes(text)
-    part.rename(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as beside:
+        part = Path(beside) / folder.name
+        part.mkdir()
+        answers = []
+        for number in range(cases):
+            case = draw_case(seed, number, tiers[number % len(tiers)])
+            answers.append(write_case(part, f"{number:04d}", case))
+            if progress:
+                progress(number + 1, cases)
+        content = {"version": VERSION, "seed": seed, "cases": answers}
+        text = json.dumps(content, indent=1).encode()
+        (part / "answers.json").write_bytes(text)
+        part.rename(folder)
     return hashlib.sha256(text).hexdigest()
 
 
