@@ -8,10 +8,10 @@ CASES is a folder that ``python -m servo_models.withheld.generator`` has made.  
 by replacing its function, or by a value of its constant at which it does nothing.  The file
 ``FOLDER/NAME.jsonl`` has the answers without rule NAME, ``FOLDER/all.jsonl`` those with all rules.
 
-In the table a rule *acts* in a case where the answer differs in any number.  A case is *right* as
-``servo_models.withheld.score.good`` says; it is *lost* where it is right with the rule alone, and
-*gained* where it is right without it alone.  Seconds are of the processor, over those with all
-rules on the same cases.  Lines are those of the functions that would go.
+In the table a rule *acts* in a case where the answer differs in any number.  A case is *lost* where
+its answer is right with the rule alone, and *gained* where it is right without it alone, as
+``servo_models.withheld.score.good`` says.  Processor seconds are over those with all rules on the
+same cases.  Lines are those of the functions that would go.
 """
 
 from __future__ import annotations
@@ -20,24 +20,200 @@ import argparse
 import inspect
 import json
 import os
-import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is all there is
 
-from golden import dealt, read_answers, right  # noqa: E402  # after the threads are limited
+from golden import answered, change, read_rows, truths, withheld
 
-from servo_models.diagnosis import verdict  # noqa: E402
-from servo_models.diagnosis.search import (  # noqa: E402
+from servo_models.diagnosis import verdict
+from servo_models.diagnosis.search import (
     fitting,
     grid_search,
     joint_fits,
+    residuals,
     screening,
     selection,
 )
 
-Change = tuple[Any, str, Any]
-"""A module or class, a name in it, and what stands there in its place."""
+ALL = "all"
+"""Name of the answers with all rules."""
+Search = selection.SubsetSelection
+
+
+class Rule(NamedTuple):
+    """A rule, correction or stage of the search.
+
+    Attributes:
+        changes: what takes it out: a module or class, a name in it, what stands there instead.
+        parts: functions that would go with it.
+    """
+
+    changes: Sequence[tuple[Any, str, Any]]
+    parts: Sequence[Callable[..., Any]] = ()
+
+
+def nothing(*_: Any, **__: Any) -> None:
+    """Stand for a function that does something, or finds something."""
+
+
+def same(_: Any, found: Any, *__: Any) -> Any:
+    """Stand for a function that makes its second argument better."""
+    return found
+
+
+RULES = {
+    "swap": Rule([(Search, "swap", nothing)], [Search.swap]),
+    "exchange": Rule([(Search, "exchange", nothing)], [Search.exchange]),
+    "pairs": Rule(
+        [(Search, "add_pairs", nothing)],
+        [Search.add_pairs, screening.pairs, screening._pairs, screening._taking_part]
+        + [screening._different, screening._limits, screening._at, joint_fits.together],
+    ),
+    "several bases": Rule([(selection, "BASES", 1)], [Search.bases]),
+    "grids beside effects": Rule(
+        [(Search, "grow_discontinuous", nothing)], [Search.grow_discontinuous]
+    ),
+    "grids": Rule(
+        [(Search, "grow_discontinuous", nothing), (Search, "search_grids", nothing)],
+        [Search.grow_discontinuous, Search.search_grids, *vars(grid_search).values()],
+    ),
+    "finalists": Rule([(selection, "FINALISTS", 0), (selection, "PARTS_OF", 0)]),
+    "parts fitted again": Rule([(selection, "PARTS_OF", 0)]),
+    "screening from nominal": Rule(
+        [(selection, "survey", lambda retuned, _, every: screening.survey(retuned, (), every))],
+        [screening._at_best],
+    ),
+    "corrected grids": Rule(
+        [(screening, "corrected_changes", screening.changes)],
+        [screening.corrected_changes, screening._corrected],
+    ),
+    "half jumps": Rule([(joint_fits, "_half_jumps", lambda *_: iter(()))], [joint_fits._half_jumps]),
+    "reach moved on": Rule(
+        [(joint_fits, "_followed", same)], [joint_fits._followed, joint_fits._opened]
+    ),
+    "grids polished": Rule([(joint_fits, "_polished", same)], [joint_fits._polished]),
+    "second start": Rule([(joint_fits, "STARTS", 1)], [joint_fits._unlike]),
+    "thorough starts": Rule(
+        [
+            (
+                joint_fits,
+                "best_start",
+                lambda results, thorough=True: joint_fits._start(
+                    results, [it.share or 1.0 for it in results], thorough=False
+                ),
+            )
+        ],
+        [joint_fits.best_start],
+    ),
+    "delay by samples": Rule([(fitting, "shifted", nothing)], [fitting.shifted, fitting._periods]),
+    "past an edge": Rule([(fitting, "past_an_edge", nothing)], [fitting.past_an_edge]),
+    "phase turned": Rule([(fitting, "turned", nothing)], [fitting.turned]),
+    "smooth twin": Rule(
+        [(fitting.Fitter, "_switched_off", lambda _: {})],
+        [fitting.Fitter._switched_off, fitting.Fitter._twin, fitting.Fitter._smooth_start],
+    ),
+    "sharpened": Rule([(fitting, "sharpened", lambda _, vector, *__: vector)], [fitting.sharpened]),
+    "bound costs": Rule(
+        [(selection, "ENTRY_SHARE_ON_BOUND", 0.0), (fitting, "LOSS_FACTOR_ON_BOUND", 1.0)],
+        [fitting.FittedModel.held_by_bound.func],
+    ),
+    "strangeness": Rule([(fitting, "_strangeness", lambda *_: 0.0)], [fitting._strangeness]),
+    "trials counted": Rule([(selection, "log", lambda _: 0.0)]),
+    "conditions left out": Rule(
+        [(selection, "leave_one_condition_out", lambda *_: 0.0)],
+        [fitting.leave_one_condition_out, fitting.conditions, Search.carries_over],
+    ),
+    "entry: blocks agree": Rule([(selection, "ENTRY_PROBABILITY", 2.0)]),
+    "entry: advantage": Rule([(selection, "ENTRY_ADVANTAGE", -float("inf"))]),
+    "entry: part of the gap": Rule([(selection, "ENTRY_PART_OF_GAP", 0.0)]),
+    "entry: third effect": Rule([(selection, "ENTRY_SHARE_OF_THIRD", selection.ENTRY_SHARE)]),
+    "fits alone: ten": Rule([(selection, "ALONE", 5)]),
+    "fits beside: four": Rule([(selection, "ADDED", 2)]),
+    "fits of pairs: six": Rule([(selection, "PAIRS_AT_ONCE", 3)]),
+    "fifth effect": Rule([(selection, "MOST_EFFECTS", 3)]),
+    "look-alikes once": Rule([(selection, "SAME_COSINE", 2.0)], [selection.same]),
+    "errors that follow": Rule([(verdict, "not_followed", lambda *_: [])]),
+    "locked to the command": Rule(
+        [(verdict, "_locked", lambda *_: verdict.LockedTest(1.0, 0.0, 0.0, ""))], [verdict._locked]
+    ),
+    "limit cycle": Rule([(verdict, "unrepeatable", lambda *_: 0.0)], [verdict.unrepeatable]),
+    "structured part": Rule([(verdict, "unmodelled", lambda *_: False)], [residuals.unmodelled]),
+}
+
+
+def answers(cases: Path, out: Path, rule: Rule, limit: int) -> None:
+    """Diagnose the first cases without a rule; those that the file has already stay."""
+    done = read_rows(out) if out.exists() else {}
+    jobs = [job for job in withheld(cases) if job.name not in done][: limit - len(done)]
+    for job in jobs:
+        with ExitStack() as stack:
+            for place, name, instead in rule.changes:
+                stack.enter_context(patch.object(place, name, instead))
+            row = answered(job)
+        with out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def lines_of(rule: Rule) -> int:
+    """Lines of the functions that would go."""
+    return sum(
+        len(inspect.getsource(part).splitlines())
+        for part in rule.parts
+        if inspect.isfunction(part) and part.__module__.startswith("servo_models.diagnosis")
+    )
+
+
+def table(cases: Path, out: Path) -> Iterator[str]:
+    """Lines of the table, the rules that lose most first."""
+    truth, whole = truths(cases), read_rows(out / f"{ALL}.jsonl")
+    yield "| without | lines | cases | acts | lost | gained | processor seconds |"
+    yield "|---|---|---|---|---|---|---|"
+    rows = []
+    for name, rule in RULES.items():
+        path = out / f"{name.replace(' ', '_').replace(':', '')}.jsonl"
+        if not path.exists():
+            continue
+        without = {case: row for case, row in read_rows(path).items() if case in whole}
+        was = {case: whole[case]["answer"] for case in without}
+        now = {case: row["answer"] for case, row in without.items()}
+        changed = [change(truth[case], was[case], now[case]) for case in without]
+        acts = sum(was[case] != now[case] for case in without)
+        seconds = [sum(rows_[case]["seconds"] for case in without) for rows_ in (without, whole)]
+        lost, gained = changed.count("lost"), changed.count("gained")
+        text = f"| {name} | {lines_of(rule)} | {len(without)} | {acts} | {lost} | {gained} |"
+        rows.append((gained - lost, f"{text} {seconds[0] / max(seconds[1], 1e-9):.2f} |"))
+    yield from (text for _, text in sorted(rows, key=lambda row: row[0]))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("cases", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", default="", help="rules, with commas between")
+    parser.add_argument("--limit", type=int, default=10_000, help="first cases that are diagnosed")
+    parser.add_argument("--table", action="store_true")
+    given = parser.parse_args()
+    names = given.only.split(",") if given.only else [ALL, *RULES]
+    unknown = [name for name in names if name != ALL and name not in RULES]
+    if unknown:
+        parser.error(f"no rule {', '.join(unknown)}; there are {', '.join(RULES)}")
+    given.out.mkdir(parents=True, exist_ok=True)
+    for name in names if not given.table else ():
+        print(name, file=sys.stderr, flush=True)
+        path = given.out / f"{name.replace(' ', '_').replace(':', '')}.jsonl"
+        answers(given.cases, path, RULES.get(name, Rule([])), given.limit)
+    for line in table(given.cases, given.out) if given.table else ():
+        print(line)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -25,6 +25,8 @@ NOT_IDENTIFIABLE = "not-identifiable"
 
 EXPLAINED = 0.5
 """Share of what can be closed from which parameters explain a gap."""
+MOST_LEFT_FLOORS = 2.0
+"""Structured part [RMS, noise floors] that a verdict without an effect may leave."""
 FEW = 3
 """Fitted models that a set may hold and still say something."""
 
@@ -109,7 +111,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     )
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
-        if lacking:
+        if lacking or left.structured > MOST_LEFT_FLOORS:
             return Verdict(OUTSIDE, {}, (), (), rest, limit_cycle)
         masked = selection.masked if parameters_explain(selection) else ()
         names = tuple(one.name for one in masked)

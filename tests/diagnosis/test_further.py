@@ -123,3 +123,13 @@ def test_what_cannot_be_repeated_is_taken_off_what_is_left() -> None:
     assert left.without(0.0) == left
     assert left.without(3.0) == replace(left, structured=4.0, least=np.sqrt(7.0))
     assert left.without(6.0).structured == left.without(6.0).least == 0.0
+
+
+@pytest.mark.parametrize("times_as_wrong", [1.0, 1e5])
+def test_a_smooth_response_far_from_its_log_repeats_itself(times_as_wrong: float) -> None:
+    """Standard errors of a model that is wrong are wide, and its moves end on bounds."""
+    fitter, _ = made({"drive_saturation.limit": 15.0})
+    fitted = fitter.fit((), ())
+    evidence = replace(fitted.evidence, errors=times_as_wrong * fitted.evidence.errors)
+    widths = np.full(len(fitted.problem.free), 1e-3)
+    assert unrepeatable(replace(fitted, evidence=evidence, widths=widths)) == 0.0

@@ -123,3 +123,17 @@ def test_errors_that_follow_the_command_are_outside_the_catalogue(
         locked = LockedTest(p_value, 1e3, 0.5, "rate")
         patch.setattr(verdicts, "command_locked", lambda *_: locked)
         assert decide(friction).kind == kind
+
+
+@pytest.mark.parametrize(("floors", "kind"), [(1.9, PARAMETERS), (2.1, OUTSIDE)])
+def test_a_verdict_without_an_effect_leaves_two_noise_floors_at_most(
+    friction: Selection, monkeypatch: pytest.MonkeyPatch, floors: float, kind: str
+) -> None:
+    """Whatever else calls what is left noise."""
+    monkeypatch.setattr(verdicts, "unmodelled", lambda *_: False)
+    monkeypatch.setattr(verdicts, "not_followed", lambda *_: ())
+    monkeypatch.setattr(verdicts, "_locked", lambda _: LockedTest(1.0, 0.0, 0.0, ""))
+    left = replace(friction.retuned.left, structured=floors, least=0.0)
+    retuned = replace(friction.retuned)
+    vars(retuned)["left"] = left
+    assert decide(replace(friction, retuned=retuned, taken=retuned)).kind == kind

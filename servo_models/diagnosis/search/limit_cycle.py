@@ -10,43 +10,47 @@ from __future__ import annotations
 
 import numpy as np
 
+from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
 
 DRAWS = 8
 """Other parameters that are tried."""
 MOVE_IN_STANDARD_ERRORS = 0.3
 """How far they are away."""
-SMALLER_MOVE_IN_STANDARD_ERRORS = 0.03
-"""The same once more."""
+NEARER = 0.1
+"""Share of that move at which they are tried once more."""
 KEPT_SHARE = 0.5
-"""Share of a difference that stays when parameters are ten times nearer, from which a response
-hunts; of codes that flip it would be a third, the root of a tenth."""
+"""Share of a difference that stays there, from which a response hunts: of codes that flip it would
+be a third, the root of a tenth."""
 
 
-def unrepeatable(found: FittedModel) -> float:
+def unrepeatable(fitted: FittedModel) -> float:
     """Return by how much a response that hunts differs from itself [RMS, noise floors], else 0."""
-    if found.widths is None:
+    if fitted.widths is None:
         return 0.0
-    difference, nearer = (
-        _difference(found, MOVE_IN_STANDARD_ERRORS),
-        _difference(found, SMALLER_MOVE_IN_STANDARD_ERRORS),
-    )
+    moves = _moves(fitted)
+    difference, nearer = _difference(fitted, moves), _difference(fitted, NEARER * moves)
     return difference if nearer > KEPT_SHARE * difference else 0.0
 
 
-def _difference(found: FittedModel, scale: float) -> float:
-    """RMS change [noise floors] beyond the slopes; the value of a discontinuous parameter stays."""
-    problem, linear = found.problem, found.linearised
+def _moves(fitted: FittedModel) -> Array:
+    """Moves of the parameters within their standard errors and bounds, shape (draws, p); the value
+    of a discontinuous parameter stays."""
+    problem, linear = fitted.problem, fitted.linearised
     free = [i for i in range(len(linear.vector)) if i not in discontinuous_of(problem)]
     _, spread, turned = np.linalg.svd(linear.slopes[:, free], full_matrices=False)
     certain = spread > 1e-6 * spread.max(initial=0.0)
-    sizes = scale * np.sqrt(found.evidence.dispersion) / spread[certain]
-    random = np.random.default_rng(0)
+    sizes = MOVE_IN_STANDARD_ERRORS * np.sqrt(fitted.evidence.dispersion) / spread[certain]
+    random, vectors = np.random.default_rng(0), np.tile(linear.vector, (DRAWS, 1))
+    vectors[:, free] += (random.standard_normal((DRAWS, len(sizes))) * sizes) @ turned[certain]
+    return np.asarray(np.clip(vectors, *problem.bounds) - linear.vector)
+
+
+def _difference(fitted: FittedModel, moves: Array) -> float:
+    """RMS change [noise floors] beyond the slopes."""
+    problem, linear = fitted.problem, fitted.linearised
     power = 0.0
-    for _ in range(DRAWS):
-        vector = linear.vector.copy()
-        vector[free] += (random.standard_normal(len(sizes)) * sizes) @ turned[certain]
-        vector = np.clip(vector, *problem.bounds)
-        moved = problem.residuals(vector) - linear.errors - linear.slopes @ (vector - linear.vector)
-        power += float(np.mean(moved[: problem.samples] ** 2)) / DRAWS
+    for move in moves:
+        moved = problem.residuals(linear.vector + move) - linear.errors - linear.slopes @ move
+        power += float(np.mean(moved[: problem.samples] ** 2)) / len(moves)
     return float(np.sqrt(power))
