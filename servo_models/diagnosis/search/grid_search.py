@@ -1,7 +1,7 @@
 """Which of a discontinuous parameter's thousands of values to screen: a short list from short logs.
 
-No slope leads to the best value, and beside another effect it is another one than alone.  The first
-part of the logs tells quickly which values are near it; the whole logs then tell them apart.
+No slope leads to the best value.  The first part of the logs tells quickly which values are near
+it; the whole logs then tell them apart.
 """
 
 from __future__ import annotations
@@ -42,11 +42,8 @@ NEIGHBOURS_LEFT_SHARE = 0.7
 narrow minimum may lie beside what resembles it."""
 NEIGHBOURS_FACTOR = 2.0
 """Within which of the best they lie."""
-LEAST_MOVE_ALONE = 0.2
-"""What a discontinuous effect moves over what is left to explain, from which it may be the cause
-alone."""
-LEAST_MOVE_BESIDE = 0.05
-"""The same beside other effects."""
+LEAST_MOVE = 0.2
+"""What a discontinuous effect moves over what is left to explain, to be the cause."""
 LARGEST_MOVE = 3.0
 """The same, up to which it may be the cause."""
 VALUES_LISTED = 12
@@ -62,7 +59,7 @@ def shortlist(
     What is ``known`` of effects, from the whole logs, tells how much a value moves, and what smooth
     effects may do beside it.
     """
-    discontinuous = [one for one in every if one.grid and one.name not in first.effects]
+    discontinuous = [one for one in every if one.grid]
     if known:
         moving = {it.candidate.name for it in known}
         discontinuous = [one for one in discontinuous if one.name in moving]
@@ -72,7 +69,7 @@ def shortlist(
     parts = {
         samples: _Part(fitter, first, samples, smooth) for samples in (BRIEF_SAMPLES, LONG_SAMPLES)
     }
-    return tuple(_listed(one, parts, known, bool(first.effects)) for one in discontinuous)
+    return tuple(_listed(one, parts, known) for one in discontinuous)
 
 
 class _Part:
@@ -126,14 +123,12 @@ def _rows(whole: Sequence[Log], parts: Sequence[Log]) -> NDArray[np.int_]:
     return np.concatenate(found)
 
 
-def _listed(
-    full: Candidate, parts: Mapping[int, _Part], known: Iterable[Screened], beside: bool
-) -> Candidate:
-    """An effect with the values that leave least, ``beside`` effects or alone."""
+def _listed(full: Candidate, parts: Mapping[int, _Part], known: Iterable[Screened]) -> Candidate:
+    """An effect with the values that leave least."""
     part, long = _showing(parts), parts[LONG_SAMPLES]
     every = parts[BRIEF_SAMPLES if full.late else LONG_SAMPLES].candidates[full.name].grid
-    likely = _fitting(every, full.name, known, LEAST_MOVE_BESIDE if beside else LEAST_MOVE_ALONE)
-    grid, results = _over_all(full, part, every, likely, beside)
+    likely = _fitting(every, full.name, known)
+    grid, results = _over_all(full, part, every, likely)
     if not full.late and part is not long:
         results = long.screen(full.name, [it.settings for it in part.best(results, VALUES_IN_LONG)])
         part = long
@@ -145,18 +140,13 @@ def _listed(
 
 
 def _over_all(
-    full: Candidate,
-    part: _Part,
-    every: Sequence[Settings],
-    likely: Sequence[Settings],
-    beside: bool,
+    full: Candidate, part: _Part, every: Sequence[Settings], likely: Sequence[Settings]
 ) -> tuple[list[Settings], list[Screened]]:
     """The values that are screened in a part of the logs, and the results there, best first."""
-    chosen = likely if full.late else likely[::2] if beside else _thinned(likely)
+    chosen = likely if full.late else _thinned(likely)
     grid = [*full.trial_values, *chosen]  # those between are screened later
     results = part.screen(full.name, grid)
-    alone = not full.late and not beside
-    if alone and results and results[0].left < NEIGHBOURS_LEFT_SHARE * part.linearised.left:
+    if not full.late and results and results[0].left < NEIGHBOURS_LEFT_SHARE * part.linearised.left:
         nearer = [it for it in _about(results[0].settings, every) if it not in grid]
         grid += nearer
         results = sorted([*results, *part.screen(full.name, nearer)], key=lambda it: it.left)
@@ -207,10 +197,8 @@ def _thinned(every: Sequence[Settings]) -> list[Settings]:
     return found
 
 
-def _fitting(
-    sizes: Sequence[Settings], name: str, known: Iterable[Screened], weak: float
-) -> Sequence[Settings]:
-    """Sizes that move about as much as there is left to explain, a ``weak`` part of it at least."""
+def _fitting(sizes: Sequence[Settings], name: str, known: Iterable[Screened]) -> Sequence[Settings]:
+    """Sizes that move about as much as there is left to explain."""
     own = {
         max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.linearised.left)
         for it in known
@@ -223,7 +211,7 @@ def _fitting(
     wanted = np.log([max(it.values()) for it in sizes])
     # beyond the results, as far as the size does
     found = np.interp(wanted, known, moved) + wanted - np.clip(wanted, known[0], known[-1])
-    return [it for it, size in zip(sizes, found) if log(weak) < size < log(LARGEST_MOVE)]
+    return [it for it, size in zip(sizes, found) if log(LEAST_MOVE) < size < log(LARGEST_MOVE)]
 
 
 def shortened(logs: Sequence[Log], samples: int) -> tuple[Log, ...]:

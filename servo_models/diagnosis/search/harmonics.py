@@ -85,7 +85,7 @@ def _one_more(
     results = screen((model.linearised,), [further])
     if not results:
         return None
-    start = best_start(results[:1])
+    start = best_start(results[0])
     return {**model.values, **start.values, **{it.name: it.start for it in start.free}}
 
 

@@ -1,4 +1,4 @@
-"""Fit an effect beside others, or two at once, from where screening leads.
+"""Fit an effect beside others, from where screening leads.
 
 Screening is linear: it takes a share of the change that an effect makes at one trial value, and
 moves the other parameters along their slopes.  The effect at that value, at the share of it, and
@@ -9,13 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
-
-import numpy as np
 
 from servo_models.diagnosis.search.candidates import Candidate
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.screening import Screened, names_of
+from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
 
 STARTS = 2
@@ -47,13 +44,13 @@ def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> Fitte
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
     best: FittedModel | None = None
-    glances = (best_start([result], thorough=False) for result in own)
+    glances = (best_start(result, thorough=False) for result in own)
     begins = _unlike(sorted(glances, key=lambda it: it.cost))
     plain = len({_shape(it) for it in begins}) == 1
-    for begin in (best_start(it.results) for it in begins[:STARTS]):
+    for begin in (best_start(glance.result) for glance in begins[:STARTS]):
         if best and begin.cost > FAR_FACTOR * first.cost:
             break
-        (result,) = begin.results
+        result = begin.result
         found = fitter.fit(effects, [*kept, *begin.free], begin.values, result.linearised.slopes)
         if found.cost < first.cost:
             found = _followed(fitter, found, kept, result.candidate)
@@ -68,7 +65,7 @@ def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> Fitte
     for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
         if best.settled:
             break
-        found = fitter.fit(effects, [*kept, *free], values, begins[0].results[0].linearised.slopes)
+        found = fitter.fit(effects, [*kept, *free], values, begins[0].result.linearised.slopes)
         best = min(best, found, key=lambda it: it.cost)
     return best
 
@@ -80,7 +77,7 @@ def _unlike(begins: Sequence[Start]) -> list[Start]:
 
 
 def _shape(begin: Start) -> Hashable:
-    return begin.results[0].candidate.shape_at(begin.results[0].settings)
+    return begin.result.candidate.shape_at(begin.result.settings)
 
 
 def _half_jumps(
@@ -91,11 +88,10 @@ def _half_jumps(
 
     Neither suffices: between sizes and parts of a jump are ridges.
     """
-    (result,) = begin.results
-    one = result.candidate
+    one, result = begin.result.candidate, begin.result
     assert one.jump
     switch, half = one.free[0], 0.5 * one.jump.high
-    start = best_start([replace(result, settings={**result.settings, one.jump.name: half})])
+    start = best_start(replace(result, settings={**result.settings, one.jump.name: half}))
     yield start.free, start.values
     lost = found.values[switch.name] * (1.0 - found.values[one.jump.name])
     size = min(max(lost / (1.0 - half), switch.low), switch.high)
@@ -138,54 +134,42 @@ def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedM
     return found
 
 
-def together(fitter: Fitter, pair: Sequence[Screened]) -> FittedModel:
-    """Fit effects that were screened together."""
-    names = tuple(names_of(pair))
-    begin = best_start(pair)
-    return fitter.fit(names, begin.free, begin.values, pair[0].linearised.slopes)
-
-
 @dataclass(frozen=True, eq=False)
 class Start:
     """Where a fit may begin.
 
     Attributes:
-        results: of screening the effects that are fitted together.
-        free: their parameters, with their starts.
+        result: of screening the effect.
+        free: its parameters, with their starts.
         values: estimates [SI] of the other parameters.
         cost: squared errors that are left there, priors included.
     """
 
-    results: tuple[Screened, ...]
+    result: Screened
     free: tuple[Free, ...]
     values: dict[str, float]
     cost: float
 
 
-def best_start(results: Sequence[Screened], thorough: bool = True) -> Start:
-    """Return the best start of effects that are fitted together, each screened at one size.
+def best_start(result: Screened, thorough: bool = True) -> Start:
+    """Return the best start of a fit of an effect that was screened at one size.
 
-    Other parameters are tried where they make up for the whole effects only, unless ``thorough``.
+    Other parameters are tried where they make up for the whole effect only, unless ``thorough``.
     """
-    options = [(1.0,) if it.share in (0.0, 1.0) else (1.0, it.share) for it in results]
-    starts = (_start(results, scales, thorough) for scales in product(*options))
-    return min(starts, key=lambda it: it.cost)
+    scales = (1.0,) if result.share in (0.0, 1.0) else (1.0, result.share)
+    return min((_start(result, it, thorough) for it in scales), key=lambda start: start.cost)
 
 
-def _start(results: Sequence[Screened], scales: Sequence[float], thorough: bool) -> Start:
-    """The start with the effects at so many times the sizes at which they were screened."""
-    linear = results[0].linearised
-    free = tuple(one for it, scale in zip(results, scales) for one in it.candidate.at(it.at(scale)))
-    own = {it.name: it.start for it in free}
-    full = tuple(scale / it.share if it.share else 0.0 for it, scale in zip(results, scales))
-    parts = dict.fromkeys((full, (1.0,) * len(results), (0.0,) * len(results)))
-    wholes = [
-        np.sum([share * it.whole for it, share in zip(results, shares)], axis=0)
-        for shares in (parts if thorough else (full,))
-    ]
-    tried = [linear.start(whole) for whole in wholes]
+def _start(result: Screened, scale: float, thorough: bool) -> Start:
+    """The start with the effect at so many times the size at which it was screened."""
+    linear, free = result.linearised, result.candidate.at(result.at(scale))
+    sizes = {parameter.name: parameter.start for parameter in free}
+    shares = [scale / result.share if result.share else 0.0]
+    shares += [1.0, 0.0] if thorough else []
+    changes = [share * result.whole for share in dict.fromkeys(shares)]
+    tried = [linear.start(change) for change in changes]
     if thorough:
         stays = linear.problem.values(linear.vector)
-        tried += [stays, *(linear.near_start(whole) for whole in wholes)]
-    found = (Start(tuple(results), free, it, linear.cost({**it, **own})) for it in tried)
-    return min(found, key=lambda it: it.cost)
+        tried += [stays, *(linear.near_start(change) for change in changes)]
+    starts = (Start(result, free, it, linear.cost({**it, **sizes})) for it in tried)
+    return min(starts, key=lambda start: start.cost)

@@ -1,11 +1,10 @@
-"""Screen every effect, and every pair, without fitting any: a score test in the large.
+"""Screen every effect without fitting any: a score test in the large.
 
 Each effect is simulated at a few trial values.  What is left of the gap is regressed on the change
 that it makes and on the slopes of the nominal parameters, held by their priors and inside their
-bounds, so screening gives the start of a fit as well.  What each effect is worth alone says little
-of a pair: it has then made up for what the other one does.  Where a response jumps with a
-parameter, other parameters have made up for the cause, and the true value looks like any other
-until they are corrected.
+bounds, so screening gives the start of a fit as well.  Where a response jumps with a parameter,
+other parameters have made up for the cause, and the true value looks like any other until they are
+corrected.
 Source: Rao, Proc. Cambridge Phil. Soc. 44 (1948) (score test); trial values replace its derivative,
 since many effects have none at 0.
 """
@@ -15,12 +14,10 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, product
+from itertools import chain
 from math import atan2, hypot, pi
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, Settings
@@ -28,9 +25,6 @@ from servo_models.diagnosis.search.fitting import FittedModel, delays_of
 from servo_models.diagnosis.search.linearisation import Linearisation, least_in_box, value_at
 from servo_models.errors import UserError
 
-VALUES_IN_PAIRS = 3
-"""Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it
-takes one that imitates the other effect as well."""
 CORRECTIONS = 2
 """Times that other parameters are corrected before a discontinuous one is judged."""
 NEIGHBOUR_RATIO = 1.05
@@ -356,57 +350,6 @@ def _difference(linear: Linearisation, values: dict[str, float]) -> Array:
     return changed
 
 
-class _Pair(NamedTuple):
-    """Two results by their places, squared errors that both would leave, and at which shares."""
-
-    left: float
-    places: tuple[int, int]
-    scales: tuple[Array, Array]
-
-
-def pairs(results: Sequence[Screened], enough: float = np.inf) -> list[tuple[Screened, Screened]]:
-    """Return pairs of different effects by what both would leave together, best first.
-
-    Pairs that leave more than ``enough`` squared errors are none.
-    """
-    scored: list[_Pair] = []
-    for linear in dict.fromkeys(result.linearised for result in results):
-        scored += _pairs(results, _taking_part(results, linear))
-    best: dict[frozenset[str], tuple[Screened, Screened]] = {}
-    for pair in sorted(scored, key=lambda it: it.left):
-        if pair.left > enough:
-            break
-        one, other = (results[k] for k in pair.places)
-        names = frozenset((one.candidate.name, other.candidate.name))
-        if names not in best:
-            best[names] = (_at(one, pair.scales[0]), _at(other, pair.scales[1]))
-    return list(best.values())
-
-
-def _at(result: Screened, share: Array) -> Screened:
-    """A ripple at the amplitude and the phase that it has beside another effect."""
-    return result if result.waves is None else turned(result, share, result.left)
-
-
-def _taking_part(results: Sequence[Screened], linear: Linearisation) -> list[int]:
-    """Which results from a linearisation take part in pairs: of each effect those that leave least
-    alone, of a ripple all, and of a discontinuous one those that leave least beside a smooth one.
-    """
-    groups: dict[str, list[int]] = {}
-    for i, result in enumerate(results):
-        if result.linearised is linear:
-            groups.setdefault(result.candidate.name, []).append(i)
-    best = [i for group in groups.values() for i in group[:VALUES_IN_PAIRS]]
-    smooth = [results[i] for i in best if not results[i].candidate.discontinuous]
-    for group in groups.values():
-        if smooth and results[group[0]].candidate.discontinuous:
-            left = residual_beside([results[i] for i in group], smooth)
-            best += [group[k] for k in np.argsort(left)[:VALUES_IN_PAIRS]]
-        elif results[group[0]].waves is not None:
-            best += group
-    return list(dict.fromkeys(best))
-
-
 def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> Array:
     """Return the squared errors that each of some results leaves beside the best of the others.
 
@@ -421,60 +364,6 @@ def residual_beside(results: Sequence[Screened], others: Sequence[Screened]) -> 
     return np.asarray(
         np.sum(rest**2, axis=0) + np.min(share * (2.0 * along + share * power), axis=0)
     )
-
-
-def _pairs(results: Sequence[Screened], own: Sequence[int]) -> list[_Pair]:
-    """What pairs beside one fit would leave."""
-    part = [results[k] for k in own]
-    linear = part[0].linearised
-    widths = np.array([it.columns.shape[1] for it in part])
-    columns = np.column_stack([linear.slopes, *(it.columns for it in part)])
-    gram, towards, p = columns.T @ columns, columns.T @ linear.errors, linear.slopes.shape[1]
-    begins = p + np.cumsum(widths) - widths
-    found: list[_Pair] = []
-    i, j = _different(part)
-    for wide in product((1, 2), repeat=2):
-        group = (widths[i] == wide[0]) & (widths[j] == wide[1])
-        ends = list(zip((i[group], j[group]), wide))
-        if not group.any():
-            continue
-        first = [np.tile(np.arange(p), (group.sum(), 1))]
-        chosen = np.hstack([*first, *(begins[k][:, None] + np.arange(n) for k, n in ends)])
-        low, high = (
-            np.hstack([np.tile(room, (group.sum(), 1)), *(np.tile(end[k], n) for k, n in ends)])
-            for room, end in zip(linear.room, _limits(part))
-        )
-        both = gram[chosen[:, :, None], chosen[:, None, :]]
-        left, steps = remains(linear, both, towards[chosen], low, high)
-        middle = p + wide[0]
-        for rest, step, k, m in zip(left, steps, i[group], j[group]):
-            found.append(_Pair(float(rest), (own[k], own[m]), (step[p:middle], step[middle:])))
-    return found
-
-
-def _different(part: Sequence[Screened]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Pairs of different effects that do not change the response alike, each of shape (k,)."""
-    names = np.array([it.candidate.name for it in part])
-    i, j = np.triu_indices(len(part), 1)
-    apart = np.column_stack([it.difference for it in part])
-    gram = apart.T @ apart
-    a, b, c = gram[i, i], gram[j, j], gram[i, j]
-    ripple = np.array([it.waves is not None for it in part])
-    unlike = (a * b - c * c > 1e-6 * a * b) | ripple[i] | ripple[j]
-    differ = (names[i] != names[j]) & unlike
-    return i[differ], j[differ]
-
-
-def _limits(part: Sequence[Screened]) -> tuple[Array, Array]:
-    """Least and largest shares of each column of some results in pairs, shapes (k, 1)."""
-    ends = [
-        scales(it.candidate)
-        if it.waves is not None
-        else (LEAST_SHARE if it.candidate.hints.inverse else 0.0, LARGEST_SHARE)
-        for it in part
-    ]
-    low, high = np.array(ends).T
-    return low[:, None], high[:, None]
 
 
 @dataclass(frozen=True)

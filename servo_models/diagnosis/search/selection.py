@@ -1,9 +1,9 @@
 """Which effects explain a gap: stepwise selection over fitted models of any size.
 
-Forward, swap, backward: one more effect is fitted beside the best few models, each effect of the
-best one is sought again beside the others, and each has to earn its place against the model without
-it.  An effect earns its place where it predicts blocks of time that are held out of its fit and,
-from two effects on, conditions that were left out as well.
+One more effect is fitted beside the best few models, others are fitted in the place of each effect
+of the best one, and each has to earn its place against the model without it.  An effect earns its
+place where it predicts blocks of time that are held out of its fit and, from two effects on,
+conditions that were left out as well.
 Sources: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed., sec. 3.3
 (forward and backward selection); Miller, Subset Selection in Regression, 2nd ed. (2002), sec. 3.5
 (replacing one variable at a time).
@@ -27,7 +27,7 @@ from servo_models.diagnosis.search.fitting import (
 )
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.harmonics import with_sines
-from servo_models.diagnosis.search.joint_fits import beside, together
+from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
 from servo_models.diagnosis.search.residuals import sure
 from servo_models.diagnosis.search.screening import (
@@ -35,10 +35,7 @@ from servo_models.diagnosis.search.screening import (
     Promising,
     Screened,
     Screener,
-    likeliest,
     moving,
-    names_of,
-    pairs,
     reaches,
     screen,
     starts_of,
@@ -60,13 +57,6 @@ BASES = 3
 look-alikes which is closer to the cause gains more by what both lack."""
 BASE_LOSS_OVER_BEST = {1: inf, 2: 1.25}
 """By the size of such models; of larger ones there is the best alone."""
-DISCONTINUOUS_BASES = 2
-"""Models by two effects and more beside which discontinuous effects are searched for, which takes
-time; of those by one effect it is the best alone."""
-PAIRS_AT_ONCE = 6
-"""Pairs of effects that were screened together and are fitted so."""
-SWAPS = 3
-"""Effects that are fitted in the place of another one, for each of a model."""
 EXCHANGES = 8
 """The same for the set of models that do as well as the one that is taken."""
 PROMISED_COST = 0.95
@@ -76,9 +66,6 @@ EXCHANGED_COST = 1.1
 """The same over that of the model itself, for one that may do as well."""
 AS_GOOD_SHARE = 0.5
 """Share of what a model closes that leaves noise only, which another one has to promise."""
-HALF_LOSS = 0.5
-"""Loss of a pair over that of one effect, below which discontinuous effects are not sought anew
-beside that one."""
 SAME_COSINE = 0.99
 """Between two changes of the response, from which they are one."""
 FINALISTS = 3
@@ -276,7 +263,7 @@ class SubsetSelection:
     # -- growing -----------------------------------------------------------------------------------
 
     def grow(self, size: int, pool: Sequence[Candidate]) -> None:
-        """Fit models by so many effects of a pool: forward, and then by swaps in the best one."""
+        """Fit models by so many effects of a pool."""
         if self.suffices(size - 1):
             return
         if size == 1:
@@ -284,14 +271,10 @@ class SubsetSelection:
         elif self.settled(size - 1):
             self.grow_beside(self.bases(size - 1)[:1], pool, 1.0 - ENTRY_SHARE)
         else:
-            if size == 2:
-                self.add_pairs(pool)
-            if not self.settled(size):
-                share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
-                self.grow_beside(self.bases(size - 1), pool, share)
-                self.grow_discontinuous(size, pool)
-        if size > 1 and self.gains(size):
-            self.swap(self.best(size)[0])
+            share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
+            self.grow_beside(self.bases(size - 1), pool, share)
+        if self.settled(size) and size > 1 and self.gains(size):
+            self.exchange(self.best(size)[0])
         self.finish_best(size)
 
     def grow_alone(self, pool: Sequence[Candidate]) -> None:
@@ -309,18 +292,6 @@ class SubsetSelection:
             results = self.screener.beside(base, pool)
             self.add(base, promising(results, share * base.cost, ADDED))
 
-    def grow_discontinuous(self, size: int, pool: Sequence[Candidate]) -> None:
-        """Fit discontinuous effects beside the best smaller models, unless one halves what they
-        leave."""
-        for base in self.bases(size - 1)[: 1 if size == 2 else DISCONTINUOUS_BASES]:
-            halved = self.loss(size) < HALF_LOSS * base.loss
-            if not any(one.grid for one in pool) or halved or self.settled(size):
-                return
-            self.say(f"searching discontinuous effects beside {' and '.join(base.effects)}")
-            short = shortlist(self.fitter, base, pool, self.screener.beside(base, pool))
-            results = screen((base.linearised,), short)
-            self.add(base, promising(results, PROMISED_COST * base.cost, ADDED))
-
     def bases(self, size: int) -> list[FittedModel]:
         """The best models of a size that share no effect."""
         found: list[FittedModel] = []
@@ -330,14 +301,6 @@ class SubsetSelection:
             if apart and (near or not found):
                 found.append(one)
         return found[:BASES]
-
-    def add_pairs(self, pool: Sequence[Candidate]) -> None:
-        """Fit pairs that were screened together."""
-        names = {one.name for one in pool}
-        own = [it for it in self.results if it.candidate.name in names]
-        chosen = pairs(own, PROMISED_COST * min(it.cost for it in self.best(1) or [self.retuned]))
-        tasks = [(tuple(names_of(it)), partial(together, pair=it)) for it in chosen]
-        self.fit(self.new(tasks[:PAIRS_AT_ONCE]))
 
     def search_grids(self) -> None:
         """Screen discontinuous effects at all their values, from where the best fit has put the
@@ -351,19 +314,7 @@ class SubsetSelection:
         self.results = sorted([*self.results, *found], key=lambda it: it.left)
         self.screener = Screener(self.every, self.results, self.screener)
 
-    # -- swapping ----------------------------------------------------------------------------------
-
-    def swap(self, model: FittedModel) -> None:
-        """Seek each effect of a model again, the others kept as they are."""
-        if model.settled:
-            self.exchange(model)
-            return
-        for name, stays, results in self.without_each(model):
-            likely = dict(promising(results, PROMISED_COST * model.cost, SWAPS))
-            own = likeliest([it for it in results if it.candidate.name == name])
-            if len({it.candidate.shape_at(it.settings) for it in own}) > 1:
-                likely.setdefault(name, own)  # no slope may have led to another shape
-            self.add(stays, likely.items(), again=True)
+    # -- exchanging --------------------------------------------------------------------------------
 
     def exchange(self, model: FittedModel) -> None:
         """Fit others in the place of each effect of a model that may do as well."""
@@ -380,17 +331,12 @@ class SubsetSelection:
 
     # -- fitting -----------------------------------------------------------------------------------
 
-    def add(self, base: FittedModel, starts: Iterable[Promising], again: bool = False) -> None:
-        """Fit some effects beside those of a model, those only that were not fitted yet unless
-        ``again``."""
+    def add(self, base: FittedModel, starts: Iterable[Promising]) -> None:
+        """Fit some effects beside those of a model, those only that were not fitted yet."""
         tasks = [
             ((*base.effects, name), partial(beside, first=base, own=own)) for name, own in starts
         ]
-        self.fit(tasks if again else self.new(tasks))
-
-    def new(self, tasks: Iterable[Task]) -> list[Task]:
-        """Those of effects that were not fitted together yet."""
-        return [it for it in tasks if frozenset(it[0]) not in self.models]
+        self.fit([task for task in tasks if frozenset(task[0]) not in self.models])
 
     def fit(self, tasks: Sequence[Task]) -> None:
         """Fit together what can be, and keep the better of two models by the same effects."""
