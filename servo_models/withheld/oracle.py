@@ -40,9 +40,9 @@ from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.joint_fits import beside, together
+from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.priors import prior_parameters
-from servo_models.diagnosis.search.screening import Screened, likeliest, pairs, screen
+from servo_models.diagnosis.search.screening import Screened, likeliest, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
@@ -253,8 +253,8 @@ def _parameters(effects: Iterable[dict[str, Any]]) -> dict[str, float]:
 def told(fitter: Fitter, names: Sequence[str], retuned: FittedModel) -> FittedModel:
     """Return the product's own fit when told the names of one or two effects.
 
-    Two effects are fitted both at once, and one beside the other in either order; where an
-    effect moves nothing, it is the fit without.
+    Two effects are fitted one beside the other, in either order; where an effect moves nothing, it
+    is the fit without.
     """
     found = [retuned]
     for order in permutations(names):
@@ -264,8 +264,6 @@ def told(fitter: Fitter, names: Sequence[str], retuned: FittedModel) -> FittedMo
             if results:
                 fitted_model = beside(fitter, fitted_model, likeliest(results))
                 found.append(fitted_model)
-    for pair in pairs(_screened(names, retuned))[:1] if len(names) == 2 else ():
-        found.append(together(fitter, pair))
     return min(found, key=_error)
 
 

@@ -53,7 +53,7 @@ def test_a_fit_begins_where_no_more_is_left_than_with_the_effect_as_screened(nam
     fitter, every = made({"coulomb_friction.level": 1.5e-3, "drive_saturation.limit": 15.0})
     linear = fitter.fit((), ()).linearised
     for result in screen((linear,), [every[name]])[:5]:
-        begin = best_start([result])
+        begin = best_start(result)
         as_screened = {**result.settings, **result.linearised.start(result.whole)}
         assert begin.cost <= linear.cost(as_screened)
         assert begin.cost <= linear.cost(result.settings)  # the others as they are

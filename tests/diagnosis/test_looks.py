@@ -18,7 +18,7 @@ from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.linearisation import least_in_box, value_at
-from servo_models.diagnosis.search.screening import pairs, screen
+from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.search.selection import ENTRY_ADVANTAGE, passes_entry_test
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
@@ -60,8 +60,6 @@ def test_beyond_its_bounds_a_parameter_promises_nothing() -> None:
     result = next(it for it in results if it.candidate.name == "sensor_offset")
     found = beside(fitter, retuned, [result])
     assert found.cost == pytest.approx(result.left, rel=0.02)
-    both, other = pairs(results)[0]
-    assert {both.candidate.name, other.candidate.name} == {"sensor_offset", "sensor_nonlinearity"}
 
 
 def test_a_delay_is_found_though_the_voltage_jumps_with_the_command() -> None:

@@ -1,11 +1,10 @@
-"""A second effect beside a first one: which are tried, from where, and which pairs get a third."""
+"""A second effect beside a first one: which are tried, and from where."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.joint_fits import beside
@@ -25,15 +23,12 @@ from servo_models.diagnosis.search.screening import (
     Screener,
     likeliest,
     moving,
-    pairs,
     preselect,
     residual_beside,
     screen,
     survey,
 )
 from servo_models.diagnosis.search.selection import (
-    BASE_LOSS_OVER_BEST,
-    BASES,
     SubsetSelection,
     promising,
     select_effects,
@@ -164,44 +159,6 @@ def problem() -> Problem:
     return made({"coulomb_friction.level": 2e-3})[0].problem()
 
 
-@given(st.integers(0, 10**6), st.floats(1e-9, 1.0))
-def test_a_near_start_weighs_parameters_as_a_library_does(
-    problem: Problem, seed: int, apart: float
-) -> None:
-    """Two slopes may be as good as the same: then neither parameter goes far."""
-    random = np.random.default_rng(seed)
-    m = problem.samples + len(problem.free)
-    one, other, errors, whole = random.standard_normal((4, m))
-    slopes = np.column_stack([one, one + apart * other])
-    seen = Linearisation(problem, problem.nominal, errors, slopes)
-    heavy = np.sqrt(np.mean(errors**2)) * np.eye(2)
-    wanted = -np.concatenate([errors + whole, np.zeros(2)])
-    step = np.linalg.lstsq(np.vstack([slopes, heavy]), wanted, rcond=None)[0]
-    low, high = problem.bounds
-    vector: Array = problem.nominal + step
-    assert np.all((low < vector) & (vector < high))  # so that the bounds have no say
-    found = seen.near_start(whole)
-    expected = problem.values(vector)
-    scales = dict(zip(expected, problem.scales))
-    assert all(abs(found[k] - expected[k]) < 1e-6 * scales[k] for k in expected)
-
-
-def test_pairs_know_the_count_of_a_ripple_that_alone_takes_another() -> None:
-    """A pair is seen with the ripple at the count and phase that it has beside the friction."""
-    true = {"cogging.torque": 1e-3, "cogging.count": 200.0, "cogging.phase": 1.0}
-    friction = {"stribeck_friction.excess": 4e-3, "stribeck_friction.speed": 0.1}
-    fitter, every = made({**true, **friction})
-    wanted = [every[name] for name in ("cogging", "stribeck_friction")]
-    results = screen((fitter.fit((), ()).linearised,), wanted)
-    alone = next(it for it in results if it.candidate.name == "cogging")
-    ((one, other),) = pairs(results)
-    ripple = one if one.candidate.name == "cogging" else other
-    counts = np.diff([size["cogging.count"] for size in every["cogging"].trial_values[:2]])[0]
-    assert abs(alone.settings["cogging.count"] - 200.0) > counts
-    assert abs(ripple.settings["cogging.count"] - 200.0) < counts
-    assert ripple.settings["cogging.torque"] == pytest.approx(1e-3, rel=0.5)
-
-
 def test_effects_are_looked_at_once_beside_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     fitter, every = made({"coulomb_friction.level": 2e-3})
     first = fitter.fit(("coulomb_friction",), every["coulomb_friction"].free)
@@ -286,57 +243,3 @@ def test_where_hardly_any_effect_is_left_the_gap_is_outside(kept: tuple[str, ...
     selection = select_effects(fitter, left_out=[name for name in every if name not in kept])
     assert set(selection.taken.effects) <= set(kept)
     assert decide(selection).kind == OUTSIDE
-
-
-@given(st.lists(st.tuples(st.sampled_from(["ab", "ac", "cd", "ce", "de"]), st.floats(0.5, 2.0))))
-def test_further_effects_are_sought_beside_models_that_share_none(
-    pairs: list[tuple[str, float]],
-) -> None:
-    search = object.__new__(SubsetSelection)
-    search.models = {}
-    for names, loss in pairs:
-        one: Any = SimpleNamespace(effects=tuple(names), loss=loss)
-        search.keep(one)
-    found = search.bases(2)
-    assert [it.loss for it in found] == sorted(it.loss for it in found)
-    assert len(found) <= BASES
-    for k, one in enumerate(found):
-        assert one.loss <= BASE_LOSS_OVER_BEST[2] * found[0].loss
-        assert not any(set(one.effects) & set(it.effects) for it in found[:k])
-    if pairs:
-        assert found[0].loss == min(loss for _, loss in pairs)
-
-
-@pytest.mark.parametrize(("size", "sought"), [(2, ["a"]), (3, ["ab", "cd"])])
-def test_discontinuous_effects_are_sought_beside_two_pairs_that_do_as_well(
-    size: int, sought: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The better triple may have grown from the second best pair."""
-    search = object.__new__(SubsetSelection)
-    search.models, search.tell = {}, lambda _: None
-    search.screener = cast(Any, SimpleNamespace(beside=lambda base, pool: []))
-    search.fitter, asked = cast(Any, None), []
-    losses = {"a": 4.0, "c": 4.5, "ab": 2.0, "cd": 2.2, "e": 9.0, "ef": 8.0}
-    for names, loss in losses.items():
-        left = SimpleNamespace(rms=loss)
-        search.keep(
-            cast(
-                Any,
-                SimpleNamespace(
-                    effects=tuple(names),
-                    loss=loss,
-                    cost=loss,
-                    settled=False,
-                    evidence=left,
-                    linearised=None,
-                ),
-            )
-        )
-    module = "servo_models.diagnosis.search.selection"
-    monkeypatch.setattr(
-        f"{module}.shortlist", lambda fitter, base, *_: asked.append("".join(base.effects)) or []
-    )
-    monkeypatch.setattr(f"{module}.screen", lambda *_: [])
-    monkeypatch.setattr(SubsetSelection, "add", lambda *_: None)
-    search.grow_discontinuous(size, cast(Any, [SimpleNamespace(grid=((),))]))
-    assert asked == sought

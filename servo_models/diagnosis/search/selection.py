@@ -1,6 +1,6 @@
 """Which effects explain a gap: stepwise selection over fitted models of any size.
 
-One more effect is fitted beside the best few models, others are fitted in the place of each effect
+One more effect is fitted beside the best model, others are fitted in the place of each effect
 of the best one, and each has to earn its place against the model without it.  An effect earns its
 place where it predicts blocks of time that are held out of its fit and, from two effects on,
 conditions that were left out as well.
@@ -50,13 +50,8 @@ ALONE = 10
 """Smooth effects that are fitted alone."""
 FIRST_ALONE = 4
 """Those that are fitted before it is asked whether the others could do as well."""
-ADDED = 4
-"""Effects that are fitted beside each of the best models."""
-BASES = 3
-"""Models beside which further effects are fitted, none with an effect of a better one: that of two
-look-alikes which is closer to the cause gains more by what both lack."""
-BASE_LOSS_OVER_BEST = {1: inf, 2: 1.25}
-"""By the size of such models; of larger ones there is the best alone."""
+ADDED = 3
+"""Effects that are fitted beside the best model."""
 EXCHANGES = 8
 """The same for the set of models that do as well as the one that is taken."""
 PROMISED_COST = 0.95
@@ -68,11 +63,6 @@ AS_GOOD_SHARE = 0.5
 """Share of what a model closes that leaves noise only, which another one has to promise."""
 SAME_COSINE = 0.99
 """Between two changes of the response, from which they are one."""
-FINALISTS = 3
-"""Models of a size that are fitted to the end before they are compared."""
-FINALIST_LOSS_OVER_BEST = 1.5
-PARTS_OF = 2
-"""Best models of a size of which every part is fitted again, begun where the whole has ended."""
 LEAST_MASKED_FLOORS = 1.0
 """Movement of the outputs [RMS, noise floors] from which masked effects are told."""
 
@@ -268,14 +258,12 @@ class SubsetSelection:
             return
         if size == 1:
             self.grow_alone(pool)
-        elif self.settled(size - 1):
-            self.grow_beside(self.bases(size - 1)[:1], pool, 1.0 - ENTRY_SHARE)
-        else:
+        elif self.best(size - 1):
             share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
-            self.grow_beside(self.bases(size - 1), pool, share)
+            share = 1.0 - ENTRY_SHARE if self.settled(size - 1) else share
+            self.grow_beside(self.best(size - 1)[0], pool, share)
         if self.settled(size) and size > 1 and self.gains(size):
             self.exchange(self.best(size)[0])
-        self.finish_best(size)
 
     def grow_alone(self, pool: Sequence[Candidate]) -> None:
         """Fit the most promising effects of a pool, each alone."""
@@ -283,24 +271,10 @@ class SubsetSelection:
         self.add(self.retuned, starts[:FIRST_ALONE])
         self.add(self.retuned, self.as_good(starts[FIRST_ALONE:]))
 
-    def grow_beside(
-        self, bases: Sequence[FittedModel], pool: Sequence[Candidate], share: float
-    ) -> None:
-        """Fit the effects of a pool that promise to leave less than a share of what each of some
-        smaller models leaves."""
-        for base in bases:
-            results = self.screener.beside(base, pool)
-            self.add(base, promising(results, share * base.cost, ADDED))
-
-    def bases(self, size: int) -> list[FittedModel]:
-        """The best models of a size that share no effect."""
-        found: list[FittedModel] = []
-        for one in self.best(size):
-            near = one.loss < BASE_LOSS_OVER_BEST.get(size, 1.0) * self.loss(size)
-            apart = not any(set(one.effects) & set(it.effects) for it in found)
-            if apart and (near or not found):
-                found.append(one)
-        return found[:BASES]
+    def grow_beside(self, base: FittedModel, pool: Sequence[Candidate], share: float) -> None:
+        """Fit the effects of a pool that promise to leave less than a share of what a smaller model
+        leaves."""
+        self.add(base, promising(self.screener.beside(base, pool), share * base.cost, ADDED))
 
     def search_grids(self) -> None:
         """Screen discontinuous effects at all their values, from where the best fit has put the
@@ -349,20 +323,6 @@ class SubsetSelection:
         known = self.models.get(frozenset(found.effects))
         if known is None or found.loss < known.loss:
             self.models[frozenset(found.effects)] = found
-
-    def finish_best(self, size: int) -> None:
-        """Fit the best models of a size to the end, and the parts of the very best."""
-        if self.retuned.settled:
-            return
-        for one in self.best(size)[:FINALISTS]:
-            if one.loss < FINALIST_LOSS_OVER_BEST * self.loss(size) and not one.settled:
-                self.keep(self.fitter.finish(one))
-        if size > 1 and self.gains(size):
-            for one in self.best(size)[:PARTS_OF]:
-                for name in one.effects:
-                    part = self.fitter.fit(*one.without(name), one.values)
-                    # what did not converge says nothing against its effects
-                    self.keep(part if part.converged else self.fitter.finish(part))
 
     # -- comparing ---------------------------------------------------------------------------------
 
