@@ -15,8 +15,8 @@ brings.
 The code to compare with is another commit in a folder of its own (``git worktree add FOLDER
 COMMIT``).  Both diagnose the same files in processes of their own, in turn, three times; ratios are
 of processor seconds within the diagnosis, the least of each, so that what runs beside them does not
-count.  A diagnosis that takes longer than ``--timeout`` is ended, and is not run again.  Real logs
-are compared where SERVO_MODELS_DATA names their folder.
+count.  A diagnosis that takes more than ``--timeout`` seconds of the wall clock is ended and not
+run again.  Real logs are compared where SERVO_MODELS_DATA names their folder.
 """
 
 from __future__ import annotations
