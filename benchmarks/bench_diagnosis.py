@@ -1,8 +1,9 @@
 """Speed of a diagnosis: two long logs, the full catalogue, pairs included.
 
-    python benchmarks/bench_diagnosis.py
-    python benchmarks/bench_diagnosis.py --against FOLDER   # ratios to the code in FOLDER
-    python benchmarks/bench_diagnosis.py --picture FILE     # growth, as a picture
+    python -m benchmarks.bench_diagnosis
+    python -m benchmarks.bench_diagnosis --against FOLDER   # ratios to the code in FOLDER
+    python -m benchmarks.bench_diagnosis --against FOLDER --only "ten motions" --turns 1
+    python -m benchmarks.bench_diagnosis --picture FILE     # growth, as a picture
 
 A 60 s log of the SG90 at 200 Hz and 1 s of the torque motor at 10 kHz, each with one effect that
 the model lacks, are written as files.  The command runs on them as a process of its own, first
@@ -14,12 +15,14 @@ brings.
 The code to compare with is another commit in a folder of its own (``git worktree add FOLDER
 COMMIT``).  Both diagnose the same files in processes of their own, in turn, three times; ratios are
 of processor seconds within the diagnosis, the least of each, so that what runs beside them does not
-count.  Real logs are compared where SERVO_MODELS_DATA names their folder.
+count.  A diagnosis that takes more than ``--timeout`` seconds of the wall clock is ended and not
+run again.  Real logs are compared where SERVO_MODELS_DATA names their folder.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -31,6 +34,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.second_plant import long_logs
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.diagnosis.diagnose import diagnose
@@ -52,8 +56,13 @@ TIMED = (
 )
 HERE = Path(__file__).resolve().parent.parent
 LOGS = Path(os.environ.get("SERVO_MODELS_DATA", HERE.parent / "shared" / "data"))
-SEED, WITHHELD, TURNS = 101, 3, 3
-"""Withheld cases are one of each tier; every case is diagnosed so often by each code."""
+SEED, WITHHELD = 101, 3
+"""Withheld cases are one of each tier."""
+LONG = {
+    "STS3215, ten motions": long_logs.sts3215_joint,
+    "current motor, spin-ups": long_logs.current_motor,
+    "servo with known loads": long_logs.loaded_servo,
+}
 REAL = {"SG90, 52 real steps": "sg90_steps", "SO-101, wrist roll": "so101_wrist_roll"}
 
 NOISE, HUM = 2e-3, 1e-2
@@ -171,6 +180,7 @@ def compared_cases(folder: Path) -> dict[str, Path]:
         made = folder / title.replace(" ", "_")
         made.mkdir()
         cases[f"SG90, 60 s, {title}"] = sg90(made, hum=hum)
+    cases |= {title: made(folder / made.__name__) for title, made in LONG.items()}
     for title, name in REAL.items() if LOGS.is_dir() else ():
         text = (HERE / "examples/real_logs/diagnosis" / f"{name}.toml").read_text(encoding="utf-8")
         cases[title] = folder / f"{name}.toml"
@@ -178,28 +188,41 @@ def compared_cases(folder: Path) -> dict[str, Path]:
     return cases
 
 
-def processor_seconds(code: Path, path: Path, cache: Path) -> tuple[float, float, str]:
-    """Processor seconds, peak memory [MiB] and verdict of a diagnosis by the code in a folder."""
+def processor_seconds(
+    code: Path, path: Path, cache: Path, longest: float
+) -> tuple[float, float, str]:
+    """Processor seconds, peak memory [MiB] and verdict of a diagnosis by the code in a folder.
+
+    The seconds are infinite where it has not ended after the longest time [s].
+    """
     environment = {
         **os.environ,
         "PYTHONPATH": str(code),
         "SERVO_MODELS_CACHE": str(cache),
         "OPENBLAS_NUM_THREADS": "1",
     }
-    done = subprocess.run(
-        [sys.executable, "-c", TIMED, str(path)],
-        cwd=path.parent,  # Python would import from the folder in which this was started
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", TIMED, str(path)],
+            cwd=path.parent,  # Python would import from the folder in which this was started
+            env=environment,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=longest,
+        )
+    except subprocess.TimeoutExpired:
+        return math.inf, math.nan, "no end"
     spent, peak, verdict = done.stdout.split(maxsplit=2)
     return float(spent), float(peak), verdict.strip()
 
 
-def compare(other: Path, wanted: str) -> None:
-    """Print ratios of this code to the other one, for cases whose title holds ``wanted``."""
+def compare(other: Path, wanted: str, turns: int, longest: float) -> None:
+    """Print ratios of this code to the other one, for cases whose title holds ``wanted``.
+
+    Each code diagnoses a case ``turns`` times, after a first time that compiles, and ends a
+    diagnosis after the longest time [s].
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         print(f"{'case':26} {'before':>9} {'now':>9} {'ratio':>6} {'memory':>14}  verdict")
@@ -207,17 +230,23 @@ def compare(other: Path, wanted: str) -> None:
             if wanted not in title:
                 continue
             codes = {"before": other, "now": HERE}
-            for which, code in codes.items():  # compiles
-                processor_seconds(code, path, folder / which)
-            runs: dict[str, list[tuple[float, float, str]]] = {which: [] for which in codes}
-            for _ in range(TURNS):
-                for which, code in codes.items():
-                    runs[which].append(processor_seconds(code, path, folder / which))
+            runs = {  # of the first one, which compiles
+                which: [processor_seconds(code, path, folder / which, longest)]
+                for which, code in codes.items()
+            }
+            ended = {
+                which: codes[which] for which, ((spent, *_),) in runs.items() if spent < math.inf
+            }
+            for _ in range(turns):
+                for which, code in ended.items():
+                    runs[which].append(processor_seconds(code, path, folder / which, longest))
             (old, old_peak, said), (new, peak, says) = map(min, runs.values())
             verdict = says if says == said else f"{said}, now {says}"
             memory = f"{old_peak:.0f} -> {peak:.0f} MiB"
+            took = [f"{it:.2f} s" if it < math.inf else f"> {longest:g} s" for it in (old, new)]
+            ratio = f"{new / old:.2f}" if max(old, new) < math.inf else ""
             print(
-                f"{title:26} {old:7.2f} s {new:7.2f} s {new / old:6.2f} {memory:>14}  {verdict}",
+                f"{title:26} {took[0]:>9} {took[1]:>9} {ratio:>6} {memory:>14}  {verdict}",
                 flush=True,
             )
 
@@ -251,11 +280,13 @@ def main() -> None:
     )
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="with another commit")
     parser.add_argument("--only", default="", metavar="WORD", help="of the cases compared")
+    parser.add_argument("--turns", type=int, default=3, metavar="N", help="runs of each code")
+    parser.add_argument("--timeout", type=float, default=300.0, metavar="SECONDS", help="of a run")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="growth, as a picture")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     if given.against:
-        compare(given.against.resolve(), given.only)
+        compare(given.against.resolve(), given.only, given.turns, given.timeout)
     elif given.picture:
         picture(given.picture)
     else:
