@@ -106,7 +106,9 @@ def _diagnose(
     fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers, steps=steps)
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
-    if tell and verdict.kind == OUTSIDE:
+    # what does not follow the command is no curve of what the actuator does
+    shaped = verdict.kind == OUTSIDE and verdict.locked.follows
+    if tell and shaped:
         tell("learning the shape of what is left")
     return Diagnosis(
         name=told.path.stem,
@@ -121,7 +123,7 @@ def _diagnose(
         gaps=gaps(selection, floors, origins, seed),
         ranking=ranked_effects(selection, verdict),
         moved=estimates(selection.retuned),
-        residual_map=learn(selection.taken, selection.retuned) if verdict.kind == OUTSIDE else None,
+        residual_map=learn(selection.taken, selection.retuned) if shaped else None,
         tolerance=tolerance,
         seed=seed,
     )

@@ -92,6 +92,11 @@ class LockedTest:
     share_explained: float
     strongest: str
 
+    @property
+    def follows(self) -> bool:
+        """Whether errors follow the command more than noise does by chance."""
+        return self.p_value <= SIGNIFICANT
+
     def matters(self, noise: float, gap: float, limit_cycle: float = 0.0) -> bool:
         """Return whether this is something that the model lacks, and not a law that is a little
         other than the actuator's.
@@ -103,7 +108,7 @@ class LockedTest:
         """
         explained = math.sqrt(max(self.explained**2 - limit_cycle**2, 0.0))
         return (
-            self.p_value <= SIGNIFICANT
+            self.follows
             and explained > EXPLAINED_OVER_NOISE * noise
             and explained > MISSED_OVER_GAP * gap
         )

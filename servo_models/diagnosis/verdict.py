@@ -9,7 +9,11 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import calibrated
 from servo_models.diagnosis.gap import closed, not_followed
-from servo_models.diagnosis.residual_regression import LockedTest, command_locked
+from servo_models.diagnosis.residual_regression import (
+    NOTHING_TESTED,
+    LockedTest,
+    command_locked,
+)
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.limit_cycle import unrepeatable
 from servo_models.diagnosis.search.residuals import sure, unmodelled
@@ -44,6 +48,7 @@ class Verdict:
         rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
         limit_cycle: by how much the fitted model differs from itself [RMS, noise floors], which
             says nothing against it and is in no ``rest``.
+        locked: how far what is left follows the command.
     """
 
     kind: str
@@ -52,6 +57,7 @@ class Verdict:
     rivals: tuple[FittedModel, ...]
     rest: float = 0.0
     limit_cycle: float = 0.0
+    locked: LockedTest = NOTHING_TESTED
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -104,15 +110,16 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     gap = float(np.sqrt(np.mean(selection.retuned.evidence.errors**2)))
     limit_cycle = unrepeatable(taken)
     left = taken.left.without(limit_cycle)
+    locked = _locked(taken)
     lacking = (
         unmodelled(left, gap, len(taken.effects))
         or bool(not_followed(taken, tolerance))
-        or _locked(taken).matters(left.noise, gap, limit_cycle)
+        or locked.matters(left.noise, gap, limit_cycle)
     )
     rest = left.structured if sure(left) else 0.0
     if not taken.effects:
         if lacking or left.structured > MOST_LEFT_FLOORS:
-            return Verdict(OUTSIDE, {}, (), (), rest, limit_cycle)
+            return Verdict(OUTSIDE, {}, (), (), rest, limit_cycle, locked)
         masked = selection.masked if parameters_explain(selection) else ()
         names = tuple(one.name for one in masked)
         return Verdict(PARAMETERS, {}, names, (), rest, limit_cycle)
@@ -136,4 +143,5 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
         kind = OUTSIDE
     elif len(held) > FEW:
         kind = NOT_IDENTIFIABLE
-    return Verdict(kind, ranked, inside, tuple(rivals[i] for i in held), rest, limit_cycle)
+    near = tuple(rivals[i] for i in held)
+    return Verdict(kind, ranked, inside, near, rest, limit_cycle, locked)

@@ -26,15 +26,15 @@ LONG_SAMPLES = 5000
 BRIEF_MEAN_SQUARE_RATIO = 0.1
 """Of what is left to explain in the shorter part over that in the longer one, from which it shows
 enough of it."""
-VALUES_IN_LONG = 150
+VALUES_IN_LONG = 60
 """Screened in the longer part after that."""
-VALUES_CORRECTED = 40
+VALUES_CORRECTED = 24
 """Screened there again, other parameters corrected, and half of them with values around."""
 AROUND_RELATIVE = (-0.0005, 0.0005)
 """Where these lie, relative to the value."""
 AROUND_PERIOD_RELATIVE = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
 """The same of the period of a hold: where a log is over, one so much longer is a sample late."""
-FIRST_RELATIVE_SPACING = 0.005
+FIRST_RELATIVE_SPACING = 0.01
 """Of the values that are screened first.  A hold, and any other beside effects that hide it no
 longer, is screened at all values that logs tell apart."""
 NEIGHBOURS_LEFT_SHARE = 0.7
