@@ -80,7 +80,7 @@ NOTHING = 0.1
 EQUAL = 0.2
 """Relative difference of two slopes up to which they are the same."""
 FIT_TOLERANCE = 1e-4  # of the cost
-FIT_STEPS = 10
+FIT_STEPS = 5
 KNOT_WIDTH_IN_PROBES = 0.5
 """Over which slopes of a fit are taken."""
 FIRST_STEPS = (0.0, 0.25, 0.5, 1.0)
@@ -262,7 +262,8 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
     for other in others:  # a motor makes a torque of its drive: of two alike, it is the torque
         if _better(other, best, LEAST_GAIN):
             best = other
-    if not best.curves:
+    # what slopes do not promise is not worth a fit
+    if not best.curves or not _better(best, taken.evidence, LEAST_CLOSED):
         return None
     fitted = best.wire.fitted(best)
     if not _better(fitted.evidence, taken.evidence, LEAST_CLOSED):

@@ -44,9 +44,10 @@ def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> Fitte
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
     best: FittedModel | None = None
-    begins = _unlike(sorted(map(best_start, own), key=lambda start: start.cost))
+    glances = (best_start(result, thorough=False) for result in own)
+    begins = _unlike(sorted(glances, key=lambda start: start.cost))
     plain = len({_shape(it) for it in begins}) == 1
-    for begin in begins[:STARTS]:
+    for begin in (best_start(glance.result) for glance in begins[:STARTS]):
         if best and begin.cost > FAR_FACTOR * first.cost:
             break
         result = begin.result
@@ -150,20 +151,22 @@ class Start:
     cost: float
 
 
-def best_start(result: Screened) -> Start:
+def best_start(result: Screened, thorough: bool = True) -> Start:
     """Return the best start of a fit of an effect that was screened at one size.
 
-    The effect is tried at that size and at the share of it that explains most, other parameters
-    where they make up for that.
+    Other parameters are tried where they make up for the whole effect only, unless ``thorough``.
     """
     scales = (1.0,) if result.share in (0.0, 1.0) else (1.0, result.share)
-    return min((_start(result, scale) for scale in scales), key=lambda start: start.cost)
+    return min((_start(result, it, thorough) for it in scales), key=lambda start: start.cost)
 
 
-def _start(result: Screened, scale: float) -> Start:
+def _start(result: Screened, scale: float, thorough: bool) -> Start:
     """The start with the effect at so many times the size at which it was screened."""
     linear, free = result.linearised, result.candidate.at(result.at(scale))
     sizes = {parameter.name: parameter.start for parameter in free}
-    whole = scale / result.share * result.whole if result.share else 0.0 * result.whole
-    values = linear.start(whole)
-    return Start(result, free, values, linear.cost({**values, **sizes}))
+    full = scale / result.share if result.share else 0.0
+    tried = [linear.start(full * result.whole)]
+    if thorough:
+        tried += [linear.problem.values(linear.vector), linear.near_start(full * result.whole)]
+    starts = (Start(result, free, it, linear.cost({**it, **sizes})) for it in tried)
+    return min(starts, key=lambda start: start.cost)

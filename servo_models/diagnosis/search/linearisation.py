@@ -75,6 +75,16 @@ class Linearisation:
         step = self._step(self.slopes.T @ (self.errors + whole))
         return self.problem.values(self.vector + step)
 
+    def near_start(self, whole: Array) -> dict[str, float]:
+        """Return the same where it costs an error of its own to move a parameter by its scale.
+
+        Slopes that nearly cancel lead far away, and are no longer those of where they lead to.
+        """
+        own = np.mean(self.errors**2) * np.eye(len(self.vector))
+        towards = self.slopes.T @ (self.errors + whole)
+        step = least_in_box((self.gram + own)[None], towards[None], *self.room)[0]
+        return self.problem.values(self.vector + step)
+
     @cached_property
     def _inverse(self) -> Array:
         return np.asarray(np.linalg.pinv(self.gram, rcond=1e-12, hermitian=True))

@@ -1,6 +1,6 @@
 """Which effects explain a gap: stepwise selection over fitted models of any size.
 
-One more effect is fitted beside the best model, others are fitted in the place of each effect
+One more effect is fitted beside the best two models, others are fitted in the place of each effect
 of the best one, and each has to earn its place against the model without it.  An effect earns its
 place where it predicts blocks of time that are held out of its fit and, from two effects on,
 conditions that were left out as well.
@@ -51,7 +51,10 @@ ALONE = 10
 FIRST_ALONE = 4
 """Those that are fitted before it is asked whether the others could do as well."""
 ADDED = 3
-"""Effects that are fitted beside the best model."""
+"""Effects that are fitted beside each of the best models."""
+BASES = 2
+"""Models beside which further effects are fitted, none with an effect of a better one: that of two
+look-alikes which is closer to the cause gains more by what both lack."""
 EXCHANGES = 8
 """The same for the set of models that do as well as the one that is taken."""
 PROMISED_COST = 0.95
@@ -224,9 +227,11 @@ class SubsetSelection:
                 break
             self.grow(size, self.every)
             taken = self.accepted()
-        if taken.effects:
+        exchanged: FittedModel | None = None
+        while taken.effects and taken is not exchanged:
             self.exchange(taken)
-        return self.with_harmonics(self.accepted())
+            exchanged, taken = taken, self.accepted()
+        return self.with_harmonics(taken)
 
     def with_harmonics(self, taken: FittedModel) -> FittedModel:
         """Return a model with as many sines of each ripple as earn their place."""
@@ -261,7 +266,8 @@ class SubsetSelection:
         elif self.best(size - 1):
             share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
             share = 1.0 - ENTRY_SHARE if self.settled(size - 1) else share
-            self.grow_beside(self.best(size - 1)[0], pool, share)
+            for base in self.bases(size - 1)[: 1 if self.settled(size - 1) else BASES]:
+                self.grow_beside(base, pool, share)
         if self.settled(size) and size > 1 and self.gains(size):
             self.exchange(self.best(size)[0])
 
@@ -275,6 +281,14 @@ class SubsetSelection:
         """Fit the effects of a pool that promise to leave less than a share of what a smaller model
         leaves."""
         self.add(base, promising(self.screener.beside(base, pool), share * base.cost, ADDED))
+
+    def bases(self, size: int) -> list[FittedModel]:
+        """The models of a size that share no effect with a better one, best first."""
+        apart: list[FittedModel] = []
+        for model in self.best(size):
+            if not any(set(model.effects) & set(other.effects) for other in apart):
+                apart.append(model)
+        return apart
 
     def search_grids(self) -> None:
         """Screen discontinuous effects at all their values, from where the best fit has put the
