@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from datetime import date
 from math import isfinite
 from pathlib import Path
@@ -56,6 +57,13 @@ def diagnose(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Simulations at once; default: all processors.")
     ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Stop at the first answer: effects one at a time.")
+    ] = False,
+    time_limit: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Stop after this time, such as 60s, and tell the best."),
+    ] = None,
     trust: Trust = False,
     largest: Largest = None,
 ) -> int:
@@ -65,35 +73,53 @@ def diagnose(
     description gives; what they leave is explained by effects.  Figures are
     of stretches that no fit has seen.
 
-    Exit code 0: no gap, 1: a gap, 2: could not run.
+    A first answer is told on standard error and then refined.  Ctrl-C, or a
+    limit, ends the search: the best so far is told and written, with what was
+    not tried.  A second Ctrl-C gives up.
+
+    Exit code 0: no gap, 1: a gap, or stopped, 2: could not run.
 
     Examples:
 
     servo-models diagnose mine.toml
+
+    servo-models diagnose mine.toml --time-limit 60s
 
     servo-models diagnose mine.toml --out PARAMS.toml --json diagnosis.json
 
     servo-models build --params PARAMS.toml
     """
     from servo_models.cli.console import print_commands, progress, show
+    from servo_models.core.stop import BY_CTRL_C
     from servo_models.data.description import read_description
     from servo_models.data.parameters import write_parameters
     from servo_models.diagnosis.diagnose import diagnose as run
     from servo_models.diagnosis.document import github
-    from servo_models.diagnosis.search.selection import TOLERANCE
+    from servo_models.diagnosis.search.selection import FIRST_ANSWER, TOLERANCE
     from servo_models.files import write_whole
+    from servo_models.units import parse
 
     toml = ((out, ".toml"), (map_, ".toml"))
     check_outputs((json, ".json"), (report, ".html"), *toml, description=description)
     allowed = TOLERANCE if tolerance is None else tolerance
     if not isfinite(allowed):
         raise UserError(f"--tolerance {allowed}: give a number of noise floors, such as 2")
+    limit = None if time_limit is None else parse(time_limit, "s")
     with progress("diagnosing") as bar:
+
+        def tell(text: str) -> None:
+            bar(0, None, text)
+            if text.startswith(FIRST_ANSWER):
+                print(f"{text}{'' if quick else '; refining'}", file=sys.stderr, flush=True)
+
         rig = read_description(description, trust)
-        found = run(rig, allowed, seed, jobs, tell=lambda it: bar(0, None, it), fmu=True)
-        bar(0, None, "looking for the next experiment")
+        found = run(rig, allowed, seed, jobs, tell=tell, fmu=True, time_limit=limit, quick=quick)
         folders = {file.parent for file in (json, report) if file}
-        found = found.with_commands(*folders)
+        try:
+            bar(0, None, "looking for the next experiment")
+            found = found.with_commands(*folders)
+        except KeyboardInterrupt:  # the search is over, and nothing of it is to be lost
+            found = found.without_next(BY_CTRL_C)
     today = date.today()
     if json:
         write_whole(json, f"{found.to_json()}\n".encode())

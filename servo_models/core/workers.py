@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from typing import TypeVar
 
@@ -58,11 +58,23 @@ class Workers:
     def map(self, function: Callable[[T], S], tasks: Iterable[T]) -> Iterator[S]:
         """Return ``map`` of a function over tasks, in order.
 
-        A task does tasks of its own itself: all threads may be waiting for such ones.
+        A task does tasks of its own itself: all threads may be waiting for such ones.  Where one
+        fails, those that were not begun are dropped, and those that were end first.
         """
         if self._pool is None or hasattr(_thread, "is_worker"):
             return map(function, tasks)
-        return self._pool.map(function, tasks)
+        return _results([self._pool.submit(function, task) for task in tasks])
+
+
+def _results(begun: list[Future[S]]) -> Iterator[S]:
+    begun.reverse()
+    try:
+        while begun:
+            yield begun.pop().result()
+    finally:
+        for task in begun:
+            task.cancel()
+        wait(begun)
 
 
 ALONE = Workers(1)

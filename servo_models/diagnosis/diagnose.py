@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from servo_models.core.plant import unknown
+from servo_models.core.stop import Stop
 from servo_models.core.workers import Workers
 from servo_models.data.audit import audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
@@ -36,6 +37,8 @@ def diagnose(
     left_out: Iterable[str] = (),
     tell: Tell | None = None,
     fmu: bool = False,
+    time_limit: float | None = None,
+    quick: bool = False,
 ) -> Diagnosis:
     """Find out where a gap lies, what causes it and how far it closes.
 
@@ -47,11 +50,15 @@ def diagnose(
         left_out: effects that are not considered.
         tell: is told what goes on.
         fmu: run the diagnosed model as an FMU as well; where that cannot be, the result says why.
+        time_limit: time [s] after which the search ends; the best so far is fitted to the end and
+            told, with what was not tried (``unfinished``).  So it is after Ctrl-C; a second one
+            raises ``KeyboardInterrupt``.
+        quick: end the search in the same way once the effects were fitted alone.
 
     Raises:
-        UserError: an effect to be left out that the actuator has not, a tolerance below 0 or not
-            finite; see ``read_description``, ``identification.preconditions.checked_logs`` and
-            ``diagnosis.preconditions``.
+        UserError: an effect to be left out that the actuator has not, a tolerance or a time limit
+            below 0 or not finite; see ``read_description``,
+            ``identification.preconditions.checked_logs`` and ``diagnosis.preconditions``.
 
     Example:
         >>> import servo_models as sm
@@ -63,6 +70,9 @@ def diagnose(
         'drive_dead_zone'
         >>> sm.write_parameters(found.parameter_set(), "GAP.toml")
     """
+    if time_limit is not None and not 0.0 <= time_limit < math.inf:
+        raise UserError(f"time limit {time_limit}: give a number of seconds, 0 or more")
+    stop = Stop(math.inf if time_limit is None else time_limit, quick)
     told = description if isinstance(description, Description) else read_description(description)
     left_out = [left_out] if isinstance(left_out, str) else list(left_out)
     for name in left_out:
@@ -74,10 +84,17 @@ def diagnose(
     logs = checked_logs(told.model, logs, len(prior_parameters(told)), told.path)
     told = replace(told, logs=logs)
     check_duration(told.model, told.logs)
-    with Workers(jobs) as workers:
-        found = _diagnose(told, tolerance, seed, workers, left_out, tell)
-    found = replace(found, flags=flags)
-    return _confirmed(found, tell) if fmu else found
+    with stop:
+        with Workers(jobs) as workers:
+            found = _diagnose(told, tolerance, seed, workers, left_out, tell, stop)
+        found = replace(found, flags=flags)
+        if fmu and (found.within_tolerance or not stop.passed):
+            found = _confirmed(found, tell)
+        elif fmu:
+            found = replace(found, unfinished=(*found.unfinished, "the run of its FMU"))
+    if found.within_tolerance or not stop.passed:
+        return found
+    return found.without_next(stop.why)
 
 
 def _confirmed(found: Diagnosis, tell: Tell | None) -> Diagnosis:
@@ -99,16 +116,19 @@ def _diagnose(
     workers: Workers,
     left_out: Iterable[str],
     tell: Tell | None,
+    stop: Stop,
 ) -> Diagnosis:
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
-    steps = InternalSteps(told.model, floors)
+    steps = InternalSteps(told.model, floors, stop)
     fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers, steps=steps)
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
     # what does not follow the command is no curve of what the actuator does
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows
-    if tell and shaped:
+    learns = shaped and not stop.passed
+    lacking = ["the shape of what is left"] if shaped and not learns else []
+    if tell and learns:
         tell("learning the shape of what is left")
     return Diagnosis(
         name=told.path.stem,
@@ -123,7 +143,8 @@ def _diagnose(
         gaps=gaps(selection, floors, origins, seed),
         ranking=ranked_effects(selection, verdict),
         moved=estimates(selection.retuned),
-        residual_map=learn(selection.taken, selection.retuned) if shaped else None,
+        residual_map=learn(selection.taken, selection.retuned) if learns else None,
         tolerance=tolerance,
         seed=seed,
+        unfinished=(*selection.unfinished, *lacking),
     )

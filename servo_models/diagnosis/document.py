@@ -55,6 +55,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
         "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
         "repeats_wanted": diagnosis.repeats_wanted or None,
+        "unfinished": list(diagnosis.unfinished),
         "warnings": list(summary.warnings(diagnosis)),
         "seed": diagnosis.seed,
         "versions": conditions(),

@@ -36,7 +36,8 @@ class RankedEffect:
         model_weight: share of the fitted models of as many effects as were taken that have it,
             each with its weight; None where none of them has. It ranks.
         probability: that it is among the causes, None where nothing is known of that: without a
-            model weight, and outside the catalogue, where none of the effects explains all.
+            model weight, where the search was stopped, and outside the catalogue, where none of the
+            effects explains all.
         in_set: whether it is in the set that cannot be told apart.
         taken: whether the after figures are with it.
         parameters: of the effect, in the best fitted model that has it.
@@ -88,7 +89,8 @@ def _ranked_effect(
         name=name,
         wire=model.plant.main_wire(name),
         model_weight=verdict.weights.get(name),
-        probability=verdict.probabilities.get(name),
+        # learnt from whole searches
+        probability=None if selection.unfinished else verdict.probabilities.get(name),
         in_set=name in verdict.members,
         taken=name in selection.taken.effects,
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),

@@ -71,6 +71,8 @@ class Diagnosis(Result):
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
         unconfirmed: what is amiss with that FMU, "" for nothing.
         written: the next experiment with its table, None before ``with_commands``.
+        unfinished: what was not tried, or not to the end, since the diagnosis was stopped.
+        stopped: why it was, "" if it was not.
     """
 
     name: str
@@ -92,6 +94,8 @@ class Diagnosis(Result):
     confirmation: Confirmation | None = None
     unconfirmed: str = ""
     written: tuple[Experiment, ...] | None = None
+    unfinished: tuple[str, ...] = ()
+    stopped: str = ""
 
     def __repr__(self) -> str:
         gap = f"{self.gap.rms['before']:.3g} to {self.gap.rms['after']:.3g} noise floors"
@@ -249,6 +253,15 @@ class Diagnosis(Result):
             for folder in folders:
                 experiment.write(folder)
         return replace(self, written=planned)
+
+    def without_next(self, why: str) -> Diagnosis:
+        """Return the same diagnosis as one that was stopped before the next experiment was sought.
+
+        Args:
+            why: in words, see ``stopped``.
+        """
+        left = (*self.unfinished, "the next experiment")
+        return replace(self, written=(), stopped=why, unfinished=left)
 
     def report(self, date: str = "") -> Report:
         from servo_models.diagnosis.sections import report

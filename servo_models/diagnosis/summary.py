@@ -15,6 +15,7 @@ from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.residuals import LEAST_SAMPLES
 from servo_models.diagnosis.search.screening import Detectability
+from servo_models.diagnosis.search.selection import RETUNING
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -112,7 +113,17 @@ def missed(diagnosis: Diagnosis) -> list[HeldOut]:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """Return the verdict in a clause, without figures and rivals."""
+    """Return the verdict in a clause, without figures and rivals; first that it was stopped."""
+    so_far = f"Stopped {diagnosis.stopped}, best so far: " if diagnosis.stopped else ""
+    return f"{so_far}{_headline(diagnosis)}"
+
+
+def untried(diagnosis: Diagnosis) -> str:
+    """Return what a diagnosis that was stopped has not tried."""
+    return f"Not tried, or not to the end: {', '.join(diagnosis.unfinished)}"
+
+
+def _headline(diagnosis: Diagnosis) -> str:
     taken, kind = diagnosis.selection.taken.effects, diagnosis.verdict.kind
     whole = "most of the gap" if diagnosis.verdict.rest else "the gap"
     if kind == NO_GAP:
@@ -124,8 +135,12 @@ def headline(diagnosis: Diagnosis) -> str:
     if kind == NOT_IDENTIFIABLE:
         return _undecided(diagnosis)
     if kind == OUTSIDE:
-        alone = "with parameters re-tuned" if diagnosis.moved else "with the nominal model"
+        unfinished = diagnosis.selection.unfinished
+        tuned = diagnosis.moved and RETUNING not in unfinished
+        alone = "with parameters re-tuned" if tuned else "with the nominal model"
         best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
+        if unfinished:
+            return f"{best}, something is left"
         return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
     return f"{placed(diagnosis, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
 
@@ -220,8 +235,11 @@ def ruled_out(diagnosis: Diagnosis) -> dict[str, str]:
     fitted = diagnosis.selection.fitted
     rest = [name for name in reach if name not in named and name not in fitted]
     said = {name: _loses(diagnosis, name, one) for name, one in fitted.items() if name not in named}
+    why = "explains too little beside those that were fitted"
+    if diagnosis.selection.unfinished:
+        why = "was not fitted before the search was stopped"
     for name in sorted(rest, key=lambda name: -reach[name].shown):
-        said[name] = "explains too little beside those that were fitted"
+        said[name] = why
     unseen = {name: _unseen(reach[name]) for name in said if reach[name].shown < SEEN}
     return {**{name: why for name, why in said.items() if name not in unseen}, **unseen}
 
@@ -277,8 +295,10 @@ def doubts(diagnosis: Diagnosis) -> dict[str, str]:
 
 
 def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what to be careful with: logs first, then noise, the model, and its parameters."""
+    """Return what to be careful with: first what was not tried, then logs, noise, the model, and
+    its parameters."""
     return (
+        *_about_time(diagnosis),
         *_about_logs(diagnosis),
         *_about_repeats(diagnosis),
         *_about_motion(diagnosis),
@@ -286,6 +306,11 @@ def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
         *_about_held_out(diagnosis),
         *_about_parameters(diagnosis),
     )
+
+
+def _about_time(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.stopped:
+        yield f"stopped {diagnosis.stopped}: this is the best so far. {untried(diagnosis)}"
 
 
 def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:

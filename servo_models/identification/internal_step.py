@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from servo_models.core.simulate import Model
+from servo_models.core.stop import Stop
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.errors import UserError
@@ -40,10 +41,12 @@ class InternalSteps:
     Attributes:
         model: about which it is measured; it says which effects are on anyway.
         noise: standard deviation [SI] of each output.
+        stop: ends the search.
     """
 
     model: Model
     noise: Mapping[str, float]
+    stop: Stop = field(default_factory=Stop)
     _found: dict[tuple[Log, str], float] = field(default_factory=dict, init=False, repr=False)
 
     def longest(self, run: Run, names: Iterable[str]) -> float:

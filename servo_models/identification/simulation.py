@@ -18,6 +18,7 @@ from servo_models.core.bounds import inside
 from servo_models.core.flat import noticed
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid, with_output
+from servo_models.core.stop import Stop
 from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
@@ -50,7 +51,13 @@ REMEMBERED = 12_000_000
 
 
 class Steps(Protocol):
-    """Says how long the internal step of a run may be, see ``internal_step.InternalSteps``."""
+    """Says how long the internal step of a run may be, see ``internal_step.InternalSteps``.
+
+    Attributes:
+        stop: is asked before each simulation whether the search has to end.
+    """
+
+    stop: Stop
 
     def longest(self, run: Run, names: Iterable[str]) -> float:
         """Return the step [s] for a run in which these parameters may be anything."""
@@ -95,7 +102,12 @@ class Run:
         """All outputs of the plant with these parameters, shape (n, outputs of the plant).
 
         What the log states as a constant stays, see ``with_constants``.
+
+        Raises:
+            StoppedError: the search has to end.
         """
+        if self.steps:
+            self.steps.stop.check()
         return _simulated(self, self._vector(values))[-len(self.log.times) :]
 
     def signal(self, wire: str, values: Mapping[str, float]) -> Array:

@@ -464,11 +464,16 @@ class Fitter:
         """Fit to the end: what the logs leave open goes back to its prior."""
         return self.again(found, FINAL_TOLERANCE, FINAL_STEPS) if found.problem.free else found
 
-    def told(self, found: FittedModel) -> FittedModel:
+    def told(self, found: FittedModel, fit: bool = True) -> FittedModel:
         """Fit to the end with the model's own internal step, so that no value or error that is told
-        hangs on another one."""
+        hangs on another one; without ``fit`` the values stay."""
         own = replace(found, problem=replace(found.problem, steps=None))
-        return replace(replace(self, steps=None).finish(own), searched=found.problem)
+        plain, vector = replace(self, steps=None), found.evidence.vector
+        if fit:
+            ended = plain.finish(own)
+        else:
+            ended = plain._judged(found.effects, own.problem, vector, found.converged)
+        return replace(ended, searched=found.problem)
 
     def _judged(
         self,

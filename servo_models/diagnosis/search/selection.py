@@ -18,11 +18,14 @@ from math import inf, log
 
 import numpy as np
 
+from servo_models.core.stop import AT_FIRST_ANSWER, Stop
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
 from servo_models.diagnosis.search.fitting import (
+    LEAST_CONDITIONS,
     FittedModel,
     Fitter,
+    conditions,
     leave_one_condition_out,
 )
 from servo_models.diagnosis.search.grid_search import shortlist
@@ -88,6 +91,15 @@ ENTRY_SHARE_OF_THIRD = 0.2
 """The same for a third effect and each after it, and for each further sine of a ripple: many
 together imitate what is none of them."""
 
+RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
+DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"
+RIVALS, SINES = "effects that may do as well", "further sines of ripples"
+MASKED, CONDITIONS = "effects that parameters mask", "conditions that are left out"
+STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, MASKED)
+"""Of a search, in this order."""
+FIRST_ANSWER = "first answer"
+"""With which begins what is told once every effect that promises something was fitted alone."""
+
 Tell = Callable[[str], None]
 
 
@@ -102,6 +114,7 @@ class Selection:
         taken: the fitted model whose effects earn their place.
         detectability: how far each effect can move the outputs, by its name.
         masked: effects that may be there beside nominal parameters alone, if these were taken.
+        unfinished: what was not tried, or not to the end, since the search was stopped.
     """
 
     before: CrossValidation
@@ -110,6 +123,7 @@ class Selection:
     taken: FittedModel
     detectability: dict[str, Detectability]
     masked: Sequence[MaskedEffect] = ()
+    unfinished: Sequence[str] = ()
 
     def of_size(self, count: int) -> list[FittedModel]:
         """Return the fitted models by so many effects, best first."""
@@ -139,9 +153,9 @@ def select_effects(
     """Explain a gap by nominal parameters, by one effect, or by several.
 
     Args:
-        fitter: model, logs, priors and floors.
+        fitter: model, logs, priors and floors; the ``stop`` of its ``steps`` may end the search.
         left_out: effects that are not considered.
-        tell: is told what goes on.
+        tell: is told what goes on, and the first answer, see ``FIRST_ANSWER``.
         tolerance: gap [noise floors] up to which there is nothing to explain.
     """
     say = tell or (lambda _: None)
@@ -149,32 +163,63 @@ def select_effects(
     before = as_it_is.evidence
     if before.rms <= tolerance:
         return Selection(before, as_it_is, [], as_it_is, {})
-    say("re-tuning nominal parameters")
-    fitter = fitter.surveyed()
-    retuned = fitter.finish(fitter.fit((), ()))
+    stop = fitter.steps.stop if fitter.steps else Stop()
     # an effect with an uncertain size is one of the nominal ones, and free in every fit
     owners = {fitter.model.plant.parameters[free.name].owner for free in fitter.nominal}
     every = candidates(fitter.model, fitter.logs, owners.union(left_out))
     fitter = replace(fitter, trials={one.name: log(one.trials) for one in every})
-    say(f"screening {len(every)} effects")
-    others = []
-    if not retuned.settled:
-        nominal = {free.name: free.nominal for free in fitter.nominal}
-        others.append(fitter.unfit((), (), nominal).linearised)
-    results = survey(retuned.linearised, others, every)
-    enough = min(ENOUGH_FLOORS, tolerance)
-    search = SubsetSelection(fitter, retuned, every, moving(results), say, enough)
-    taken = search.run()
-    masked: Sequence[MaskedEffect] = ()
-    if taken is retuned:
-        search.say("looking for effects that re-tuned parameters mask")
-        least = max(tolerance, LEAST_MASKED_FLOORS)
-        masked = masked_effects(fitter, retuned, results, least)
-        taken = retuned = fitter.told(retuned)
-    else:
+    ahead, masked = stages(every), list[MaskedEffect]()
+    retuned = taken = as_it_is
+    results: list[Screened] = []
+    search: SubsetSelection | None = None
+
+    def answer(best: FittedModel) -> None:
+        names = " and ".join(best.effects) or "no effect"
+        gap = f"gap {before.rms:.3g} -> {best.evidence.rms:.3g} noise floors"
+        say(f"{FIRST_ANSWER} after {stop.elapsed:.2g} s: {names}, {gap}")
+        if stop.quick:
+            stop.why = stop.why or AT_FIRST_ANSWER
+
+    with stop.search():
+        say("re-tuning nominal parameters")
+        fitter = fitter.surveyed()
+        retuned = taken = fitter.fit((), ())
+        retuned = taken = fitter.finish(retuned)
+        ahead.remove(RETUNING)
+        say(f"screening {len(every)} effects")
+        others = []
+        if not retuned.settled:
+            nominal = {free.name: free.nominal for free in fitter.nominal}
+            others.append(fitter.unfit((), (), nominal).linearised)
+        results = survey(retuned.linearised, others, every)
+        enough = min(ENOUGH_FLOORS, tolerance)
+        search = SubsetSelection(fitter, retuned, every, moving(results), say, enough, ahead)
+        taken = search.run(answer)
+        if taken is retuned:
+            search.begin(MASKED)
+            search.say("looking for effects that re-tuned parameters mask")
+            least = max(tolerance, LEAST_MASKED_FLOORS)
+            masked = masked_effects(fitter, retuned, results, least)
+        ahead.clear()
+    if search and ahead:
+        taken = search.so_far()
+    if search and taken is not retuned:
         search.say(f"fitting {' and '.join(taken.effects)} to the end")
-        retuned, taken = fitter.told(retuned), fitter.told(taken)
-    return Selection(before, retuned, search.tried(), taken, reaches(results, every), masked)
+        retuned, taken = fitter.told(retuned, fit=not stop.passed), fitter.told(taken)
+    elif retuned is not as_it_is:
+        taken = retuned = fitter.told(retuned)
+    tried = search.tried() if search else []
+    reach = reaches(results, every) if results else {}
+    return Selection(before, retuned, tried, taken, reach, masked, ahead)
+
+
+def stages(every: Sequence[Candidate]) -> list[str]:
+    """Return those of ``STAGES`` that these effects have."""
+    some = {
+        DISCONTINUOUS: any(one.grid for one in every),
+        SINES: any(one.hints.harmonics for one in every),
+    }
+    return [it for it in STAGES if some.get(it, True)]
 
 
 Task = tuple[tuple[str, ...], Callable[[Fitter], FittedModel]]
@@ -188,6 +233,7 @@ class SubsetSelection:
         fitter, retuned, every: see ``select_effects``.
         results: of screening every effect beside nominal parameters alone, best first.
         enough: held-out error [noise floors] below which no effect joins a model.
+        ahead: of ``STAGES``, what is not done yet.
         models: the best fitted model of each set of effects.
     """
 
@@ -199,39 +245,67 @@ class SubsetSelection:
         results: Sequence[Screened],
         tell: Tell,
         enough: float = ENOUGH_FLOORS,
+        ahead: list[str] | None = None,
     ) -> None:
         self.fitter, self.retuned, self.every, self.tell = fitter, retuned, every, tell
         self.results, self.enough = list(results), enough
         self.screener = Screener(every, results)
         self.models: dict[frozenset[str], FittedModel] = {frozenset(): retuned}
         self.carried: dict[FittedModel, float] = {}
+        self.ahead = [] if ahead is None else ahead
+        self.stopped = False
 
-    def run(self) -> FittedModel:
-        """Return the model whose effects earn their place."""
+    def run(self, answer: Callable[[FittedModel], None] = lambda _: None) -> FittedModel:
+        """Return the model whose effects earn their place; ``answer`` is told it as soon as effects
+        were fitted alone."""
         if self.suffices(0):
+            answer(self.retuned)
             return self.retuned
         smooth = [one for one in self.every if not one.grid]
         self.grow(1, smooth)
+        first = self.accepted()
+        answer(first)
         if self.retuned.settled:
-            return self.accepted()
+            return first
+        self.begin(PAIRS)
         self.grow(2, smooth)
         if self.settled(2):
             self.add(self.retuned, self.as_good(self.starts(self.every), ADDED))
         else:
+            self.begin(DISCONTINUOUS)
             self.search_grids()
             self.grow(1, self.every)
             self.grow(2, self.every)
+        self.begin(FURTHER)
         taken = self.accepted()
         for size in range(3, MOST_EFFECTS + 1):
             if len(taken.effects) < size - 1 or taken.settled:
                 break
             self.grow(size, self.every)
             taken = self.accepted()
+        self.begin(RIVALS)
         exchanged: FittedModel | None = None
         while taken.effects and taken is not exchanged:
             self.exchange(taken)
             exchanged, taken = taken, self.accepted()
+        self.begin(SINES)
         return self.with_harmonics(taken)
+
+    def begin(self, stage: str) -> None:
+        """Note that everything before one of ``STAGES`` is done."""
+        done = STAGES[: STAGES.index(stage)]
+        self.ahead[:] = [it for it in self.ahead if it not in done]
+
+    def so_far(self) -> FittedModel:
+        """Return the model whose effects earn their place where the search was stopped."""
+        self.stopped = True
+        taken = self.accepted()
+        if taken.effects and MASKED in self.ahead:
+            self.ahead.remove(MASKED)
+        untested = len(taken.effects) > 1 and taken not in self.carried
+        if untested and len(conditions(self.fitter.logs)) >= LEAST_CONDITIONS:
+            self.ahead.append(CONDITIONS)
+        return taken
 
     def with_harmonics(self, taken: FittedModel) -> FittedModel:
         """Return a model with as many sines of each ripple as earn their place."""
@@ -365,7 +439,14 @@ class SubsetSelection:
         parts = [frozenset(model.effects) - {name} for name in model.effects]
         return all(
             passes_entry_test(model, self.models[it]) for it in parts if it in self.models
-        ) and self.carries_over(model) <= self.carries_over(fewer)
+        ) and self.carried_over_by(model, fewer)
+
+    def carried_over_by(self, model: FittedModel, fewer: FittedModel) -> bool:
+        """Whether errors under conditions left out do not grow by an effect more; where a stopped
+        search has not looked, nothing speaks against it."""
+        if self.stopped and not {model, fewer} <= self.carried.keys():
+            return True
+        return self.carries_over(model) <= self.carries_over(fewer)
 
     def carries_over(self, model: FittedModel) -> float:
         """Squared errors under conditions that were left out."""

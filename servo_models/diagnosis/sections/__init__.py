@@ -135,6 +135,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
     planned = [one for one in diagnosis.next_experiments if one.telling]
     if diagnosis.within_tolerance:
         return "Nothing: the model is as good as these logs can show."
+    if diagnosis.selection.unfinished:
+        return f"Diagnose with more time. {summary.untried(diagnosis)}."
     if planned:
         file = f" ({planned[0].file})" if planned[0].file else ""
         return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
@@ -239,6 +241,10 @@ def _likely(diagnosis: Diagnosis) -> str:
     """What the figures beside effects are."""
     if diagnosis.verdict.kind == OUTSIDE:
         return "Model weights rank effects none of which explains all: they are no probabilities."
+    if diagnosis.selection.unfinished:
+        return (
+            "Model weights rank effects: of a search that was stopped there are no probabilities."
+        )
     return (
         "A probability says of how many withheld rigs an effect with such a model weight was there;"
         " several effects may be, so probabilities need not add up to 100 %."

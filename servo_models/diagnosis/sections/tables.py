@@ -203,7 +203,7 @@ def _percent(share: float | None) -> Quantity:
 def effects(diagnosis: Diagnosis) -> Table:
     """Every effect that was fitted, most likely first."""
     outside = diagnosis.verdict.kind == OUTSIDE
-    likely = "model weight" if outside else "probability"
+    likely = "model weight" if outside or diagnosis.selection.unfinished else "probability"
     columns = ("effect", "on", likely, "size", f"left [{FLOORS}]", "closes", "")
     rows = tuple(_effect(diagnosis, effect) for effect in diagnosis.ranking)
     title = "Effects, nearest first: none explains all" if outside else "Effects, most likely first"
