@@ -1,7 +1,7 @@
 """What each rule of the search is worth: withheld cases diagnosed without it.
 
     python benchmarks/ablation.py CASES --out FOLDER             # every rule, resumable
-    python benchmarks/ablation.py CASES --out FOLDER --only swap,pairs
+    python benchmarks/ablation.py CASES --out FOLDER --only exchange,grids
     python benchmarks/ablation.py CASES --out FOLDER --table     # what was found, as Markdown
 
 CASES is a folder that ``python -m servo_models.withheld.generator`` has made.  A rule is taken out
@@ -68,23 +68,11 @@ def same(_: Any, found: Any, *__: Any) -> Any:
 
 
 RULES = {
-    "swap": Rule([(Search, "swap", nothing)], [Search.swap]),
     "exchange": Rule([(Search, "exchange", nothing)], [Search.exchange]),
-    "pairs": Rule(
-        [(Search, "add_pairs", nothing)],
-        [Search.add_pairs, screening.pairs, screening._pairs, screening._taking_part]
-        + [screening._different, screening._limits, screening._at, joint_fits.together],
-    ),
     "several bases": Rule([(selection, "BASES", 1)], [Search.bases]),
-    "grids beside effects": Rule(
-        [(Search, "grow_discontinuous", nothing)], [Search.grow_discontinuous]
-    ),
     "grids": Rule(
-        [(Search, "grow_discontinuous", nothing), (Search, "search_grids", nothing)],
-        [Search.grow_discontinuous, Search.search_grids, *vars(grid_search).values()],
+        [(Search, "search_grids", nothing)], [Search.search_grids, *vars(grid_search).values()]
     ),
-    "finalists": Rule([(selection, "FINALISTS", 0), (selection, "PARTS_OF", 0)]),
-    "parts fitted again": Rule([(selection, "PARTS_OF", 0)]),
     "screening from nominal": Rule(
         [(selection, "survey", lambda retuned, _, every: screening.survey(retuned, (), every))],
         [screening._at_best],
@@ -93,7 +81,9 @@ RULES = {
         [(screening, "corrected_changes", screening.changes)],
         [screening.corrected_changes, screening._corrected],
     ),
-    "half jumps": Rule([(joint_fits, "_half_jumps", lambda *_: iter(()))], [joint_fits._half_jumps]),
+    "half jumps": Rule(
+        [(joint_fits, "_half_jumps", lambda *_: iter(()))], [joint_fits._half_jumps]
+    ),
     "reach moved on": Rule(
         [(joint_fits, "_followed", same)], [joint_fits._followed, joint_fits._opened]
     ),
@@ -104,8 +94,8 @@ RULES = {
             (
                 joint_fits,
                 "best_start",
-                lambda results, thorough=True: joint_fits._start(
-                    results, [it.share or 1.0 for it in results], thorough=False
+                lambda result, thorough=True: joint_fits._start(
+                    result, result.share or 1.0, thorough=False
                 ),
             )
         ],
@@ -134,8 +124,7 @@ RULES = {
     "entry: part of the gap": Rule([(selection, "ENTRY_PART_OF_GAP", 0.0)]),
     "entry: third effect": Rule([(selection, "ENTRY_SHARE_OF_THIRD", selection.ENTRY_SHARE)]),
     "fits alone: ten": Rule([(selection, "ALONE", 5)]),
-    "fits beside: four": Rule([(selection, "ADDED", 2)]),
-    "fits of pairs: six": Rule([(selection, "PAIRS_AT_ONCE", 3)]),
+    "fits beside: three": Rule([(selection, "ADDED", 2)]),
     "fifth effect": Rule([(selection, "MOST_EFFECTS", 3)]),
     "look-alikes once": Rule([(selection, "SAME_COSINE", 2.0)], [selection.same]),
     "errors that follow": Rule([(verdict, "not_followed", lambda *_: [])]),
