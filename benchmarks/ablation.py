@@ -124,7 +124,7 @@ RULES = {
     "entry: part of the gap": Rule([(selection, "ENTRY_PART_OF_GAP", 0.0)]),
     "entry: third effect": Rule([(selection, "ENTRY_SHARE_OF_THIRD", selection.ENTRY_SHARE)]),
     "fits alone: ten": Rule([(selection, "ALONE", 5)]),
-    "fits beside: three": Rule([(selection, "ADDED", 2)]),
+    "fits beside: four": Rule([(selection, "ADDED", 2)]),
     "fifth effect": Rule([(selection, "MOST_EFFECTS", 3)]),
     "look-alikes once": Rule([(selection, "SAME_COSINE", 2.0)], [selection.same]),
     "errors that follow": Rule([(verdict, "not_followed", lambda *_: [])]),

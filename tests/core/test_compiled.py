@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from servo_models.core.compilers import (
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
+from servo_models.errors import UserError
 from tests.support.compilers import in_c_only
 from tests.support.own_actuators import write
 
@@ -195,3 +197,21 @@ def test_arrays_that_are_read_otherwise_are_refused(spoil: str, tmp_path: Path) 
         out.flags.writeable = False
     with pytest.raises(TypeError, match="float64 in C order"):
         run(chosen.vector, chosen.start(), TIMES, inputs, out)
+
+
+@in_c_only
+@pytest.mark.parametrize("by", [run_in_c, run_by_numba])
+def test_a_run_ends_after_the_sub_steps_that_it_may_make(
+    by: Callable[[str], Run], tmp_path: Path
+) -> None:
+    """Where the internal step is as long as a row, a row takes one sub-step."""
+    chosen = joint(tmp_path, ["return (goal - angle) / time_constant"])
+    vector = chosen.vector
+    vector[list(chosen.values).index("internal_step")] = TIMES[1]
+    run, out = by(run_text(chosen.flat)), np.empty((len(TIMES), 1))
+    enough, short = 51.0, 30.0
+    assert run(vector, chosen.start(), TIMES, STEP, out, enough) == (0, len(TIMES))
+    code, row = run(vector, chosen.start(), TIMES, STEP, out, short)
+    assert (code, row) == (chosen.flat.too_long, 30)
+    with pytest.raises(UserError, match="too many sub-steps"):
+        chosen.ran(vector, chosen.start(), TIMES, STEP, short)

@@ -57,7 +57,7 @@ def test_a_fit_begins_where_its_effect_was_seen(name: str, size: float) -> None:
     effect = name.partition(".")[0]
     results = screen([fitter.fit((), ()).linearised], [every[effect]])
     best = [it for it in results if name in it.settings][:1]
-    assert best_start(best).cost < 3.0 * best[0].left
+    assert best_start(best[0]).cost < 3.0 * best[0].left
     assert beside(fitter, fitter.fit((), ()), likeliest(results)).values[name] == pytest.approx(
         size, rel=0.05
     )

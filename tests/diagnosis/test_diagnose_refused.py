@@ -35,7 +35,7 @@ BAD = {
     "everything held out": (DESCRIPTION.format("held_out = true"), "holds out every", "rig.toml"),
     "no logs": (
         'actuator = "torque_motor"\nsweeps = []\n',
-        "describes no log",
+        "sweeps: has no table; add [[sweeps]]",
         "rig.toml",
     ),
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lombscargle
@@ -84,3 +86,11 @@ def test_the_power_of_sines_is_that_of_lomb_and_scargle() -> None:
     values = np.sin(11.0 * angle) + random.standard_normal(300)
     expected = lombscargle(angle, values, counts)
     np.testing.assert_allclose(sine_powers(angle, values, counts), expected, rtol=1e-9)
+
+
+def test_a_spectrum_without_any_count_has_no_peak() -> None:
+    """A motor that travels far between two samples: no period of a ripple has samples enough."""
+    search, first = searched(dict(list(SINES.items())[:1]))
+    (ripple,) = search.every
+    far = replace(ripple, free=tuple(replace(free, high=0.5) for free in ripple.free))
+    assert order_peaks(first, far) == []

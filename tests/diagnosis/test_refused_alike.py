@@ -88,7 +88,7 @@ def test_every_sample_held_out(run: Run, tmp_path: Path) -> None:
 
 def test_no_logs(run: Run, tmp_path: Path) -> None:
     head = f'method = "simulation"\nsweeps = []\n{HEAD}'
-    assert "rig.toml' describes no log" in refused(run, description(tmp_path, head=head))
+    assert "rig.toml', sweeps: has no table" in refused(run, description(tmp_path, head=head))
 
 
 def test_a_model_that_cannot_be_simulated(run: Run, tmp_path: Path) -> None:

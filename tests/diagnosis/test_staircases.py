@@ -65,13 +65,6 @@ def test_an_effect_that_moves_nothing_is_not_on_the_list() -> None:
     assert [it.name for it in shortlist(fitter, retuned, stairs, other)] == ["sample_hold"]
 
 
-def test_an_effect_that_is_on_is_not_on_the_list() -> None:
-    fitter, every = made({"command_quantisation.step": 3.0})
-    one = every["command_quantisation"]
-    on = fitter.fit((one.name,), one.at({"command_quantisation.step": 3.0}))
-    assert [it.name for it in shortlist(fitter, on, [one, every["cogging"]])] == []
-
-
 @given(st.sampled_from(["sample_hold", "command_quantisation", "dead_band"]), st.floats(1e-3, 1e3))
 def test_between_two_sizes_the_last_stair_moves_by_a_part_of_one(name: str, stairs: float) -> None:
     """Or they are as near each other as is worth it: with n stairs, n times the change."""

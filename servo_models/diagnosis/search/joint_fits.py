@@ -164,9 +164,11 @@ def _start(result: Screened, scale: float, thorough: bool) -> Start:
     """The start with the effect at so many times the size at which it was screened."""
     linear, free = result.linearised, result.candidate.at(result.at(scale))
     sizes = {parameter.name: parameter.start for parameter in free}
-    full = scale / result.share if result.share else 0.0
-    tried = [linear.start(full * result.whole)]
+    shares = [scale / result.share if result.share else 0.0, *((1.0, 0.0) if thorough else ())]
+    changes = [share * result.whole for share in dict.fromkeys(shares)]
+    tried = [linear.start(change) for change in changes]
     if thorough:
-        tried += [linear.problem.values(linear.vector), linear.near_start(full * result.whole)]
+        stays = linear.problem.values(linear.vector)
+        tried += [stays, *(linear.near_start(change) for change in changes)]
     starts = (Start(result, free, it, linear.cost({**it, **sizes})) for it in tried)
     return min(starts, key=lambda start: start.cost)

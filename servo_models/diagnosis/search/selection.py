@@ -53,7 +53,7 @@ ALONE = 10
 """Smooth effects that are fitted alone."""
 FIRST_ALONE = 4
 """Those that are fitted before it is asked whether the others could do as well."""
-ADDED = 3
+ADDED = 4
 """Effects that are fitted beside each of the best models."""
 BASES = 2
 """Models beside which further effects are fitted, none with an effect of a better one: that of two
@@ -344,6 +344,9 @@ class SubsetSelection:
                 self.grow_beside(base, pool, share)
         if self.settled(size) and size > 1 and self.gains(size):
             self.exchange(self.best(size)[0])
+        for best in self.best(size)[:1]:
+            if not best.settled:
+                self.keep(self.fitter.finish(best))
 
     def grow_alone(self, pool: Sequence[Candidate]) -> None:
         """Fit the most promising effects of a pool, each alone."""
