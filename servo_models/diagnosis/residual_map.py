@@ -431,7 +431,7 @@ class _OnWire:
         rows = [np.flatnonzero(parts == k) for k in range(int(parts.max()) + 1)]
         gram = np.array([slopes[part].T @ slopes[part] for part in rows])
         towards = np.array([slopes[part].T @ errors[part] for part in rows])
-        return gram, towards, np.bincount(parts, errors**2)
+        return gram, towards, np.bincount(parts, errors**2).astype(float)
 
     def columns(self, keys: Sequence[str]) -> list[int]:
         """Places of the parameters and of the knots of some curves among all slopes."""

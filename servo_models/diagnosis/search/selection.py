@@ -59,7 +59,7 @@ BASES = 2
 """Models beside which further effects are fitted, none with an effect of a better one: that of two
 look-alikes which is closer to the cause gains more by what both lack."""
 EXCHANGES = 8
-"""The same for the set of models that do as well as the one that is taken."""
+"""Effects that are fitted in the place of each effect of a model."""
 PROMISED_COST = 0.95
 """Cost that screening promises over the cost of the model without an effect, below which the effect
 is worth a fit."""
@@ -383,16 +383,12 @@ class SubsetSelection:
 
     def exchange(self, model: FittedModel) -> None:
         """Fit others in the place of each effect of a model that may do as well."""
-        for name, stays, results in self.without_each(model):
-            others = [it for it in results if it.candidate.name != name]
-            likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
-            self.add(stays, likely)
-
-    def without_each(self, model: FittedModel) -> Iterator[tuple[str, FittedModel, list[Screened]]]:
-        """Each effect of a model, the model as it is without it, and the results beside that."""
         for name in model.effects:
             stays = self.fitter.unfit(*model.without(name), model.values)
-            yield name, stays, self.screener.again_beside(stays, model)
+            results = self.screener.again_beside(stays, model)
+            others = [result for result in results if result.candidate.name != name]
+            likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
+            self.add(stays, likely)
 
     # -- fitting -----------------------------------------------------------------------------------
 
