@@ -38,8 +38,12 @@ MORE_PARTS = (1.0, 0.7, 0.85, 0.6, 0.92, 0.78)
 ASIDE = 0.02
 """Largest part of a value by which the middle of a slope is moved aside, to one side for one width
 and to the other for the next: small moves across a step would meet the same samples of it."""
+ASIDE_OVER_WIDTH = 2.0
 AGREED = 0.01
 """Share of the energy of a slope in which two widths may disagree without being widened."""
+NARROWER = (0.03, 0.001)
+"""Parts of the least width over which slopes are taken once more where combinations are weak: the
+random part grows, but where it is none, curvature falls."""
 WIDER = 3.0
 """Factor on a width over which slopes do not agree."""
 ROUNDS = 6
@@ -90,7 +94,8 @@ class Information:
         p = len(self.unseen)
         if not self.unseen.size:
             return ()
-        together = np.abs(self.unseen) @ np.abs(self.unseen).T > 0.0
+        members = (np.abs(self.unseen) >= MEMBER).astype(float)
+        together = members @ members.T > 0.0
         groups, left = [], {i for i in range(p) if together[i, i]}
         while left:
             group, new = set(), {min(left)}
@@ -105,7 +110,7 @@ class Information:
     @property
     def open(self) -> NDArray[np.bool_]:
         """Which parameters take part in a combination of which the data show nothing."""
-        return np.asarray(np.any(self.unseen, axis=1))
+        return np.asarray(np.any(np.abs(self.unseen) >= MEMBER, axis=1))
 
 
 def units(problem: Problem, vector: Array) -> Array:
@@ -194,6 +199,11 @@ def _agreed(
     errors = problem.latest(vector)[: problem.samples]
     scale = float(np.sqrt(np.mean(errors**2))) or 1.0
     known = axes
+    for part in NARROWER:
+        if np.all(_principal(known, here)[2] <= WEAK):
+            break
+        known.widths[:] = part * NARROW
+        _tried(problem, vector, known, range(len(here)), PARTS)
     for _ in range(ROUNDS):
         _, along, noise = _principal(known, here)
         size = np.abs(along).max(axis=0)
@@ -216,9 +226,10 @@ def _agreed(
     along = along / size
     data = (slopes @ along * np.sqrt(kept)) @ np.linalg.inv(along)
     unseen = _independent(along[:, lost])
-    unseen[np.abs(unseen) < MEMBER] = 0.0
-    # noise that is left in a combination would let its members imitate what is none of them
     norms = np.maximum(np.linalg.norm(data, axis=0), 1e-300)
+    # noise that is left in a combination would let its members imitate what is none of them
+    faint = np.abs(unseen) * norms[:, None] <= np.linalg.norm(slopes @ unseen, axis=0)
+    unseen[faint & (np.abs(unseen) < MEMBER)] = 0.0
     basis = np.linalg.qr(unseen * norms[:, None])[0]
     return data - (data / norms) @ basis @ (basis.T * norms), unseen
 
@@ -273,23 +284,30 @@ def _tried(
     weights, again = np.square(parts), []
     size = units(problem, vector)
     steps = [found.widths[i] * found.along[:, i] * size for i in which]
-    for i, changes in zip(which, _secants(problem, vector, steps, parts)):
+    aside = [min(ASIDE, ASIDE_OVER_WIDTH * found.widths[i]) for i in which]
+    for i, changes in zip(which, _secants(problem, vector, steps, aside, parts)):
         if changes is None:  # what narrower widths have told stays
             continue
         secants = changes / found.widths[i]
         mean = secants @ weights / weights.sum()
         apart = (secants - mean[:, None]) ** 2 @ weights / (len(parts) - 1)
-        found.slopes[:, i], found.noise[i] = mean, apart.sum() / (weights.sum() * FAIR)
-        # a secant over +-w has the variance jitter / (2 w^2)
-        found.jitter[:, i] = 2.0 * found.widths[i] ** 2 * apart
-        found.refused[i] = False
+        noise = apart.sum() / (weights.sum() * FAIR)
+        if found.widths[i] >= NARROW or noise < found.noise[i]:
+            found.slopes[:, i], found.noise[i] = mean, noise
+            # a secant over +-w has the variance jitter / (2 w^2)
+            found.jitter[:, i] = 2.0 * found.widths[i] ** 2 * apart
+            found.refused[i] = False
         if FAIR * found.noise[i] > AGREED * float(mean @ mean) or not mean.any():
             again.append(i)
     return again
 
 
 def _secants(
-    problem: Problem, vector: Array, steps: Sequence[Array], parts: Sequence[float]
+    problem: Problem,
+    vector: Array,
+    steps: Sequence[Array],
+    aside: Sequence[float],
+    parts: Sequence[float],
 ) -> list[Array | None]:
     """Changes of the weighted errors per step, over parts of it to both sides, shape (m, parts).
 
@@ -305,7 +323,7 @@ def _secants(
     points = []
     for k, step in enumerate(steps):
         own = ends[k * each : (k + 1) * each]
-        middles = _middles(problem, vector, len(parts))
+        middles = _middles(problem, vector, len(parts), aside[k])
         points += [moved(problem, middles[i // 2], end * step) for i, end in enumerate(own)]
         problem.memory.evaluations += each
     every = list(problem.workers.map(lambda point: _errors(problem, point), points))
@@ -322,14 +340,14 @@ def _secants(
     return found
 
 
-def _middles(problem: Problem, vector: Array, count: int) -> list[Array]:
+def _middles(problem: Problem, vector: Array, count: int, part: float) -> list[Array]:
     """Points beside a vector, in pairs of opposite ones, so that curvature cancels on average.
 
     They are the same whatever was simulated before.
     """
     random = np.random.default_rng(count)
     size = np.minimum(np.abs(vector), problem.large_changes)
-    aside = [ASIDE * size * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
+    aside = [part * size * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
     return [moved(problem, vector, (-1.0) ** k * aside[k // 2]) for k in range(count)]
 
 

@@ -23,6 +23,8 @@ ILL_CONDITIONED = 1e3
 """Ratio of the largest to the smallest singular value of the slopes with unit columns."""
 NOTHING = 1e-6
 """Share of the largest singular value below which the data say nothing of a combination."""
+LOST = 1e-11
+"""The same where what the data leave open is 0 in the slopes, and priors are counted."""
 ROUNDING = 1e-12
 """Slope over the largest one, up to which it is what rounding makes of none."""
 UNDETERMINED = 0.5
@@ -116,7 +118,7 @@ def spread_of(problem: Problem, vector: Array, told: Information) -> Spread:
         condition = float(min(singular[0] / max(singular[-1], 1e-300), 1.0 / ROUNDING))
         correlations[np.ix_(moving, moving)] = _correlations(axes, singular)
         free = (
-            np.abs(axes[singular < NOTHING * singular[0]] / norms) / units(problem, vector)[moving]
+            np.abs(axes[singular < LOST * singular[0]] / norms) / units(problem, vector)[moving]
         )
         lost = np.any(free > MEMBER * free.max(axis=1, keepdims=True), axis=0)
         more = _roughness(problem, told, residuals)
@@ -356,7 +358,11 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float 
     Priors are scores of their own with the variance that they claim; that of the errors counts
     ``more`` times.
     """
-    inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
+    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    _, singular, axes = np.linalg.svd(jacobian / norms, full_matrices=False)
+    kept = singular > LOST * singular[0]
+    half = axes[kept] / singular[kept, None] / norms
+    inverse = half.T @ half
     count = problem.samples
     prior = jacobian[count:]
     middle = prior.T @ prior
