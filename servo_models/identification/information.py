@@ -41,9 +41,9 @@ and to the other for the next: small moves across a step would meet the same sam
 ASIDE_OVER_WIDTH = 2.0
 AGREED = 0.01
 """Share of the energy of a slope in which two widths may disagree without being widened."""
-NARROWER = (0.03, 0.001)
-"""Parts of the least width over which slopes are taken once more where combinations are weak: the
-random part grows, but where it is none, curvature falls."""
+NARROWER = (3e-4, 1e-5)
+"""Half widths that are tried where combinations are weak: where disagreement was curvature, it
+falls with the width, and where it was roughness it grows."""
 WIDER = 3.0
 """Factor on a width over which slopes do not agree."""
 ROUNDS = 6
@@ -198,12 +198,13 @@ def _agreed(
     """Slopes of single parameters without their random part, and combinations that are unseen."""
     errors = problem.latest(vector)[: problem.samples]
     scale = float(np.sqrt(np.mean(errors**2))) or 1.0
-    known = axes
-    for part in NARROWER:
-        if np.all(_principal(known, here)[2] <= WEAK):
+    known, smooth = axes, np.flatnonzero(axes.widths <= NARROW)
+    for width in NARROWER:
+        if not len(smooth) or np.all(_principal(known, here)[2] <= WEAK):
             break
-        known.widths[:] = part * NARROW
-        _tried(problem, vector, known, range(len(here)), PARTS)
+        before, known.widths[smooth] = known.noise.copy(), width
+        _tried(problem, vector, known, smooth, PARTS)
+        smooth = smooth[known.noise[smooth] < before[smooth]]
     for _ in range(ROUNDS):
         _, along, noise = _principal(known, here)
         size = np.abs(along).max(axis=0)
@@ -292,7 +293,8 @@ def _tried(
         mean = secants @ weights / weights.sum()
         apart = (secants - mean[:, None]) ** 2 @ weights / (len(parts) - 1)
         noise = apart.sum() / (weights.sum() * FAIR)
-        if found.widths[i] >= NARROW or noise < found.noise[i]:
+        moved_on = float(np.sum((mean - found.slopes[:, i]) ** 2))
+        if found.widths[i] >= NARROW or (noise < found.noise[i] and moved_on < found.noise[i]):
             found.slopes[:, i], found.noise[i] = mean, noise
             # a secant over +-w has the variance jitter / (2 w^2)
             found.jitter[:, i] = 2.0 * found.widths[i] ** 2 * apart
