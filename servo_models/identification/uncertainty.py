@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.analysis.statistics import autocovariance, inflation, scatter
-from servo_models.core.types import Array
+from servo_models.core.types import Array, Mask
 from servo_models.identification.doubts import Doubt
 from servo_models.identification.information import MEMBER, WIDE, Information, information, units
 from servo_models.identification.problem import Free, Problem
@@ -66,7 +66,8 @@ class Spread:
         standard_errors: of each free parameter, NaN on a bound.
         correlations: of the estimates in white noise, shape (p, p), NaN where one is on a
             bound.
-        condition: of the slopes with unit columns, over parameters off their bounds.
+        condition: of the slopes with unit columns, over parameters off their bounds and without
+            a prior, beside those that have one.
         on_bound: ``"low"``, ``"high"`` or ``""`` for each.
         slopes: effect of one scale of each parameter on the weighted errors, root of the
             sum of squares, without what is roughness.
@@ -115,7 +116,7 @@ def spread_of(problem: Problem, vector: Array, told: Information) -> Spread:
     if moving.any():
         norms = np.linalg.norm(jacobian[:, moving], axis=0)
         _, singular, axes = np.linalg.svd(jacobian[:, moving] / norms, full_matrices=False)
-        condition = float(min(singular[0] / max(singular[-1], 1e-300), 1.0 / ROUNDING))
+        condition = _condition(problem, jacobian[:, moving] / norms, moving)
         correlations[np.ix_(moving, moving)] = _correlations(axes, singular)
         free = (
             np.abs(axes[singular < LOST * singular[0]] / norms) / units(problem, vector)[moving]
@@ -130,6 +131,15 @@ def spread_of(problem: Problem, vector: Array, told: Information) -> Spread:
     errors[inner & ~moving] = np.inf
     moves = np.where(told.open, np.maximum(slopes, ROUNDING), slopes)
     return Spread(errors * problem.scales, correlations, condition, at, moves, told.groups)
+
+
+def _condition(problem: Problem, slopes: Array, moving: Mask) -> float:
+    """Condition of slopes with unit columns, of what no prior holds beside what one does."""
+    held = np.array([free.prior is not None for free in problem.free])[moving]
+    basis = np.linalg.qr(slopes[:, held])[0]
+    rest = slopes[:, ~held] - basis @ (basis.T @ slopes[:, ~held])
+    singular = np.linalg.svd(rest, compute_uv=False) if rest.size else np.ones(1)
+    return float(min(singular[0] / max(singular[-1], 1e-300), 1.0 / ROUNDING))
 
 
 def _roughness(problem: Problem, told: Information, residuals: Array) -> float:
@@ -287,7 +297,7 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
         )
     own = [free.name for free in problem.free if free.prior is None]
     said += [together([names[i] for i in group], own) for group in found.groups]
-    said += _alike(names, found)
+    said += _alike(names, own, found)
     if found.condition > ILL_CONDITIONED:
         said.append(
             Doubt(
@@ -327,14 +337,17 @@ def together(names: Sequence[str], without_prior: Container[str]) -> str:
     )
 
 
-def _alike(names: Sequence[str], found: Spread) -> list[Doubt]:
-    """Pairs whose estimates hang together, beside the groups of which each has been told."""
+def _alike(names: Sequence[str], without_prior: Container[str], found: Spread) -> list[Doubt]:
+    """Pairs whose estimates hang together, beside the groups of which each has been told, and
+    those of which a prior tells one."""
     told = [set(group) for group in found.groups]
     pairs = [
         (i, j)
         for i in range(len(names))
         for j in range(i)
         if abs(found.correlations[i, j]) > ALIKE_CORRELATION  # False for NaN
+        and names[i] in without_prior
+        and names[j] in without_prior
         and not any({i, j} <= group for group in told)
     ]
     return [
