@@ -14,7 +14,8 @@ from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.doubts import Doubt
+from servo_models.identification.doubts import Doubt, warnings
+from servo_models.identification.linear_inference import spread
 from servo_models.identification.optimise import (
     LOCAL,
     SEARCHES,
@@ -27,7 +28,6 @@ from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
-from servo_models.identification.uncertainty import spread, warnings
 
 METHODS = {
     "local": "simulation error, least squares",
@@ -91,9 +91,9 @@ def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress)
     # one weight on everything moves no optimum
     moving = len(problem.sigma) > 1 or any(free.prior for free in problem.free)
     for _ in range(REWEIGHTINGS if not found.interrupted else 0):
-        before_it, problem = problem.sigma, _reweighted(problem, found.vector)
+        weights, problem = problem.sigma, _reweighted(problem, found.vector)
         if not moving or all(
-            abs(sigma - before_it[name]) <= SAME_WEIGHT * sigma
+            abs(sigma - weights[name]) <= SAME_WEIGHT * sigma
             for name, sigma in problem.sigma.items()
         ):
             break

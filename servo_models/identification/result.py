@@ -15,9 +15,9 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.doubts import about_errors, doubts, judged
+from servo_models.identification.linear_inference import Spread
 from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
-from servo_models.identification.uncertainty import Spread
 from servo_models.report.result import Result, write_page
 from servo_models.report.sections import Report
 

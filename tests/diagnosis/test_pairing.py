@@ -17,7 +17,6 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.joint_fits import beside
-from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.diagnosis.search.screening import (
     VALUES_BESIDE,
     VALUES_SIMULATED,
@@ -39,6 +38,7 @@ from servo_models.diagnosis.search.selection import (
     select_effects,
 )
 from servo_models.diagnosis.verdict import OUTSIDE, decide
+from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
 

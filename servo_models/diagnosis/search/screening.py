@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, Settings
 from servo_models.diagnosis.search.fitting import FittedModel, delays_of
-from servo_models.diagnosis.search.linearisation import Linearisation, least_in_box, value_at
 from servo_models.errors import UserError
+from servo_models.identification.linear_inference import Linearisation, least_in_box, value_at
 
 VALUES_IN_PAIRS = 3
 """Sizes of each effect that take part in pairs, but for counts of a ripple, which all do: alone it
