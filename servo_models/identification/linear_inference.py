@@ -51,6 +51,7 @@ ASIDE = 0.02
 """Largest part of a value by which the middle of a slope is moved aside, to one side for one width
 and to the other for the next: small moves across a step would meet the same samples of it."""
 ASIDE_OVER_WIDTH = 2.0
+"""The same over a narrow width."""
 AGREED = 0.01
 """Share of the energy of a slope in which two widths may disagree without being widened."""
 NARROWER = (3e-4, 1e-5)
@@ -103,21 +104,12 @@ class Information:
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """Parameters that the data show only together, by position, each group in order."""
-        p = len(self.unseen)
-        if not self.unseen.size:
-            return ()
-        members = (np.abs(self.unseen) >= MEMBER).astype(float)
-        together = members @ members.T > 0.0
-        groups, left = [], {i for i in range(p) if together[i, i]}
-        while left:
-            group, new = set(), {min(left)}
-            while new:
-                group |= new
-                new = {j for i in new for j in left if together[i, j]} - group
-            left -= group
-            if len(group) > 1:
-                groups.append(tuple(sorted(group)))
-        return tuple(groups)
+        from scipy.sparse.csgraph import connected_components
+
+        members = np.abs(self.unseen) >= MEMBER
+        label = connected_components(members.astype(float) @ members.T)[1]
+        groups = [tuple(np.flatnonzero(label == k).tolist()) for k in np.unique(label)]
+        return tuple(group for group in groups if len(group) > 1)
 
     @property
     def open(self) -> NDArray[np.bool_]:
@@ -185,8 +177,8 @@ def information(problem: Problem, vector: Array, which: Sequence[int] | None = N
     axes = _probed(problem, vector, np.eye(p)[:, chosen], np.full(len(chosen), NARROW))
     refused = tuple(chosen[axes.refused].tolist())
     moving = ~axes.refused & (np.sum(axes.slopes**2, axis=0) > LEAST)
-    data, unseen, jitter = np.zeros((problem.samples, p)), np.empty((p, 0)), np.zeros(0)
-    roughness = np.zeros(p)
+    data, unseen = np.zeros((problem.samples, p)), np.empty((p, 0))
+    jitter, roughness = np.zeros(problem.samples), np.zeros(p)
     if moving.any():
         here, axes = chosen[moving], axes.only(moving)
         own, combinations = _agreed(problem, vector, here, axes)
@@ -196,11 +188,8 @@ def information(problem: Problem, vector: Array, which: Sequence[int] | None = N
         roughness[here] = axes.jitter.sum(axis=0)
         order = np.argsort(roughness[here])
         jitter = axes.jitter[:, order[len(order) // 2]]
-    priors = [i for i, free in enumerate(problem.free) if free.prior is not None]
-    rows = np.zeros((len(priors), p))
-    for row, i in zip(rows, priors):
-        row[i] = problem.free[i].scale / (problem.free[i].prior or 1.0)
-    jitter = jitter if jitter.size else np.zeros(problem.samples)
+    held = [free.prior is not None for free in problem.free]
+    rows = np.diag([free.scale / (free.prior or 1.0) for free in problem.free])[held]
     return Information(np.vstack([data, rows]), unseen, jitter, roughness, refused)
 
 
@@ -293,75 +282,52 @@ def _probed(problem: Problem, vector: Array, along: Array, widths: Array) -> _Pr
 def _tried(
     problem: Problem, vector: Array, found: _Probes, which: Sequence[int], parts: Sequence[float]
 ) -> list[int]:
-    """Take slopes along some combinations; return those that do not agree over their widths."""
-    weights, again = np.square(parts), []
-    size = units(problem, vector)
-    steps = [found.widths[i] * found.along[:, i] * size for i in which]
-    aside = [min(ASIDE, ASIDE_OVER_WIDTH * found.widths[i]) for i in which]
-    for i, changes in zip(which, _secants(problem, vector, steps, aside, parts)):
-        if changes is None:  # what narrower widths have told stays
+    """Take slopes along some combinations; return those that do not agree over their widths.
+
+    What narrower widths have told stays where the model leaves the finite numbers; a slope is 0
+    where bounds leave no room.
+    """
+    weights, size, each = np.square(parts), units(problem, vector), 2 * len(parts)
+    points: list[Array] = []
+    spans = []
+    for i in which:
+        step = found.widths[i] * found.along[:, i] * size
+        signs = [sign * part for part in parts for sign in (1.0, -1.0)]
+        ends = [sign * _room(problem, vector, np.sign(sign) * step) for sign in signs]
+        middles = _middles(problem, vector, len(parts), found.widths[i])
+        points += [moved(problem, middles[k // 2], end * step) for k, end in enumerate(ends)]
+        spans.append(np.subtract(ends[::2], ends[1::2]))
+    problem.memory.evaluations += len(points)
+    every = list(problem.workers.map(lambda point: _errors(problem, point), points))
+    again = []
+    for k, (i, span) in enumerate(zip(which, spans)):
+        errors = [one for one in every[k * each : (k + 1) * each] if one is not None]
+        if len(errors) < each:
             continue
-        secants = changes / found.widths[i]
+        changes = np.subtract(errors[::2], errors[1::2]).T
+        secants = changes / (found.widths[i] * np.where(span == 0.0, 1.0, span))
         mean = secants @ weights / weights.sum()
         apart = (secants - mean[:, None]) ** 2 @ weights / (len(parts) - 1)
         noise = apart.sum() / (weights.sum() * FAIR)
-        moved_on = float(np.sum((mean - found.slopes[:, i]) ** 2))
-        if found.widths[i] >= NARROW or (noise < found.noise[i] and moved_on < found.noise[i]):
+        missed = float(np.sum((mean - found.slopes[:, i]) ** 2))
+        if found.widths[i] >= NARROW or max(noise, missed) < found.noise[i]:
             found.slopes[:, i], found.noise[i] = mean, noise
             # a secant over +-w has the variance jitter / (2 w^2)
             found.jitter[:, i] = 2.0 * found.widths[i] ** 2 * apart
             found.refused[i] = False
-        if FAIR * found.noise[i] > AGREED * float(mean @ mean) or not mean.any():
+        if FAIR * noise > AGREED * float(mean @ mean) or not mean.any():
             again.append(i)
     return again
 
 
-def _secants(
-    problem: Problem,
-    vector: Array,
-    steps: Sequence[Array],
-    aside: Sequence[float],
-    parts: Sequence[float],
-) -> list[Array | None]:
-    """Changes of the weighted errors per step, over parts of it to both sides, shape (m, parts).
-
-    None where the model leaves the finite numbers; 0 where bounds leave no room.
-    """
-    ends = [
-        sign * part * _room(problem, vector, sign * step)
-        for step in steps
-        for part in parts
-        for sign in (1.0, -1.0)
-    ]
-    each = 2 * len(parts)
-    points = []
-    for k, step in enumerate(steps):
-        own = ends[k * each : (k + 1) * each]
-        middles = _middles(problem, vector, len(parts), aside[k])
-        points += [moved(problem, middles[i // 2], end * step) for i, end in enumerate(own)]
-        problem.memory.evaluations += each
-    every = list(problem.workers.map(lambda point: _errors(problem, point), points))
-    found: list[Array | None] = []
-    for first in range(0, len(points), each):
-        errors = [one for one in every[first : first + each] if one is not None]
-        if len(errors) < each:
-            found.append(None)
-            continue
-        far = ends[first : first + each]
-        pairs = range(0, each, 2)
-        slopes = [(errors[i] - errors[i + 1]) / (far[i] - far[i + 1] or 1.0) for i in pairs]
-        found.append(np.column_stack(slopes))
-    return found
-
-
-def _middles(problem: Problem, vector: Array, count: int, part: float) -> list[Array]:
+def _middles(problem: Problem, vector: Array, count: int, width: float) -> list[Array]:
     """Points beside a vector, in pairs of opposite ones, so that curvature cancels on average.
 
     They are the same whatever was simulated before.
     """
     random = np.random.default_rng(count)
-    size = np.minimum(np.abs(vector), problem.large_changes)
-    aside = [part * size * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
+    size = min(ASIDE, ASIDE_OVER_WIDTH * width) * np.minimum(np.abs(vector), problem.large_changes)
+    aside = [size * random.uniform(-1.0, 1.0, len(vector)) for _ in range(count)]
     return [moved(problem, vector, (-1.0) ** k * aside[k // 2]) for k in range(count)]
 
 
@@ -775,14 +741,8 @@ def least_in_box(gram: Array, gradient: Array, low: Array, high: Array) -> Array
     side = np.where(high > low, 0, -1).astype(np.int8)
     z, left = np.zeros_like(gradient), np.arange(len(gradient))
     for k in range(BLOCK_EXCHANGES + SINGLE_EXCHANGES):
-        z[left], side[left], wrong = _exchanged(
-            gram[left],
-            gradient[left],
-            low[left],
-            high[left],
-            side[left],
-            single=k >= BLOCK_EXCHANGES,
-        )
+        box, single = (low[left], high[left], side[left]), k >= BLOCK_EXCHANGES
+        z[left], side[left], wrong = _exchanged(gram[left], gradient[left], *box, single)
         left = left[wrong]
         if not len(left):
             break
