@@ -462,10 +462,15 @@ def spread(problem: Problem, vector: Array) -> Spread:
 
 
 def _by_half_a_step(problem: Problem, vector: Array) -> Array:
-    """By what half the model's internal step changes the weighted errors, shape (m,)."""
+    """By what half the model's internal step changes the weighted errors, shape (m,).
+
+    No step is longer than an interval of the log.
+    """
     step, values = problem.model.values["internal_step"], problem.values(vector)
+    longest = min(float(np.median(np.diff(log.times))) for log in problem.logs)
     half, whole = (
-        problem.errors_with({**values, "internal_step": it}) for it in (0.5 * step, step)
+        problem.errors_with({**values, "internal_step": it})
+        for it in (0.5 * min(step, longest), step)
     )
     return half - whole
 

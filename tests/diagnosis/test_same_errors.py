@@ -7,6 +7,7 @@ of the simulation and the noise that is put on the log.
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from tests.support.logs import changed
 
 RIG = {"rotor_inertia": 1.2e-5, "torque_constant": 0.032, "resistance": 2.2}
 NOISE = {"encoder_speed": 0.5, "encoder_angle": 1e-3, "current": 0.02}
+LAGGING = ("torque_constant", "rotor_inertia", "winding_lag.time_constant")
 TIMES = 2e-3 * np.arange(1000)
 
 
@@ -67,17 +69,17 @@ def smallest_errors(rig: Model, outputs: dict[str, float], priors: dict[str, flo
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("outputs", "effect"),
+    ("outputs", "effect", "apart"),
     [
-        (("encoder_speed",), {}),
-        (("encoder_speed", "current"), {}),
-        (("encoder_angle",), {}),
-        (("encoder_angle", "current"), {}),
-        (("encoder_speed", "current"), {"coulomb_friction.level": 3e-3}),
+        (("encoder_speed",), {}, 0.1),
+        (("encoder_speed", "current"), {}, 0.1),
+        (("encoder_angle",), {}, 0.4),  # along a curved valley searches end early
+        (("encoder_angle", "current"), {}, 0.1),
+        (("encoder_speed", "current"), {"coulomb_friction.level": 3e-3}, 0.1),
     ],
 )
 def test_both_commands_tell_the_same_of_one_log(
-    tmp_path: Path, outputs: tuple[str, ...], effect: dict[str, float]
+    tmp_path: Path, outputs: tuple[str, ...], effect: dict[str, float], apart: float
 ) -> None:
     """The speed alone shows inertia and resistance together only, and what viscous friction takes
     the torque constant may have; the angle grows to hundreds of radians without noise to match."""
@@ -92,8 +94,8 @@ def test_both_commands_tell_the_same_of_one_log(
     for free, value, own, least in zip(fitted.free, fitted.values, fitted.standard_errors, errors):
         other = taken[free.name]
         assert own == pytest.approx(least, rel=0.2), free.name
-        assert other.standard_error == pytest.approx(own, rel=0.05), free.name
-        assert abs(other.value - value) < 0.25 * own, free.name
+        assert other.standard_error == pytest.approx(own, rel=0.08), free.name
+        assert abs(other.value - value) < apart * own, free.name
         assert abs(value - rig.values[free.name]) < 4.0 * own, free.name
 
 
@@ -105,12 +107,12 @@ def test_a_weight_is_the_error_that_the_fit_leaves(tmp_path: Path, weight: str) 
     assert found.sigma[weight] == pytest.approx(NOISE[weight], rel=0.1)
 
 
-def test_a_standard_error_covers_what_the_internal_step_does(tmp_path: Path) -> None:
-    """A log without noise of a motor that is simulated ten times as finely."""
+@pytest.mark.parametrize("step", [1e-3, 4e-3])
+def test_a_standard_error_covers_what_the_internal_step_does(tmp_path: Path, step: float) -> None:
+    """A log without noise of a motor that is simulated far more finely than the model."""
     fine = model("dc_motor", "direct", {**RIG, "internal_step": 2e-5})
     told = description(tmp_path, fine, {"encoder_speed": 0.0, "current": 0.0})
-    coarse = changed(told.model, {"internal_step": 1e-3})
-    names = ("torque_constant", "resistance", "rotor_inertia")
-    found = identify(Description(**{**vars(told), "model": coarse}), free=names).result
-    wrong = np.abs(found.values - [RIG["torque_constant"], RIG["resistance"], RIG["rotor_inertia"]])
+    coarse = changed(told.model, {**RIG, "internal_step": step})
+    found = identify(replace(told, model=coarse), free=LAGGING).result
+    wrong = np.abs(found.values - [fine.values[name] for name in LAGGING])
     assert np.all(wrong < 4.0 * found.standard_errors)
