@@ -452,12 +452,10 @@ def spread(problem: Problem, vector: Array) -> Spread:
     for i in inner:
         if problem.free[i].prior is None and i not in grouped:
             along = Axis(problem, vector, i)
-            known = np.isfinite(errors[i])
-            errors[i] = (
-                along.tread(errors[i], found.slopes[i])
-                if known
-                else along.needle(dent=_dent(told, i))
-            )
+            if np.isfinite(errors[i]):
+                errors[i] = along.tread(errors[i], found.slopes[i])
+            else:
+                errors[i] = along.needle(dent=_dent(told, i))
     return replace(found, standard_errors=errors * problem.scales)
 
 
@@ -467,7 +465,8 @@ def _by_half_a_step(problem: Problem, vector: Array) -> Array:
     No step is longer than an interval of the log.
     """
     step, values = problem.model.values["internal_step"], problem.values(vector)
-    longest = min(float(np.median(np.diff(log.times))) for log in problem.logs)
+    intervals = [np.diff(log.times) for log in problem.logs if len(log.times) > 1]
+    longest = min((float(np.median(it)) for it in intervals), default=step)
     half, whole = (
         problem.errors_with({**values, "internal_step": it})
         for it in (0.5 * min(step, longest), step)
@@ -485,13 +484,11 @@ def spread_of(
     at = problem.sides(vector)
     inner = np.array([not side for side in at], dtype=bool)
     jacobian, residuals = told.slopes, problem.latest(vector)
-    p = len(vector)
+    p, condition = len(vector), 1.0
     errors, correlations = np.full(p, np.nan), np.full((p, p), np.nan)
     slopes = np.linalg.norm(jacobian[: problem.samples], axis=0)
     slopes[slopes <= ROUNDING * np.max(slopes, initial=0.0)] = 0.0
-    condition = 1.0
-    known = np.any(jacobian[problem.samples :], axis=0) | (slopes > 0.0)
-    moving = inner & known
+    moving = inner & (np.any(jacobian[problem.samples :], axis=0) | (slopes > 0.0))
     if moving.any():
         own = jacobian[:, moving]
         apart = factors(own)
@@ -547,13 +544,10 @@ class Axis:
 
     def _sides(self, by: float) -> list[Array]:
         """Weighted errors on both sides, inside the bounds."""
-        found = []
-        for sign in (1.0, -1.0):
-            point = self.vector.copy()
-            point[self.which] += sign * by
-            values = self.problem.values(np.clip(point, *self.problem.bounds))
-            found.append(self.problem.errors_with(values)[: self.problem.samples])
-        return found
+        step = by * np.eye(len(self.vector))[self.which]
+        points = [np.clip(self.vector + it, *self.problem.bounds) for it in (step, -step)]
+        errors = [self.problem.errors_with(self.problem.values(point)) for point in points]
+        return [one[: self.problem.samples] for one in errors]
 
     def tread(self, error: float, slope: float) -> float:
         """Return a standard error [scales], at least that of a value anywhere on a step's tread.
@@ -620,19 +614,13 @@ def covariance(problem: Problem, jacobian: Array, residuals: Array, more: float 
     """
     half = factors(jacobian).half
     inverse = half @ half.T
-    count = problem.samples
+    count, start = problem.samples, 0
     prior = jacobian[count:]
     middle = prior.T @ prior
-    start = 0
-    for log in problem.logs:
-        kept = int(log.fitted.sum())
-        if kept == 0:
-            continue
-        for _ in log.outputs:
-            part = slice(start, start + kept)
-            own = autocovariance(residuals[part])
-            middle = middle + more * scatter(jacobian[part], own)
-            start += kept
+    for kept in [int(log.fitted.sum()) for log in problem.logs for _ in log.outputs]:
+        part, start = slice(start, start + kept), start + kept
+        if kept:
+            middle = middle + more * scatter(jacobian[part], autocovariance(residuals[part]))
     freedom = count / max(count - jacobian.shape[1], 1)
     return np.asarray(freedom * inverse @ middle @ inverse)
 

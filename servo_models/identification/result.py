@@ -58,7 +58,7 @@ class Identification(Result):
         free: the estimated parameters.
         values, standard_errors: [SI], shape (p,); a standard error on a bound is NaN.
         correlations: shape (p, p).
-        condition: of the slopes; see ``estimate.Spread``.
+        condition: of the slopes; see ``linear_inference.Spread``.
         groups: names of parameters that the logs show only together.
         sigma: weight of each output [SI]: its RMS error after the fit.
         accuracy: rows of errors before and after.
