@@ -104,11 +104,9 @@ class Information:
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """Parameters that the data show only together, by position, each group in order."""
-        from scipy.sparse.csgraph import connected_components
-
         members = np.abs(self.unseen) >= MEMBER
-        label = connected_components(members.astype(float) @ members.T)[1]
-        groups = [tuple(np.flatnonzero(label == k).tolist()) for k in np.unique(label)]
+        linked = np.linalg.matrix_power(members @ members.T, len(members))
+        groups = dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in linked)
         return tuple(group for group in groups if len(group) > 1)
 
     @property
