@@ -55,8 +55,8 @@ ASIDE_OVER_WIDTH = 2.0
 AGREED = 0.01
 """Share of the energy of a slope in which two widths may disagree without being widened."""
 NARROWER = (3e-4, 1e-5)
-"""Half widths that are tried where combinations are weak: where disagreement was curvature, it
-falls with the width, and where it was roughness it grows."""
+"""Half widths that are tried where combinations are weak, or errors less than the disagreement:
+where that was curvature, it falls with the width, and where it was roughness it grows."""
 WIDER = 3.0
 """Factor on a width over which slopes do not agree."""
 ROUNDS = 6
@@ -199,7 +199,8 @@ def _agreed(
     scale = float(np.sqrt(np.mean(errors**2))) or 1.0
     known, smooth = axes, np.flatnonzero(axes.widths <= NARROW)
     for width in NARROWER:
-        if not len(smooth) or np.all(_principal(known, here)[2] <= WEAK):
+        seen = 2.0 * known.jitter.mean(axis=0).max() <= scale**2
+        if not len(smooth) or (seen and np.all(_principal(known, here)[2] <= WEAK)):
             break
         before, known.widths[smooth] = known.noise.copy(), width
         _tried(problem, vector, known, smooth.tolist(), PARTS)
