@@ -31,7 +31,7 @@ from servo_models.analysis.explain import display_scale
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
-from servo_models.identification.uncertainty import PRIOR_ONLY
+from servo_models.identification.doubts import PRIOR_ONLY
 from servo_models.report.numbers import Quantity, with_error
 
 SAMPLES = 500

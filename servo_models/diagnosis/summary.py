@@ -24,8 +24,8 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
+from servo_models.identification.doubts import doubt, together
 from servo_models.identification.simulation import false_starts
-from servo_models.identification.uncertainty import doubt, together
 
 SEEN = 1.0
 """Movement [noise floors] from which logs can show an effect."""

@@ -12,6 +12,7 @@ from servo_models.data.audit import Audit, audits, noise_floors
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.errors import UserError
+from servo_models.identification.doubts import together
 from servo_models.identification.identifiability import (
     SHOWN,
     Detectability,
@@ -22,7 +23,6 @@ from servo_models.identification.plausibility import implausible, implausible_cl
 from servo_models.identification.problem import free_names
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts
-from servo_models.identification.uncertainty import together
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
 

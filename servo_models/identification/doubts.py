@@ -1,12 +1,14 @@
 """When an identification is not to be believed: the one rule behind exit code 1 and its reason.
 
 A warning is a sentence.  A ``Doubt`` is one after which the values are not to be used; every way to
-identify marks its own so, and here are those that the errors of a fit by simulation give.
+identify marks its own so.  Here are those of a fit by simulation: what its errors give, what cannot
+be told apart, what no log excites, and what to do about it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,8 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.data.audit import audits, noise_floors
 from servo_models.data.outliers import off_neighbours
+from servo_models.identification.linear_inference import Spread
+from servo_models.identification.problem import Free, Problem
 from servo_models.report.numbers import number
 from servo_models.report.sections import Report
 
@@ -31,6 +35,24 @@ WILD_SQUARES = 0.5
 LEAST_LEFT = 2.0
 """Error left in noise floors, below which no single reading moves a fit."""
 NAMED = 3
+ALIKE_CORRELATION = 0.95
+"""Correlation from which two estimates cannot be told apart."""
+ILL_CONDITIONED = 1e3
+"""Ratio of the largest to the smallest singular value of the slopes with unit columns."""
+WORST_CONDITION = 1e6
+"""Above which the ratio is rounding."""
+UNDETERMINED = 0.5
+"""Standard error over the value from which a log does not determine a parameter; over the usual
+size of one that may be of either sign."""
+PRIOR_ONLY = 0.8
+"""Standard error over the prior from which a log says nothing about a parameter."""
+FAR = 3.0
+"""Standard deviations of its way from the prior from which an estimate has gone too far."""
+
+ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
+FROM_PRIOR = "from its prior only"
+PULLED = "pulled off its prior"
+NOT_DETERMINED = "not determined"
 
 
 class Doubt(str):
@@ -92,3 +114,132 @@ def _wild(found: Identification, name: str) -> str:
     largest = np.argsort(-off)[: max(1, int(WILD_SHARE * len(off)))]
     share = np.sum(off[largest] ** 2) / np.sum(np.concatenate(errors) ** 2)
     return ", ".join(logs[i] for i in largest[:NAMED]) if share > WILD_SQUARES else ""
+
+
+def doubt(free: Free, value: float, error: float) -> str:
+    """Return in a few words why an estimate is doubtful, "" if it is not; figures in SI."""
+    if np.isnan(error):
+        return ON_LOW if value - free.low <= free.high - value else ON_HIGH
+    if free.prior and error > PRIOR_ONLY * free.prior:
+        moved = math.sqrt(max(free.prior**2 - error**2, 0.0))  # how far a fit to noise moves it
+        pulled = abs(value - free.nominal) > max(FAR * moved, free.prior)
+        return PULLED if pulled else FROM_PRIOR
+    # an offset near 0 may be well known: what matters is its usual size, not its value
+    size = max(abs(value), free.scale) if free.low < 0.0 < free.high else abs(value)
+    return NOT_DETERMINED if error > UNDETERMINED * size else ""
+
+
+def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
+    """Return in words what makes an estimate doubtful, each with its cure.
+
+    One that is known from its prior only still is what was believed before, and an effect that
+    ends at 0 is found not to be needed: neither is a ``Doubt``.
+    """
+    said: list[str] = []
+    unseen: list[str] = []
+    names = [free.name for free in problem.free]
+    for free, value, error, slope, side in zip(
+        problem.free,
+        vector * problem.scales,
+        found.standard_errors,
+        found.slopes,
+        found.on_bound,
+    ):
+        reason = doubt(free, value, error)
+        if side:
+            text = (
+                f"'{free.name}' sits on its {side} bound: the data ask for something the model"
+                " does not have, or the parameter is not needed"
+            )
+            said.append(text if free.switch and value == 0.0 else Doubt(text))
+        elif slope == 0.0:
+            text = (
+                f"'{free.name}' is not excited by these logs: where the fit ended, nothing measured"
+                " depends on it; begin with another value, or fix it"
+            )
+            said.append(text if reason == FROM_PRIOR else Doubt(text))
+        elif reason == FROM_PRIOR:
+            unseen.append(f"'{free.name}'")
+        elif reason == PULLED:
+            prior = free.prior or 1.0
+            said.append(
+                Doubt(
+                    f"'{free.name}' was pulled {abs(value - free.nominal) / prior:.2g} prior"
+                    f" deviations away, though its standard error is {error / prior:.2g} of them:"
+                    " do not believe it; the errors are hardly noise, so the model lacks something"
+                )
+            )
+        elif reason == NOT_DETERMINED:
+            said.append(
+                Doubt(
+                    f"the data do not determine '{free.name}': its standard error is"
+                    f" {_share(error, value)}; fix it, give it a prior, or excite it more"
+                )
+            )
+    if unseen:
+        verb, its = ("is", "its prior") if len(unseen) == 1 else ("are", "their priors")
+        said.append(
+            f"{', '.join(unseen)} {verb} known from {its} only: these logs say nothing about"
+            f" {'it' if len(unseen) == 1 else 'them'}"
+        )
+    own = [free.name for free in problem.free if free.prior is None]
+    said += [together([names[i] for i in group], own) for group in found.groups]
+    said += [
+        Doubt(
+            f"'{names[j]}' and '{names[i]}' cannot be told apart by these logs"
+            f" (correlation {found.correlations[i, j]:+.3f}): fix one of them or log an experiment"
+            " that moves only one"
+        )
+        for i, j in alike(problem.free, found.correlations)
+        if not any({i, j} <= set(group) for group in found.groups)
+    ]
+    if found.condition > ILL_CONDITIONED:
+        said.append(
+            Doubt(
+                f"the fit is ill-conditioned ({_short(found.condition)}): some combination of"
+                " parameters is free; fix one of them"
+            )
+        )
+    return said
+
+
+def _short(condition: float) -> str:
+    told = condition < WORST_CONDITION
+    return f"{condition:.0f}" if told else f"more than {WORST_CONDITION:.0e}"
+
+
+def _share(error: float, value: float) -> str:
+    """A standard error as part of a value, in words."""
+    share = error / max(abs(value), 1e-300)
+    if share < 10.0:
+        return f"{100.0 * share:.0f} % of its value"
+    return f"{share:.0f} times its value" if share < 1e6 else "without bounds"
+
+
+def together(names: Sequence[str], without_prior: Container[str]) -> str:
+    """Return in words that logs show parameters only together, and the cure where one is needed.
+
+    Args:
+        names: of the parameters.
+        without_prior: those that nothing else is known of; up to one, the others say where it is.
+    """
+    *some, last = [f"'{name}'" for name in names]
+    each = f"{', '.join(some)} and {last}"
+    if sum(name in without_prior for name in names) < 2:
+        return f"these logs show {each} only together: what each is alone, the priors say"
+    return (
+        f"{each} cannot be told apart by these logs: they can change together and leave every"
+        " output as it is; fix one of them or log an experiment that moves only one"
+    )
+
+
+def alike(free: Sequence[Free], correlations: Array) -> list[tuple[int, int]]:
+    """Return pairs of estimates that hang together and neither of which a prior tells."""
+    return [
+        (i, j)
+        for i in range(len(free))
+        for j in range(i)
+        if abs(correlations[i, j]) > ALIKE_CORRELATION  # False for NaN
+        and free[i].prior is None
+        and free[j].prior is None
+    ]

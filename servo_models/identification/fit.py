@@ -14,7 +14,8 @@ from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.doubts import Doubt
+from servo_models.identification.doubts import Doubt, warnings
+from servo_models.identification.linear_inference import spread
 from servo_models.identification.optimise import (
     LOCAL,
     SEARCHES,
@@ -27,12 +28,16 @@ from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.problem import Problem, free_names, free_parameter
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
-from servo_models.identification.uncertainty import spread, warnings
 
 METHODS = {
     "local": "simulation error, least squares",
     "global": "simulation error, CMA-ES and least squares",
 }
+REWEIGHTINGS = 10
+SAME_WEIGHT = 0.02
+"""Relative change of a weight up to which it stays: priors and outputs then count as they claim."""
+LEAST_WEIGHT = 1e-8
+"""Weight over the scatter of a reading, below which the error is rounding of the simulation."""
 
 
 def fit(
@@ -83,12 +88,19 @@ def fit(
 def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
     before = _nominal_responses(problem)
     found = search(problem, kind, starts, seed, tell)
-    if not found.interrupted:
-        problem = _reweighted(problem, found.vector)
-        # one weight on everything moves no optimum
-        if len(problem.sigma) > 1 or any(free.prior for free in problem.free):
-            again = search(problem, LOCAL, 1, 0, tell, smooth=found.widths is None)
-            found = replace(again, costs=found.costs)
+    # one weight on everything moves no optimum
+    moving = len(problem.sigma) > 1 or any(free.prior for free in problem.free)
+    for _ in range(REWEIGHTINGS if not found.interrupted else 0):
+        weights, problem = problem.sigma, _reweighted(problem, found.vector)
+        if not moving or all(
+            abs(sigma - weights[name]) <= SAME_WEIGHT * sigma
+            for name, sigma in problem.sigma.items()
+        ):
+            break
+        again = search(problem, LOCAL, 1, 0, tell, smooth=found.widths is None)
+        found = replace(again, costs=found.costs)
+        if found.interrupted:
+            break
     if found.widths is not None and not found.interrupted:
         found = polished(problem, found, seed, tell)
     tell("standard errors")
@@ -140,7 +152,7 @@ def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:
 def _reweighted(problem: Problem, vector: Array) -> Problem:
     """The problem with each output weighted by its own error, which is maximum likelihood."""
     sigma = {}
-    for name, before in problem.sigma.items():
+    for name in problem.sigma:
         errors = [
             (response[name] - log.outputs[name])[log.fitted]
             for response, log in zip(problem.responses(vector), problem.logs)
@@ -150,7 +162,7 @@ def _reweighted(problem: Problem, vector: Array) -> Problem:
             with np.errstate(over="ignore"):  # an infinite one is refused in the end
                 rms = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
             flag = problem.model.plant.wire[name].flag
-            least = FLAG if flag else 1e-12 * before  # a flag may be met exactly
+            least = FLAG if flag else LEAST_WEIGHT * problem.scatter(name)
             sigma[name] = max(rms, least)
     return problem.weighted_by({**problem.sigma, **sigma}, vector)
 

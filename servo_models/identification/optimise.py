@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.identification.information import information, moved, units
+from servo_models.identification.linear_inference import information, moved, units
 from servo_models.identification.problem import DIFFERENCE, Problem
 
 Progress = Callable[[str], None]

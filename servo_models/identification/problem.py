@@ -152,7 +152,7 @@ class Problem:
             self, "runs", [prepared(self.model, log, self.steps) for log in self.logs]
         )
         measured = dict.fromkeys(name for log in self.logs for name in log.outputs)
-        own = {name: self._scatter(name) for name in measured if name not in self.sigma}
+        own = {name: self.scatter(name) for name in measured if name not in self.sigma}
         object.__setattr__(self, "sigma", {**self.sigma, **own})
         if self.start is None:
             begin = np.array([free.start for free in self.free]) / self.scales
@@ -161,7 +161,7 @@ class Problem:
         memory = Memory(0, (np.inf, self.start), (no_vector, np.empty(0)))
         object.__setattr__(self, "memory", memory)
 
-    def _scatter(self, output: str) -> float:
+    def scatter(self, output: str) -> float:
         """Standard deviation [SI] of all readings of an output that a fit may see."""
         logs = [log for log in self.logs if output in log.outputs]
         values = np.concatenate([log.outputs[output][log.fitted] for log in logs])

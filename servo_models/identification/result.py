@@ -15,9 +15,9 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.doubts import about_errors, doubts, judged
+from servo_models.identification.linear_inference import Spread
 from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
-from servo_models.identification.uncertainty import Spread
 from servo_models.report.result import Result, write_page
 from servo_models.report.sections import Report
 
@@ -58,7 +58,7 @@ class Identification(Result):
         free: the estimated parameters.
         values, standard_errors: [SI], shape (p,); a standard error on a bound is NaN.
         correlations: shape (p, p).
-        condition: of the slopes; see ``estimate.Spread``.
+        condition: of the slopes; see ``linear_inference.Spread``.
         groups: names of parameters that the logs show only together.
         sigma: weight of each output [SI]: its RMS error after the fit.
         accuracy: rows of errors before and after.

@@ -26,6 +26,7 @@ from servo_models.data.audit import Reading as Measured
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
+from servo_models.identification.doubts import alike, doubt
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
@@ -41,7 +42,6 @@ from servo_models.identification.readings import (
     words,
 )
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.identification.uncertainty import ALIKE_CORRELATION, doubt
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
@@ -182,10 +182,8 @@ def _parameter_card(found: Identification) -> Card:
 
 def _only_together(found: Identification) -> set[str]:
     """Names of parameters that these logs cannot tell apart from another one."""
-    strong = np.abs(found.correlations) > ALIKE_CORRELATION  # False for NaN
-    np.fill_diagonal(strong, False)
-    pairs = {free.name for free, row in zip(found.free, strong) if row.any()}
-    return pairs.union(*found.groups)
+    pairs = alike(found.free, found.correlations)
+    return {found.free[i].name for pair in pairs for i in pair}.union(*found.groups)
 
 
 def _estimates(found: Identification) -> Iterator[tuple[Free, Quantity, str]]:

@@ -17,9 +17,9 @@ from servo_models.diagnosis.search.crossval import advantage
 from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.joint_fits import beside
-from servo_models.diagnosis.search.linearisation import least_in_box, value_at
 from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.search.selection import ENTRY_ADVANTAGE, passes_entry_test
+from servo_models.identification.linear_inference import least_in_box, value_at
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
 from tests.support.logs import changed, log_of

@@ -15,7 +15,6 @@ from scipy.optimize import lsq_linear
 from servo_models.diagnosis.search.candidates import Candidate
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.joint_fits import beside
-from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.diagnosis.search.screening import (
     VALUES_BESIDE,
     VALUES_SIMULATED,
@@ -34,6 +33,7 @@ from servo_models.diagnosis.search.selection import (
     select_effects,
 )
 from servo_models.diagnosis.verdict import OUTSIDE, decide
+from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Problem
 from tests.support.diagnoses import made
 

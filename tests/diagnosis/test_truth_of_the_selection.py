@@ -15,8 +15,9 @@ from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.residuals import Residuals, unmodelled
 from servo_models.diagnosis.search.selection import select_effects
+from servo_models.identification.doubts import NOT_DETERMINED, doubt
+from servo_models.identification.linear_inference import spread
 from servo_models.identification.problem import Free, free_parameter
-from servo_models.identification.uncertainty import NOT_DETERMINED, doubt, spread
 from tests.support.diagnoses import made
 from tests.support.logs import changed, measured
 

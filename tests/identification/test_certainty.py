@@ -22,10 +22,9 @@ from servo_models.diagnosis.diagnose import diagnose
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.identify import identify
-from servo_models.identification.information import _principal, _Probes, information
+from servo_models.identification.linear_inference import _principal, _Probes, information, spread
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.identification.uncertainty import spread
 from tests.support.logs import changed, log_of, measured
 
 FREE = ("inertia", "torque_constant", "resistance", "loop_factor")

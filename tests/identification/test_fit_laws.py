@@ -16,11 +16,10 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.log import Channel
 from servo_models.identification.fit import fit
-from servo_models.identification.information import Information
+from servo_models.identification.linear_inference import Information, covariance, spread_of
 from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.simulation import Run
-from servo_models.identification.uncertainty import covariance, spread_of
 from servo_models.report.numbers import MOST_DIGITS, with_error
 from tests.support.exact_motor import TRUE, bench_log, noisy, nominal, prbs, rig
 from tests.support.logs import changed

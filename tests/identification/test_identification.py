@@ -19,10 +19,10 @@ from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification import fit as fit_module
+from servo_models.identification.doubts import FROM_PRIOR, PULLED, doubt
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Free, Problem, free_names, free_parameter
 from servo_models.identification.simulation import false_starts, prepared
-from servo_models.identification.uncertainty import FROM_PRIOR, PULLED, doubt
 from tests.support.exact_motor import STEP, TRUE, bench_log, noisy, nominal, prbs, rig
 from tests.support.logs import changed, log_of, measured
 

@@ -25,7 +25,7 @@ from servo_models.core.simulate import simulate
 from servo_models.data.parameters import ParameterSet, read_parameters
 from servo_models.identification import fit as fit_module
 from servo_models.identification.identify import identify
-from servo_models.identification.uncertainty import Spread, spread
+from servo_models.identification.linear_inference import Spread, spread
 from tests.conftest import Run
 from tests.support.bench_log import HEAD, LOG, NOISE, changed, laid_out, rows_of, write_log
 from tests.support.exact_motor import TRUE

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from servo_models.analysis.statistics import inflation
 from servo_models.core.types import Array
-from servo_models.diagnosis.search.linearisation import Linearisation
+from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Problem
 
 BLOCKS = 20

@@ -26,12 +26,17 @@ from servo_models.core.workers import ALONE, Workers
 from servo_models.data.clock import ROUNDING
 from servo_models.data.log import Log
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
-from servo_models.diagnosis.search.linearisation import Linearisation, linearised
 from servo_models.diagnosis.search.residuals import Residuals, residuals_of
+from servo_models.identification.linear_inference import (
+    Linearisation,
+    Spread,
+    factors,
+    linearised,
+    spread,
+)
 from servo_models.identification.optimise import descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.simulation import Steps
-from servo_models.identification.uncertainty import Spread, spread
 
 LEAST_CONDITIONS = 3
 """Conditions from which one can be spared."""
@@ -268,8 +273,7 @@ class FittedModel:
         sides, slopes = self.problem.sides(self.evidence.vector), self.linearised.slopes
         for i, free in enumerate(self.problem.free):
             if sides[i] and free.prior is None:
-                others = np.delete(slopes, i, axis=1)
-                own = slopes[:, i] - others @ np.linalg.lstsq(others, slopes[:, i], rcond=1e-9)[0]
+                own = factors(np.delete(slopes, i, axis=1)).without(slopes[:, i])
                 outward = float(own @ self.linearised.errors) * (1.0 if sides[i] == "low" else -1.0)
                 least = ADVANTAGE_BEYOND_BOUND * self.evidence.dispersion * float(own @ own)
                 if outward > 0.0 and outward**2 > least:

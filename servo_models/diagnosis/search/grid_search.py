@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from servo_models.data.log import Log
 from servo_models.diagnosis.search.candidates import Candidate, Settings, candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.linearisation import linearised
 from servo_models.diagnosis.search.screening import Screened, residual_beside, screen
+from servo_models.identification.linear_inference import linearised
 
 BRIEF_SAMPLES = 1000
 """Of the parts of the logs in which every value is screened."""

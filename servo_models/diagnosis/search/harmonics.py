@@ -28,8 +28,8 @@ from servo_models.diagnosis.search.candidates import (
 )
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import best_start
-from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.diagnosis.search.screening import Screened, remains, scales, screen
+from servo_models.identification.linear_inference import Linearisation
 from servo_models.identification.problem import Free, free_parameter
 
 SPACING_RAD = 1.0

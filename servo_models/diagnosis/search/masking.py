@@ -14,9 +14,9 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
-from servo_models.diagnosis.search.linearisation import Linearisation
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.errors import UserError
+from servo_models.identification.linear_inference import Linearisation
 
 SHOWN_IN_SIGMAS = 3.0
 """Standard deviations, of noise or of the parameters together, by which an effect stands out."""

@@ -22,8 +22,8 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.candidates import Candidate, Settings
 from servo_models.diagnosis.search.fitting import FittedModel, delays_of
-from servo_models.diagnosis.search.linearisation import Linearisation, least_in_box, value_at
 from servo_models.errors import UserError
+from servo_models.identification.linear_inference import Linearisation, least_in_box, value_at
 
 CORRECTIONS = 2
 """Times that other parameters are corrected before a discontinuous one is judged."""
