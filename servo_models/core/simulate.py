@@ -248,6 +248,15 @@ class Model:
         Raises:
             UserError: see ``run``; also a run of more than ``most`` sub-steps.
         """
+        return self._ran(vector, state, times, inputs, most)[0]
+
+    def substeps(self, vector: Array, times: Array, inputs: Array) -> int:
+        """Return how many sub-steps ``from_rest`` makes."""
+        return self._ran(vector, self.at_rest(vector), times, inputs, math.inf)[1]
+
+    def _ran(
+        self, vector: Array, state: Array, times: Array, inputs: Array, most: float
+    ) -> tuple[Array, int]:
         out = np.empty((len(times), len(self.plant.outputs)))
         run = _compiled(self.plant, self.actuator.name)
         given = (np.ascontiguousarray(it, dtype=float) for it in (vector, times, inputs))
@@ -255,7 +264,7 @@ class Model:
         code, row = run(parameters, state, grid, columns, out, most)
         if code:
             raise UserError(f"{trouble(self.flat, code, state.tolist())}, at t = {times[row]:g} s")
-        return out
+        return out, row
 
     def _responsible(self, begin: Array, times: Array, inputs: Array) -> str:
         """Clause about the parameters without each of which a run that fails would succeed."""

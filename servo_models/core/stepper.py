@@ -56,10 +56,11 @@ def run_text(flat: Flat) -> str:
 
     ``p`` are the parameters, ``x`` the state (updated), ``times`` the communication
     points, ``inputs[row]`` is held from ``times[row]`` on, ``out[row]`` receives the
-    outputs at ``times[row]``; ``most`` sub-steps may be made.  Code 0 is success; 1 + i says that
-    x[i] is not finite, or past the states an output; ``flat.too_fast`` that the shortest sub-step
-    is too long, and x[0] which internal step would do, 0 for none; ``flat.too_long`` that ``most``
-    are not enough; -1 - k that fault k was raised, at ``row``; ``x`` is of no use then.
+    outputs at ``times[row]``; ``most`` sub-steps may be made.  Code 0 is success, with the number
+    of sub-steps in place of a row; 1 + i says that x[i] is not finite, past the states an output;
+    ``flat.too_fast`` that the shortest sub-step is too long, and x[0] which internal step would do,
+    0 for none; ``flat.too_long`` that ``most`` are not enough; -1 - k that fault k was raised, at
+    ``row``; ``x`` is of no use then.
     """
     text = Printer(flat, dropped=set(), guarded=True)
     rows = [
@@ -79,7 +80,7 @@ def run_text(flat: Flat) -> str:
         "for _row in _range(0, _len(_times)):",
         *indent(text.placed(rows)),
         *text.store(),
-        "return 0, _len(_times)",
+        "return 0, _int(_spent)",
     ]
     head = ["import numpy as _np", *HEAD, "def run(_p, _x, _times, _inputs, _out, _most):"]
     return "\n".join([*head, *indent(body), ""])

@@ -43,9 +43,8 @@ START_PRIOR = 1e-3
 """Weight of a full scale beside an error of the whole range of an output."""
 STEP = "internal_step"
 MOST_SUBSTEPS_OVER_USUAL = 8.0
-"""Sub-steps of a run in a search, over those of the internal step that suits its effects: a trial
-value so stiff that it takes more acts as none at all does, and would cost as much as hundreds of
-others."""
+"""Sub-steps of a run in a search, over those of the nominal model with the same internal step: a
+trial value so stiff that it takes more acts as none does, and costs as much as many others."""
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
 
@@ -142,8 +141,13 @@ class Run:
             return math.inf
         step = float(vector[self._places[STEP]])
         if step not in self._usual:
-            usual = np.maximum(np.ceil(np.diff(self.times) / step), 1.0)
-            self._usual[step] = MOST_SUBSTEPS_OVER_USUAL * float(np.sum(usual))
+            nominal = self._base.copy()
+            nominal[self._places[STEP]] = step
+            try:
+                usual = self.model.substeps(nominal, self.times, self.inputs)
+            except UserError:
+                return math.inf
+            self._usual[step] = MOST_SUBSTEPS_OVER_USUAL * usual
         return self._usual[step]
 
     def _vector(self, values: Mapping[str, float]) -> Array:

@@ -167,7 +167,7 @@ def compiled(
     times, inputs = experiment(plant)
     out = np.empty((len(times), len(base.plant.outputs)))
     code, row = run_of(plant, by)(np.array(vector), start, times, inputs, out)
-    return code, row, out[:row]
+    return code, row, out if code == 0 else out[:row]
 
 
 def through(plant: str, vector: list[float], by: Callable[[str], Run] = compiled_run) -> Array:

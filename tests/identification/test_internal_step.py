@@ -13,6 +13,7 @@ from servo_models.core.plant import Actuator, Plant, State, Variant, Wire
 from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
+from servo_models.errors import UserError
 from servo_models.identification.internal_step import SHARE, VISIBLE, InternalSteps
 from servo_models.identification.problem import Problem, free_parameter
 from servo_models.identification.simulation import prepared
@@ -152,3 +153,16 @@ def test_a_log_of_one_row_has_no_interval() -> None:
     run = prepared(SERVO, servo_log(count=1))
     found = InternalSteps(SERVO, {"angle_reading": 1.0}).longest(run, ())
     assert found == SERVO.values["internal_step"]
+
+
+def test_a_search_stops_what_is_stiff_and_not_a_firmware_that_ticks_often() -> None:
+    """The firmware of the servo ticks every millisecond, twenty times in a row of its log."""
+    chosen, log = model("smart_servo", "sts3215"), servo_log()
+    steps = InternalSteps(chosen, {"angle_reading": 0.05})
+    run = prepared(chosen, log, steps)
+    assert steps.longest(run, ()) > 2.0 * chosen.values["sample_hold.period"]
+    assert np.all(np.isfinite(run.outputs({})))
+    stiff = {"gear_compliance.compliance": 1e-3, "gear_compliance.inertia": 1e-6}
+    assert np.all(np.isfinite(prepared(chosen, log).outputs(stiff)))
+    with pytest.raises(UserError, match="too many sub-steps"):
+        run.outputs(stiff)
