@@ -63,7 +63,11 @@ LONG = {
     "current motor, spin-ups": long_logs.current_motor,
     "servo with known loads": long_logs.loaded_servo,
 }
-REAL = {"SG90, 52 real steps": "sg90_steps", "SO-101, wrist roll": "so101_wrist_roll"}
+REAL = {
+    "EMPS": "emps",
+    "SG90, 52 real steps": "sg90_steps",
+    "SO-101, wrist roll": "so101_wrist_roll",
+}
 
 NOISE, HUM = 2e-3, 1e-2
 """Of a reading's range: its noise, and the amplitude of a hum of 50 Hz."""
