@@ -190,7 +190,7 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
             f" (correlation {found.correlations[i, j]:+.3f}): fix one of them or log an experiment"
             " that moves only one"
         )
-        for i, j in alike(problem.free, found.correlations)
+        for i, j in correlated(problem.free, found.correlations)
         if not any({i, j} <= set(group) for group in found.groups)
     ]
     if found.condition > ILL_CONDITIONED:
@@ -233,7 +233,7 @@ def together(names: Sequence[str], without_prior: Container[str]) -> str:
     )
 
 
-def alike(free: Sequence[Free], correlations: Array) -> list[tuple[int, int]]:
+def correlated(free: Sequence[Free], correlations: Array) -> list[tuple[int, int]]:
     """Return pairs of estimates that hang together and neither of which a prior tells."""
     return [
         (i, j)

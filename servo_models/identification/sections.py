@@ -26,7 +26,7 @@ from servo_models.data.audit import Reading as Measured
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
-from servo_models.identification.doubts import alike, doubt
+from servo_models.identification.doubts import correlated, doubt
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
@@ -182,7 +182,7 @@ def _parameter_card(found: Identification) -> Card:
 
 def _only_together(found: Identification) -> set[str]:
     """Names of parameters that these logs cannot tell apart from another one."""
-    pairs = alike(found.free, found.correlations)
+    pairs = correlated(found.free, found.correlations)
     return {found.free[i].name for pair in pairs for i in pair}.union(*found.groups)
 
 
