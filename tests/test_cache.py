@@ -164,7 +164,7 @@ def test_nor_an_entry_that_others_may_write(
     cached("entry", fill).chmod(0o777)
     made = cached("entry", fill)
     assert made == cache / "entry"
-    assert made.stat().st_mode & 0o077 == 0
+    assert made.stat().st_mode & 0o022 == 0
     assert "is made again" in capsys.readouterr().err
 
 

@@ -82,7 +82,11 @@ def run_text(flat: Flat) -> str:
         *text.store(),
         "return 0, _int(_spent)",
     ]
-    head = ["import numpy as _np", *HEAD, "def run(_p, _x, _times, _inputs, _out, _most):"]
+    head = [
+        "import numpy as _np",
+        *HEAD,
+        "def run(_p, _x, _times, _inputs, _out, _most=_math.inf):",
+    ]
     return "\n".join([*head, *indent(body), ""])
 
 

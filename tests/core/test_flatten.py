@@ -256,6 +256,6 @@ def test_what_effects_alone_need_is_there_when_any_is_on(shares: tuple[float, ..
     start, step = make(vector)
     times, x, state = np.linspace(0.0, 1.0, 11), np.array(start()), start()
     out = np.empty((11, 1))
-    assert namespace["run"](np.array(vector), x, times, np.zeros((11, 1)), out) == (0, 11)
+    assert namespace["run"](np.array(vector), x, times, np.zeros((11, 1)), out)[0] == 0
     steps = [step(state, [0.0], t, s) for t, s in zip([0.0, *times], np.diff(times, prepend=0.0))]
     np.testing.assert_array_equal(out[:, 0], [found[1][0] for found in steps])

@@ -137,7 +137,8 @@ def test_an_actuator_of_ones_own(tmp_path: Path, run: Run, monkeypatch: pytest.M
     code, _, err = run(
         "diagnose", tmp_path / "logs" / "joint.toml", "--trust", "--json", "gap.json"
     )
-    assert (code, err) == (1, "")
+    assert code == 1
+    assert [line.partition(" after")[0] for line in err.splitlines()] == ["first answer"]
     assert json.loads(Path("gap.json").read_text())["confirmation"]["difference"] == 0.0
 
 
