@@ -32,7 +32,7 @@ from servo_models.diagnosis.design import (
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.grid_search import shortened
 from servo_models.diagnosis.search.residuals import Residuals
-from servo_models.diagnosis.search.selection import select_effects
+from servo_models.diagnosis.search.selection import Selection, select_effects
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.identification.problem import Problem, free_parameter
 from tests.conftest import Run
@@ -53,14 +53,18 @@ def played(effects: Mapping[str, float], times: Array, voltage: Array, seed: int
     return measured(rig, times, inputs, {"angle": FLOOR}, seed, name=f"log {seed}")
 
 
-def verdict_on(*logs: Log) -> Verdict:
+def selection_on(*logs: Log) -> Selection:
     chosen = nominal()
     parameters = chosen.plant.parameters
     free = tuple(
         free_parameter(parameters[name], chosen.values[name], prior)
         for name, prior in KNOWN.items()
     )
-    return decide(select_effects(Fitter(chosen, logs, free, {"angle": FLOOR})))
+    return select_effects(Fitter(chosen, logs, free, {"angle": FLOOR}))
+
+
+def verdict_on(*logs: Log) -> Verdict:
+    return decide(selection_on(*logs))
 
 
 STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}
@@ -260,8 +264,8 @@ def test_conditions_of_the_log_are_part_of_the_instruction(recorded: bool, first
     load = np.full(len(first.times), 2e-4)
     inputs = {**first.inputs, "load_torque": load}
     held = replace(first, inputs=inputs) if recorded else None
-    loaded = verdict_on(held or replace(first, constants={"load_torque": 2e-4}))
-    told = designed(loaded.rivals[:2])
+    loaded = selection_on(held or replace(first, constants={"load_torque": 2e-4}))
+    told = designed(loaded.of_size(1)[:2])
     assert told.constants == {"load_torque": 2e-4}
     assert "Meanwhile load_torque = 0.0002 N.m, as in log 'log 1'." in told.text
 
