@@ -286,7 +286,7 @@ class SubsetSelection:
         self.begin(RIVALS)
         exchanged: FittedModel | None = None
         while taken.effects and taken is not exchanged:
-            self.exchange(taken)
+            self.exchange(taken, rivals=True)
             exchanged, taken = taken, self.accepted()
         self.begin(SINES)
         return self.with_harmonics(taken)
@@ -342,8 +342,8 @@ class SubsetSelection:
             share = 1.0 - ENTRY_SHARE if self.settled(size - 1) else share
             for base in self.bases(size - 1)[: 1 if self.settled(size - 1) else BASES]:
                 self.grow_beside(base, pool, share)
-        if self.settled(size) and size > 1 and self.gains(size):
-            self.exchange(self.best(size)[0])
+        if size > 1 and (self.settled(size) or pool is self.every):
+            self.exchange_best(size)
         for best in self.best(size)[:1]:
             if not best.settled:
                 self.keep(self.fitter.finish(best))
@@ -381,13 +381,23 @@ class SubsetSelection:
 
     # -- exchanging --------------------------------------------------------------------------------
 
-    def exchange(self, model: FittedModel) -> None:
+    def exchange_best(self, size: int) -> None:
+        """Exchange effects of the best model of a size until none does better."""
+        before: FittedModel | None = None
+        while self.gains(size) and self.best(size)[0] is not before:
+            before = self.best(size)[0]
+            self.exchange(before)
+
+    def exchange(self, model: FittedModel, rivals: bool = False) -> None:
         """Fit others in the place of each effect of a model that may do as well."""
         for name in model.effects:
             stays = self.fitter.unfit(*model.without(name), model.values)
             results = self.screener.again_beside(stays, model)
             others = [result for result in results if result.candidate.name != name]
-            likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
+            if model.settled or rivals:
+                likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
+            else:
+                likely = promising(others, PROMISED_COST * model.cost, ADDED)
             self.add(stays, likely)
 
     # -- fitting -----------------------------------------------------------------------------------
