@@ -62,6 +62,8 @@ POOR_DECREASE = 0.01  # of the predicted one
 """Below which a step fails."""
 GOOD_DECREASE = 0.5
 """Above which damping falls."""
+PROMISED_AT_MOST = 4.0
+"""Times that a search may still gain what its next step promises."""
 ROUNDS = 4
 """Of so many steps at most, while one takes away a fifth of the squared errors."""
 ROUND_COST_RATIO = 0.8
@@ -216,6 +218,7 @@ def descend(
     limit: int,
     widths: Array | None = None,
     known: Array | None = None,
+    enough: float = np.inf,
 ) -> tuple[Array, bool, Array | None]:
     """Return the best vector [scales] near ``start``, and whether the search met its tolerance.
 
@@ -228,6 +231,7 @@ def descend(
         limit: of steps in a round.
         widths: over which slopes are taken [scales], shape (p,); None for small ones.
         known: slopes near the start, shape (m, k), of the first k parameters.
+        enough: squared errors; the search ends where it cannot leave so little.
     """
     vector = np.clip(start, *problem.bounds)
     errors = problem.residuals(vector)
@@ -235,16 +239,22 @@ def descend(
     met = False
     for _ in range(ROUNDS):
         before = at.cost
-        at, met = _round(problem, at, tolerance, limit, widths)
+        at, met = _round(problem, at, tolerance, limit, widths, enough)
         if met or at.cost > ROUND_COST_RATIO * before:
             break
     return at.vector, met, at.slopes if at.fresh else None
 
 
 def _round(
-    problem: Problem, at: _Point, tolerance: float, limit: int, widths: Array | None
+    problem: Problem,
+    at: _Point,
+    tolerance: float,
+    limit: int,
+    widths: Array | None,
+    enough: float,
 ) -> tuple[_Point, bool]:
-    """Steps until the tolerance is met or what a round may cost is spent."""
+    """Steps until the tolerance is met or half ``enough`` is out of reach, or until what a round
+    may cost is spent."""
     low, high = problem.bounds
     damping = FIRST_DAMPING
     spent = problem.memory.evaluations + limit * (len(at.vector) + 1) // STEPS_PER_JACOBIAN
@@ -252,7 +262,8 @@ def _round(
         if problem.memory.evaluations > spent:
             break
         step, promised = _step(at, low, high, damping)
-        if promised <= 0.1 * tolerance * at.cost:
+        hopeless = at.cost - PROMISED_AT_MOST * promised > 0.5 * enough
+        if promised <= 0.1 * tolerance * at.cost or hopeless:
             if at.fresh:
                 return at, True
             at = _refreshed(problem, at, widths)

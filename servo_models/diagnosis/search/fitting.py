@@ -412,11 +412,12 @@ class Fitter:
         start: Mapping[str, float] | None = None,
         known: Array | None = None,
         limit: int = FIT_STEPS,
+        enough: float = np.inf,
     ) -> FittedModel:
         """Fit from a start [SI by name]; what it does not name begins with its own.
 
         ``known`` are slopes near there, shape (m, k), of the first k parameters; ``limit`` is that
-        of steps.
+        of steps; a fit that cannot leave ``enough`` squared errors ends early.
         """
         problem = self.problem(extra)
         if not problem.free:
@@ -424,20 +425,15 @@ class Fitter:
         begin = [(start or {}).get(free.name, free.start) for free in problem.free]
         vector = np.array(begin) / problem.scales
         found = self._judged(
-            effects, problem, *self._descend(problem, vector, FIT_TOLERANCE, limit, known)
+            effects, problem, *self._descend(problem, vector, FIT_TOLERANCE, limit, known, enough)
         )
         if not self.smooth or found.settled:
             return found
-        other = self._descend(problem, self._smooth_start(problem, vector), FIT_TOLERANCE, limit)
-        return min(found, self._judged(effects, problem, *other), key=lambda it: it.cost)
-
-    def _smooth_start(self, problem: Problem, vector: Array) -> Array:
-        """Where fits of the smooth twin end that leaves least in the problem itself."""
         twin = self._twin()
         same = twin.problem(problem.free[len(self.nominal) :])
-        begins = vector, same.start
-        ends = [twin._descend(same, one, FIT_TOLERANCE, FIT_STEPS)[0] for one in begins]
-        return ends[int(np.argmin(problem.costs(ends)))]
+        end, _, _ = twin._descend(same, vector, FIT_TOLERANCE, FIT_STEPS)
+        other = self._descend(problem, end, FIT_TOLERANCE, limit, enough=enough)
+        return min(found, self._judged(effects, problem, *other), key=lambda it: it.cost)
 
     def unfit(
         self, effects: tuple[str, ...], extra: Sequence[Free], values: Mapping[str, float]
@@ -502,6 +498,7 @@ class Fitter:
         tolerance: float,
         limit: int,
         known: Array | None = None,
+        enough: float = np.inf,
     ) -> tuple[Array, bool, Array | None]:
         """Least squares; discontinuous parameters are tried out beside it.
 
@@ -517,17 +514,17 @@ class Fitter:
                 sharpened(problem, vector, stepwise, widths, WIDE_RELATIVE_CHANGES),
                 None,
             )
-        vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known)
+        vector, met, slopes = descend(problem, vector, tolerance, limit, widths, known, enough)
         for _ in range(MOST_MOVES):
             moved = shifted(problem, vector)
             if moved is None:
                 moved = past_an_edge(problem, vector, widths, tolerance, limit)
             if moved is None:
                 break
-            vector, met, slopes = descend(problem, moved, tolerance, limit, widths)
+            vector, met, slopes = descend(problem, moved, tolerance, limit, widths, enough=enough)
         onward = turned(problem, vector)
         if onward is not None:
-            vector, met, slopes = descend(problem, onward, tolerance, limit, widths)
+            vector, met, slopes = descend(problem, onward, tolerance, limit, widths, enough=enough)
         if stepwise:
             return sharpened(problem, vector, stepwise, widths, NARROW_RELATIVE_CHANGES), met, None
         return vector, met, slopes

@@ -7,25 +7,14 @@ the other parameters there are simulated before a fit of dozens of simulations b
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from servo_models.diagnosis.search.candidates import Candidate
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
-
-STARTS = 2
-"""Trial values from which a fit begins, while it leaves more than was promised."""
-
-
-PROMISED_FACTOR = 1.1
-"""Cost over that which screening has promised, above which another start is made."""
-
-
-FAR_FACTOR = 2.0
-"""Cost of a start over that without the effect, above which no second fit is made."""
-
 
 MOST_REFITS = 4
 """Of a discontinuous effect or a resonance."""
@@ -35,49 +24,30 @@ SLOW_COST_RATIO = 0.98
 """Of two fits in turn, above which there is no third."""
 
 
-def beside(fitter: Fitter, first: FittedModel, own: Sequence[Screened]) -> FittedModel:
+def beside(
+    fitter: Fitter, first: FittedModel, own: Sequence[Screened], enough: float = inf
+) -> FittedModel:
     """Fit an effect beside those of ``first``, from its results of screening there.
 
-    It begins where least is left, and again from the next while screening has promised less.  While
-    something is left to explain, it begins with another shape, or half of a jump, as well.
+    It begins where least is left, and while something is left to explain, with half of a jump as
+    well.  A fit that cannot leave ``enough`` squared errors ends early.
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
-    best: FittedModel | None = None
     glances = (best_start(result, thorough=False) for result in own)
-    begins = _unlike(sorted(glances, key=lambda start: start.cost))
-    plain = len({_shape(it) for it in begins}) == 1
-    for begin in (best_start(glance.result) for glance in begins[:STARTS]):
-        if best and begin.cost > FAR_FACTOR * first.cost:
-            break
-        result = begin.result
-        found = fitter.fit(effects, [*kept, *begin.free], begin.values, result.linearised.slopes)
-        if found.cost < first.cost:
-            found = _followed(fitter, found, kept, result.candidate)
-        found = _polished(fitter, found, first) if result.candidate.discontinuous else found
-        if best is None or found.cost < best.cost:
-            best = found
-        if best.cost < PROMISED_FACTOR * min(it.left for it in own) and (best.settled or plain):
-            break
-        if result.candidate.fastest and best.cost >= first.cost:
-            break  # a resonance is slow to simulate, and from its best start it did nothing
-    assert best
-    for free, values in _half_jumps(begins[0], best) if own[0].candidate.jump else ():
+    result = min(glances, key=lambda start: start.cost).result
+    begin, slopes = best_start(result), result.linearised.slopes
+    best = fitter.fit(effects, [*kept, *begin.free], begin.values, slopes, enough=enough)
+    if best.cost < first.cost:
+        best = _followed(fitter, best, kept, result.candidate)
+    best = _polished(fitter, best, first) if result.candidate.discontinuous else best
+    for free, values in _half_jumps(begin, best) if result.candidate.jump else ():
         if best.settled:
             break
-        found = fitter.fit(effects, [*kept, *free], values, begins[0].result.linearised.slopes)
+        race = min(enough, best.cost)
+        found = fitter.fit(effects, [*kept, *free], values, slopes, enough=race)
         best = min(best, found, key=lambda it: it.cost)
     return best
-
-
-def _unlike(begins: Sequence[Start]) -> list[Start]:
-    """The same with those of another shape than the first right after it."""
-    first, *others = begins
-    return [first, *sorted(others, key=lambda it: _shape(it) == _shape(first))]
-
-
-def _shape(begin: Start) -> Hashable:
-    return begin.result.candidate.shape_at(begin.result.settings)
 
 
 def _half_jumps(

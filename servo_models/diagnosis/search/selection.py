@@ -274,14 +274,16 @@ class SubsetSelection:
         else:
             self.begin(DISCONTINUOUS)
             self.search_grids()
-            self.grow(1, self.every)
+            self.grow(1, [one for one in self.every if one.grid])
             self.grow(2, self.every)
+        self.exchange_best(2)
         self.begin(FURTHER)
         taken = self.accepted()
         for size in range(3, MOST_EFFECTS + 1):
             if len(taken.effects) < size - 1 or taken.settled:
                 break
             self.grow(size, self.every)
+            self.exchange_best(size)
             taken = self.accepted()
         self.begin(RIVALS)
         exchanged: FittedModel | None = None
@@ -342,8 +344,10 @@ class SubsetSelection:
             share = 1.0 - ENTRY_SHARE if self.settled(size - 1) else share
             for base in self.bases(size - 1)[: 1 if self.settled(size - 1) else BASES]:
                 self.grow_beside(base, pool, share)
-        if size > 1 and (self.settled(size) or pool is self.every):
-            self.exchange_best(size)
+        self.finish_best(size)
+
+    def finish_best(self, size: int) -> None:
+        """Fit the best model of a size to the end, unless it leaves noise only."""
         for best in self.best(size)[:1]:
             if not best.settled:
                 self.keep(self.fitter.finish(best))
@@ -387,14 +391,17 @@ class SubsetSelection:
         while self.gains(size) and self.best(size)[0] is not before:
             before = self.best(size)[0]
             self.exchange(before)
+            if self.best(size)[0] is not before:
+                self.finish_best(size)
 
     def exchange(self, model: FittedModel, rivals: bool = False) -> None:
-        """Fit others in the place of each effect of a model that may do as well."""
+        """Fit others in the place of each effect of a model: those that promise to do better; as
+        its ``rivals``, and where it leaves noise only, those that may do as well."""
         for name in model.effects:
             stays = self.fitter.unfit(*model.without(name), model.values)
             results = self.screener.again_beside(stays, model)
             others = [result for result in results if result.candidate.name != name]
-            if model.settled or rivals:
+            if rivals or model.settled:
                 likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
             else:
                 likely = promising(others, PROMISED_COST * model.cost, ADDED)
@@ -404,10 +411,15 @@ class SubsetSelection:
 
     def add(self, base: FittedModel, starts: Iterable[Promising]) -> None:
         """Fit some effects beside those of a model, those only that were not fitted yet."""
-        tasks = [
-            ((*base.effects, name), partial(beside, first=base, own=own)) for name, own in starts
-        ]
-        self.fit([task for task in tasks if frozenset(task[0]) not in self.models])
+        new = [it for it in starts if frozenset((*base.effects, it[0])) not in self.models]
+        for some in (new[:BASES], new[BASES:]):  # the first tell what the others have to reach
+            fit = partial(beside, first=base, enough=self.to_reach(len(base.effects) + 1))
+            self.fit([((*base.effects, name), partial(fit, own=own)) for name, own in some])
+
+    def to_reach(self, size: int) -> float:
+        """Cost that a further model of a size has to be able to reach, to matter beside others."""
+        costs = sorted(it.cost for it in self.best(size))
+        return EXCHANGED_COST * costs[BASES - 1] if len(costs) >= BASES else inf
 
     def fit(self, tasks: Sequence[Task]) -> None:
         """Fit together what can be, and keep the better of two models by the same effects."""
