@@ -206,7 +206,7 @@ def _agreed(
         _tried(problem, vector, known, smooth.tolist(), PARTS)
         smooth = smooth[known.noise[smooth] < before[smooth]]
     for _ in range(ROUNDS):
-        _, along, noise = _principal(known, here)
+        slopes, along, noise = _principal(known, here)
         size = np.abs(along).max(axis=0)
         along = along / size
         near = np.abs(along.T @ known.along[here]) / np.linalg.norm(along, axis=0)[:, None]
@@ -218,7 +218,9 @@ def _agreed(
         whole[here] = along[:, weak]
         # a unit of a principal combination moves the errors by 1
         again = _probed(problem, vector, whole, scale * size[weak])
-        known = known.beside(again.only(~again.refused))
+        again = again.only(~again.refused)
+        _doubted(known, again, slopes @ again.along[here], here)
+        known = known.beside(again)
     slopes, along, noise = _principal(known, here)
     noise = noise * FAIR
     size = np.abs(along).max(axis=0)
@@ -233,6 +235,21 @@ def _agreed(
     unseen[faint & (np.abs(unseen) < MEMBER)] = 0.0
     basis = np.linalg.qr(unseen * norms[:, None])[0]
     return data - (data / norms) @ basis @ (basis.T * norms), unseen
+
+
+def _doubted(known: _Probes, again: _Probes, promised: Array, here: NDArray[np.int64]) -> None:
+    """Add to the noise of single parameters what a combination moves beyond what they promise.
+
+    Where a response jumps, as on the edge of a dead zone, small moves meet no jump: their slopes
+    agree with each other, but not with those over the width to which the parameters are known.
+    """
+    axes = slice(0, len(here))
+    energy = np.sum(known.slopes[:, axes] ** 2, axis=0)
+    missed = np.sum((again.slopes - promised) ** 2, axis=0) - again.noise
+    parts = again.along[here] ** 2 * energy[:, None]
+    members = parts > MEMBER**2 * parts.max(axis=0)
+    more = members @ (np.maximum(missed, 0.0) / parts.sum(axis=0))
+    known.noise[axes] = np.maximum(known.noise[axes], more * energy)
 
 
 def _principal(known: _Probes, here: NDArray[np.int64]) -> tuple[Array, Array, Array]:

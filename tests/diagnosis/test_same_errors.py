@@ -17,9 +17,11 @@ from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis.diagnose import diagnose
+from servo_models.diagnosis.search.fitting import others_first
 from servo_models.identification.identify import identify
 from tests.support.logs import changed
 
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RIG = {"rotor_inertia": 1.2e-5, "torque_constant": 0.032, "resistance": 2.2}
 NOISE = {"encoder_speed": 0.5, "encoder_angle": 1e-3, "current": 0.02}
 LAGGING = ("torque_constant", "rotor_inertia", "winding_lag.time_constant")
@@ -97,6 +99,19 @@ def test_both_commands_tell_the_same_of_one_log(
         assert other.standard_error == pytest.approx(own, rel=0.08), free.name
         assert abs(other.value - value) < apart * own, free.name
         assert abs(value - rig.values[free.name]) < 4.0 * own, free.name
+
+
+def test_small_moves_that_meet_no_jump_do_not_hide_what_wide_ones_show() -> None:
+    """A dead zone and the share of its jump: only where the jump comes tells them apart, and small
+    moves shift it by no sample.  The standard error is held against the profile of the cost."""
+    taken = diagnose(EXAMPLES / "own_plants" / "servo.toml").selection.taken
+    problem, vector = taken.problem, taken.evidence.vector
+    place = list(taken.values).index("drive_dead_zone.half_width")
+    error = taken.spread.standard_errors[place] / problem.scales[place]
+    wider = vector + error * np.eye(len(vector))[place]
+    others = others_first(problem, wider, [place], None, 1e-8, 60)
+    before, after = (2.0 * cost for cost in problem.costs([vector, others]))
+    assert 0.25 < (after - before) / taken.evidence.dispersion < 4.0
 
 
 @pytest.mark.parametrize("weight", ["encoder_speed", "current"])
