@@ -427,7 +427,7 @@ class Fitter:
         found = self._judged(
             effects, problem, *self._descend(problem, vector, FIT_TOLERANCE, limit, known, enough)
         )
-        if not self.smooth or found.settled:
+        if not self.smooth or found.settled or found.cost > 1.5 * enough:
             return found
         twin = self._twin()
         same = twin.problem(problem.free[len(self.nominal) :])

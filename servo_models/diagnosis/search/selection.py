@@ -342,7 +342,8 @@ class SubsetSelection:
         elif self.best(size - 1):
             share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
             share = 1.0 - ENTRY_SHARE if self.settled(size - 1) else share
-            for base in self.bases(size - 1)[: 1 if self.settled(size - 1) else BASES]:
+            many = size == 2 and not self.settled(1)
+            for base in self.bases(size - 1)[: BASES if many else 1]:
                 self.grow_beside(base, pool, share)
         self.finish_best(size)
 
