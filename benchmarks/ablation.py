@@ -88,7 +88,6 @@ RULES = {
         [(joint_fits, "_followed", same)], [joint_fits._followed, joint_fits._opened]
     ),
     "grids polished": Rule([(joint_fits, "_polished", same)], [joint_fits._polished]),
-    "second start": Rule([(joint_fits, "STARTS", 1)], [joint_fits._unlike]),
     "thorough starts": Rule(
         [
             (
@@ -132,7 +131,7 @@ RULES = {
         [(verdict, "_locked", lambda *_: verdict.LockedTest(1.0, 0.0, 0.0, ""))], [verdict._locked]
     ),
     "limit cycle": Rule([(verdict, "unrepeatable", lambda *_: 0.0)], [verdict.unrepeatable]),
-    "structured part": Rule([(verdict, "unmodelled", lambda *_: False)], [residuals.unmodelled]),
+    "structured part": Rule([(verdict, "lacks", lambda *_: False)], [residuals.unmodelled]),
 }
 
 

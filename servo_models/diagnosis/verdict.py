@@ -15,8 +15,8 @@ from servo_models.diagnosis.residual_regression import (
     command_locked,
 )
 from servo_models.diagnosis.search.fitting import FittedModel
-from servo_models.diagnosis.search.limit_cycle import unrepeatable
-from servo_models.diagnosis.search.residuals import sure, unmodelled
+from servo_models.diagnosis.search.limit_cycle import lacks, unrepeatable
+from servo_models.diagnosis.search.residuals import sure
 from servo_models.diagnosis.search.selection import TOLERANCE, Selection
 from servo_models.diagnosis.weights import covering, model_weights
 
@@ -112,7 +112,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     left = taken.left.without(limit_cycle)
     locked = _locked(taken)
     lacking = (
-        unmodelled(left, gap, len(taken.effects))
+        lacks(taken, selection.retuned)
         or bool(not_followed(taken, tolerance))
         or locked.matters(left.noise, gap, limit_cycle)
     )

@@ -756,11 +756,18 @@ def least_in_box(gram: Array, gradient: Array, low: Array, high: Array) -> Array
         if not len(left):
             break
     z = np.clip(z, low, high)
+    if len(left):
+        z[left] = _swept(gram[left], gradient[left], low[left], high[left], z[left])
+    return np.asarray(z / size)
+
+
+def _swept(gram: Array, gradient: Array, low: Array, high: Array, z: Array) -> Array:
+    """Points moved to the least along one variable after the other, inside the bounds."""
     curvature = np.maximum(np.einsum("kii->ki", gram), RELATIVE_RIDGE)
     for i in list(range(z.shape[1])) * COORDINATE_SWEEPS:
         slope_i = gradient[:, i] + np.einsum("kj,kj->k", gram[:, i], z)
         z[:, i] = np.clip(z[:, i] - slope_i / curvature[:, i], low[:, i], high[:, i])
-    return np.asarray(z / size)
+    return z
 
 
 def _exchanged(

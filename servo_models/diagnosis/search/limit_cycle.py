@@ -12,6 +12,7 @@ import numpy as np
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
+from servo_models.diagnosis.search.residuals import unmodelled
 
 DRAWS = 8
 """Other parameters that are tried."""
@@ -31,6 +32,14 @@ def unrepeatable(fitted: FittedModel) -> float:
     moves = _moves(fitted)
     difference, nearer = _difference(fitted, moves), _difference(fitted, NEARER * moves)
     return difference if nearer > KEPT_SHARE * difference else 0.0
+
+
+def lacks(fitted: FittedModel, retuned: FittedModel) -> bool:
+    """Return whether a fitted model lacks something that matters beside ``retuned``, see
+    ``unmodelled``; that it hunts says nothing against it."""
+    gap = float(np.sqrt(np.mean(retuned.evidence.errors**2)))
+    left = fitted.left.without(unrepeatable(fitted))
+    return unmodelled(left, gap, len(fitted.effects))
 
 
 def _moves(fitted: FittedModel) -> Array:

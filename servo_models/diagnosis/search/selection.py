@@ -31,6 +31,7 @@ from servo_models.diagnosis.search.fitting import (
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.harmonics import with_sines
 from servo_models.diagnosis.search.joint_fits import beside
+from servo_models.diagnosis.search.limit_cycle import lacks
 from servo_models.diagnosis.search.masking import MaskedEffect, masked_effects
 from servo_models.diagnosis.search.residuals import sure
 from servo_models.diagnosis.search.screening import (
@@ -195,7 +196,7 @@ def select_effects(
         enough = min(ENOUGH_FLOORS, tolerance)
         search = SubsetSelection(fitter, retuned, every, moving(results), say, enough, ahead)
         taken = search.run(answer)
-        if taken is retuned:
+        if taken is retuned and not lacks(retuned, retuned):
             search.begin(MASKED)
             search.say("looking for effects that re-tuned parameters mask")
             least = max(tolerance, LEAST_MASKED_FLOORS)
@@ -251,6 +252,7 @@ class SubsetSelection:
         self.results, self.enough = list(results), enough
         self.screener = Screener(every, results)
         self.models: dict[frozenset[str], FittedModel] = {frozenset(): retuned}
+        self.exchanged: set[FittedModel] = set()
         self.carried: dict[FittedModel, float] = {}
         self.ahead = [] if ahead is None else ahead
         self.stopped = False
@@ -286,10 +288,9 @@ class SubsetSelection:
             self.exchange_best(size)
             taken = self.accepted()
         self.begin(RIVALS)
-        exchanged: FittedModel | None = None
-        while taken.effects and taken is not exchanged:
+        while taken.effects and taken not in self.exchanged:
             self.exchange(taken, rivals=True)
-            exchanged, taken = taken, self.accepted()
+            taken = self.accepted()
         self.begin(SINES)
         return self.with_harmonics(taken)
 
@@ -398,11 +399,14 @@ class SubsetSelection:
     def exchange(self, model: FittedModel, rivals: bool = False) -> None:
         """Fit others in the place of each effect of a model: those that promise to do better; as
         its ``rivals``, and where it leaves noise only, those that may do as well."""
+        rivals = rivals or model.settled
+        if rivals:
+            self.exchanged.add(model)
         for name in model.effects:
             stays = self.fitter.unfit(*model.without(name), model.values)
             results = self.screener.again_beside(stays, model)
             others = [result for result in results if result.candidate.name != name]
-            if rivals or model.settled:
+            if rivals:
                 likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
             else:
                 likely = promising(others, PROMISED_COST * model.cost, ADDED)
