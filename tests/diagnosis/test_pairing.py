@@ -74,7 +74,7 @@ def test_look_alikes_are_sought_whatever_is_left_to_explain() -> None:
     found = fitter.fit(names, [free for name in names for free in every[name].at(load)])
     assert not found.settled
     search = selection_of(fitter, every.values())
-    search.exchange(found)
+    search.exchange(found, rivals=True)
     twin = next(
         it for it in search.tried() if set(it.effects) == {"constant_load", "load_friction"}
     )

@@ -110,8 +110,7 @@ def _largest(
         on = replace(fitter.model, values={**fitter.model.values, **settings})
         other = replace(fitter, model=on)
         effect, slopes = (result.candidate.name,), retuned.linearised.slopes
-        least = retuned.cost + SHOWN_IN_SIGMAS**2 * (retuned.evidence.dispersion + 1.0)
-        model = other.fit(effect, (), start, slopes, limit=MASKED_FIT_STEPS, enough=least)
+        model = other.fit(effect, (), start, slopes, limit=MASKED_FIT_STEPS)
         if not _stands_out(model, retuned):
             return MaskedEffect(model, _moved(model, retuned))
     return None

@@ -422,9 +422,10 @@ class SubsetSelection:
             self.fit([((*base.effects, name), partial(fit, own=own)) for name, own in some])
 
     def to_reach(self, size: int) -> float:
-        """Cost that a further model of a size has to be able to reach, to matter beside others."""
-        costs = sorted(it.cost for it in self.best(size))
-        return EXCHANGED_COST * costs[BASES - 1] if len(costs) >= BASES else inf
+        """Squared errors that a further model of a size has to be able to leave, to be one of the
+        best: unseen ones are not less."""
+        best = self.best(size)
+        return best[BASES - 1].loss if len(best) >= BASES else inf
 
     def fit(self, tasks: Sequence[Task]) -> None:
         """Fit together what can be, and keep the better of two models by the same effects."""
