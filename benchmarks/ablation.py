@@ -5,7 +5,7 @@
     python benchmarks/ablation.py CASES --out FOLDER --table     # what was found, as Markdown
 
 CASES is a folder that ``python -m servo_models.withheld.generator`` has made.  A rule is taken out
-by replacing its function, or by a value of its constant at which it does nothing.  The file
+by replacing its function, or by a setting with which it does nothing.  The file
 ``FOLDER/NAME.jsonl`` has the answers without rule NAME, ``FOLDER/all.jsonl`` those with all rules.
 
 In the table a rule *acts* in a case where the answer differs in any number.  A case is *lost* where
@@ -23,6 +23,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
@@ -31,6 +32,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is a
 
 from golden import answered, change, read_rows, truths, withheld
 
+from servo_models.diagnosis import diagnose as diagnosis
 from servo_models.diagnosis import verdict
 from servo_models.diagnosis.search import (
     fitting,
@@ -40,6 +42,7 @@ from servo_models.diagnosis.search import (
     screening,
     selection,
 )
+from servo_models.diagnosis.settings import DEFAULT, Settings
 
 ALL = "all"
 """Name of the answers with all rules."""
@@ -52,10 +55,12 @@ class Rule(NamedTuple):
     Attributes:
         changes: what takes it out: a module or class, a name in it, what stands there instead.
         parts: functions that would go with it.
+        settings: with which it does nothing.
     """
 
-    changes: Sequence[tuple[Any, str, Any]]
+    changes: Sequence[tuple[Any, str, Any]] = ()
     parts: Sequence[Callable[..., Any]] = ()
+    settings: Settings = DEFAULT
 
 
 def nothing(*_: Any, **__: Any) -> None:
@@ -68,8 +73,10 @@ def same(_: Any, found: Any, *__: Any) -> Any:
 
 
 RULES = {
+    "exchange in every size": Rule([(Search, "exchange_best", nothing)], [Search.exchange_best]),
+    "race": Rule([(Search, "to_reach", lambda *_: float("inf"))], [Search.to_reach]),
     "exchange": Rule([(Search, "exchange", nothing)], [Search.exchange]),
-    "several bases": Rule([(selection, "BASES", 1)], [Search.bases]),
+    "several bases": Rule(parts=[Search.bases], settings=Settings(bases=1)),
     "grids": Rule(
         [(Search, "search_grids", nothing)], [Search.search_grids, *vars(grid_search).values()]
     ),
@@ -105,12 +112,12 @@ RULES = {
     "phase turned": Rule([(fitting, "turned", nothing)], [fitting.turned]),
     "smooth twin": Rule(
         [(fitting.Fitter, "_switched_off", lambda _: {})],
-        [fitting.Fitter._switched_off, fitting.Fitter._twin, fitting.Fitter._smooth_start],
+        [fitting.Fitter._switched_off, fitting.Fitter._twin],
     ),
     "sharpened": Rule([(fitting, "sharpened", lambda _, vector, *__: vector)], [fitting.sharpened]),
     "bound costs": Rule(
-        [(selection, "ENTRY_SHARE_ON_BOUND", 0.0), (fitting, "LOSS_FACTOR_ON_BOUND", 1.0)],
-        [fitting.FittedModel.held_by_bound.func],
+        parts=[fitting.FittedModel.held_by_bound.func],
+        settings=Settings(entry_share_on_bound=0.0, loss_factor_on_bound=1.0),
     ),
     "strangeness": Rule([(fitting, "_strangeness", lambda *_: 0.0)], [fitting._strangeness]),
     "trials counted": Rule([(selection, "log", lambda _: 0.0)]),
@@ -118,13 +125,13 @@ RULES = {
         [(selection, "leave_one_condition_out", lambda *_: 0.0)],
         [fitting.leave_one_condition_out, fitting.conditions, Search.carries_over],
     ),
-    "entry: blocks agree": Rule([(selection, "ENTRY_PROBABILITY", 2.0)]),
-    "entry: advantage": Rule([(selection, "ENTRY_ADVANTAGE", -float("inf"))]),
-    "entry: part of the gap": Rule([(selection, "ENTRY_PART_OF_GAP", 0.0)]),
-    "entry: third effect": Rule([(selection, "ENTRY_SHARE_OF_THIRD", selection.ENTRY_SHARE)]),
-    "fits alone: ten": Rule([(selection, "ALONE", 5)]),
-    "fits beside: four": Rule([(selection, "ADDED", 2)]),
-    "fifth effect": Rule([(selection, "MOST_EFFECTS", 3)]),
+    "entry: blocks agree": Rule(settings=Settings(entry_probability=2.0)),
+    "entry: advantage": Rule(settings=Settings(entry_advantage=0.0)),
+    "entry: part of the gap": Rule(settings=Settings(entry_gap_share=0.0)),
+    "entry: third effect": Rule(settings=Settings(entry_share_of_third=Settings.entry_share)),
+    "fits alone: ten": Rule(settings=Settings(fits_alone=5)),
+    "fits beside: four": Rule(settings=Settings(fits_beside=2)),
+    "fifth effect": Rule(settings=Settings(most_effects=3)),
     "look-alikes once": Rule([(selection, "SAME_COSINE", 2.0)], [selection.same]),
     "errors that follow": Rule([(verdict, "not_followed", lambda *_: [])]),
     "locked to the command": Rule(
@@ -141,7 +148,8 @@ def answers(cases: Path, out: Path, rule: Rule, limit: int) -> None:
     jobs = [job for job in withheld(cases) if job.name not in done][: limit - len(done)]
     for job in jobs:
         with ExitStack() as stack:
-            for place, name, instead in rule.changes:
+            told = partial(diagnosis.diagnose, settings=rule.settings)
+            for place, name, instead in (*rule.changes, (diagnosis, "diagnose", told)):
                 stack.enter_context(patch.object(place, name, instead))
             row = answered(job)
         with out.open("a", encoding="utf-8") as file:

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from servo_models.data.parameters import ParameterSet, read_parameters, write_parameters
     from servo_models.data.tables import read_inputs, read_signals, write_signals
     from servo_models.diagnosis.diagnose import diagnose
+    from servo_models.diagnosis.settings import Settings
     from servo_models.errors import UserError
     from servo_models.identification.check import check
     from servo_models.identification.identify import identify
@@ -84,6 +85,7 @@ __all__ = [
     "Plant",
     "Queue",
     "Result",
+    "Settings",
     "State",
     "UserError",
     "Validation",

@@ -9,8 +9,8 @@ import typer
 
 from servo_models.cli.options import (
     Params,
-    Settings,
     Trust,
+    Values,
     Variant,
     chosen_model,
     complete_actuator,
@@ -26,7 +26,7 @@ def build(
         ),
     ] = None,
     variant: Variant = None,
-    set_: Settings = None,
+    set_: Values = None,
     params: Params = None,
     trust: Trust = False,
     out: Annotated[

@@ -10,8 +10,8 @@ import typer
 from servo_models.cli.options import (
     Actuator,
     Params,
-    Settings,
     Trust,
+    Values,
     Variant,
     assignments,
     chosen_model,
@@ -22,7 +22,7 @@ from servo_models.cli.options import (
 def figures(
     actuator: Actuator = None,
     variant: Variant = None,
-    set_: Settings = None,
+    set_: Values = None,
     params: Params = None,
     trust: Trust = False,
     at: Annotated[

@@ -166,7 +166,7 @@ Variant = Annotated[
     str | None,
     typer.Option(help="Parameter set, see 'list'.", autocompletion=complete_variant),
 ]
-Settings = Annotated[
+Values = Annotated[
     list[str] | None,
     typer.Option(
         "--set",

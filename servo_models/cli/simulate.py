@@ -11,8 +11,8 @@ from servo_models.cli.options import (
     Actuator,
     Largest,
     Params,
-    Settings,
     Trust,
+    Values,
     Variant,
     assignments,
     chosen_model,
@@ -24,7 +24,7 @@ from servo_models.errors import UserError
 def simulate(
     actuator: Actuator = None,
     variant: Variant = None,
-    set_: Settings = None,
+    set_: Values = None,
     params: Params = None,
     trust: Trust = False,
     largest: Largest = None,

@@ -40,8 +40,8 @@ from servo_models.data.tables import write_signals
 from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel
-from servo_models.diagnosis.search.residuals import STRUCTURED_OVER_NOISE, Residuals, sure
-from servo_models.diagnosis.weights import TEMPER
+from servo_models.diagnosis.search.residuals import Residuals, sure
+from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 
@@ -181,7 +181,9 @@ def next_experiments(
     return (replace(found, text=" ".join(_sentences(stage, command, found))),)
 
 
-def repeats_wanted(left: Residuals, origins: Iterable[str], logs: Sequence[Log]) -> str:
+def repeats_wanted(
+    left: Residuals, origins: Iterable[str], logs: Sequence[Log], settings: Settings = DEFAULT
+) -> str:
     """Return the instruction to repeat a command where only that tells noise from structure, "" for
     none.
 
@@ -192,8 +194,10 @@ def repeats_wanted(left: Residuals, origins: Iterable[str], logs: Sequence[Log])
         left: what the errors of the fitted model taken consist of.
         origins: where the noise floor of each output is from.
         logs: of the diagnosis.
+        settings: of the diagnosis.
     """
-    open_ = left.structured > STRUCTURED_OVER_NOISE * left.noise and not sure(left)
+    large = left.structured > settings.structured_over_noise * left.noise
+    open_ = large and not sure(left, settings)
     if not open_ or REPEATS in origins:
         return ""
     shortest = min(logs, key=lambda log: log.duration)
@@ -362,7 +366,7 @@ class Stage:
         self.rivals = rivals
         self.weights = np.maximum(weights, 1e-6) / np.maximum(weights, 1e-6).sum()
         self.problem = rivals[0].problem
-        self.power = TEMPER * max(rivals[0].evidence.dispersion, 1.0)
+        self.power = rivals[0].settings.temper * max(rivals[0].evidence.dispersion, 1.0)
         self.seed = seed
         self.wire, self.low, self.high = _limits(self.problem)
         step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)

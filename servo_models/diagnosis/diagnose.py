@@ -21,6 +21,7 @@ from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
+from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.internal_step import InternalSteps
@@ -39,6 +40,7 @@ def diagnose(
     fmu: bool = False,
     time_limit: float | None = None,
     quick: bool = False,
+    settings: Settings = DEFAULT,
 ) -> Diagnosis:
     """Find out where a gap lies, what causes it and how far it closes.
 
@@ -54,6 +56,7 @@ def diagnose(
             told, with what was not tried (``unfinished``).  So it is after Ctrl-C; a second one
             raises ``KeyboardInterrupt``.
         quick: end the search in the same way once the effects were fitted alone.
+        settings: what decides verdicts, and how much is tried.
 
     Raises:
         UserError: an effect to be left out that the actuator has not, a tolerance or a time limit
@@ -86,7 +89,7 @@ def diagnose(
     check_duration(told.model, told.logs)
     with stop:
         with Workers(jobs) as workers:
-            found = _diagnose(told, tolerance, seed, workers, left_out, tell, stop)
+            found = _diagnose(told, tolerance, seed, workers, left_out, tell, stop, settings)
         found = replace(found, flags=flags)
         if fmu and (found.within_tolerance or not stop.passed):
             found = _confirmed(found, tell)
@@ -117,11 +120,13 @@ def _diagnose(
     left_out: Iterable[str],
     tell: Tell | None,
     stop: Stop,
+    settings: Settings,
 ) -> Diagnosis:
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
     steps = InternalSteps(told.model, floors, stop)
-    fitter = Fitter(told.model, told.logs, prior_parameters(told), floors, workers, steps=steps)
+    priors = prior_parameters(told)
+    fitter = Fitter(told.model, told.logs, priors, floors, workers, steps=steps, settings=settings)
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
     # what does not follow the command is no curve of what the actuator does

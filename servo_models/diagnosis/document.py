@@ -41,6 +41,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.verdict.kind,
         "sentence": summary.sentence(diagnosis),
         "tolerance": diagnosis.tolerance,
+        "settings": asdict(diagnosis.settings),
         "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
         "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
         "effects": [_effect(diagnosis, effect) for effect in diagnosis.ranking],

@@ -25,9 +25,6 @@ step is none."""
 CLEAR = 0.1
 """Part of the floor by which an error has to exceed it for a share of the rest to mean anything."""
 
-HARDLY = 0.7
-"""Error left over the standard deviation of a reading, from which the model does not follow it."""
-
 
 @dataclass(frozen=True)
 class GapSummary:
@@ -117,7 +114,7 @@ def not_followed(found: FittedModel, least: float = 0.0) -> tuple[str, ...]:
         own = [log.outputs[name][log.fitted] for log in problem.logs if name in log.outputs]
         motion = float(np.std(np.concatenate(own))) / problem.sigma[name]
         left = float(np.sqrt(np.mean(found.evidence.unseen[rows] ** 2))) if len(rows) else 0.0
-        if left > max(HARDLY * motion, least):
+        if left > max(found.settings.followed_share * motion, least):
             names.append(name)
     return tuple(names)
 

@@ -50,8 +50,6 @@ LEAST_RANGE = 1e-6
 """Of what a curve is of, in full scales: below it does not move."""
 LEAST_GAIN = 0.05
 """Share of the unseen squared errors that one more curve has to take away."""
-LEAST_CLOSED = 0.2
-"""Share of the unseen squared errors that the map has to take away."""
 SURE = 0.02
 """Probability by chance of so many blocks in favour, at most."""
 BOTH_SIDES = 0.2
@@ -263,10 +261,10 @@ def _learnt(base: FittedModel, name: str, taken: FittedModel) -> ResidualMap | N
         if _better(other, best, LEAST_GAIN):
             best = other
     # what slopes do not promise is not worth a fit
-    if not best.curves or not _better(best, taken.evidence, LEAST_CLOSED):
+    if not best.curves or not _better(best, taken.evidence, taken.settings.map_closed_share):
         return None
     fitted = best.wire.fitted(best)
-    if not _better(fitted.evidence, taken.evidence, LEAST_CLOSED):
+    if not _better(fitted.evidence, taken.evidence, taken.settings.map_closed_share):
         return None
     if _held_out(fitted) > _held_out(taken):  # such as motion of another kind
         return None
@@ -508,7 +506,8 @@ class _OnWire:
         vector, met, slopes = descend(problem, begin, FIT_TOLERANCE, FIT_STEPS, widths, known)
         found = linearised(problem, vector, widths, slopes)
         evidence = cross_validate(problem, found, blocks(problem), discontinuous_of(problem))
-        return FittedModel(self.taken.effects, problem, found, evidence, met, 0.0, widths)
+        effects, settings = self.taken.effects, self.taken.settings
+        return FittedModel(effects, problem, found, evidence, met, 0.0, widths, settings=settings)
 
     def penalised(self, keys: Sequence[str], penalty: float) -> _Penalised:
         """The problem of that fit; its knots may go up to full scale."""

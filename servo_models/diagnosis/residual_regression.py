@@ -27,7 +27,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.localisation.samples import moving_input
-from servo_models.diagnosis.search.residuals import MISSED_OVER_GAP
+from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.problem import Problem
 
 SHIFTS = 499
@@ -51,10 +51,6 @@ LONGEST_TIME_SCALE = 0.05
 """Of the motion, as a share of the log: a longer one is not seen often enough."""
 DEPENDENT = 1e-6
 """Part of a function that is its own, below which slopes can do all of it."""
-SIGNIFICANT = 0.02
-"""Probability by chance, beside which the test of slow power has its own."""
-EXPLAINED_OVER_NOISE = 0.25
-"""Explained part over the noise: noise alone passed it and ``SIGNIFICANT`` in 1 of 394 trials."""
 FORCES = (
     "position^2",
     "position^3",
@@ -85,17 +81,19 @@ class LockedTest:
         explained: RMS [noise floors] that is explained, less what is by chance.
         share_explained: of the power of the whitened errors, less what is by chance.
         strongest: function that explains most of them alone; "" where nothing was tested.
+        settings: those of the diagnosis.
     """
 
     p_value: float
     explained: float
     share_explained: float
     strongest: str
+    settings: Settings = DEFAULT
 
     @property
     def follows(self) -> bool:
         """Whether errors follow the command more than noise does by chance."""
-        return self.p_value <= SIGNIFICANT
+        return self.p_value <= self.settings.locked_probability
 
     def matters(self, noise: float, gap: float, limit_cycle: float = 0.0) -> bool:
         """Return whether this is something that the model lacks, and not a law that is a little
@@ -109,8 +107,8 @@ class LockedTest:
         explained = math.sqrt(max(self.explained**2 - limit_cycle**2, 0.0))
         return (
             self.follows
-            and explained > EXPLAINED_OVER_NOISE * noise
-            and explained > MISSED_OVER_GAP * gap
+            and explained > self.settings.locked_over_noise * noise
+            and explained > self.settings.missed_gap_share * gap
         )
 
 

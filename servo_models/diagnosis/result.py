@@ -22,6 +22,7 @@ from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
+from servo_models.diagnosis.settings import Settings
 from servo_models.diagnosis.verdict import (
     NO_GAP,
     PARAMETERS,
@@ -101,6 +102,11 @@ class Diagnosis(Result):
         gap = f"{self.gap.rms['before']:.3g} to {self.gap.rms['after']:.3g} noise floors"
         effects = ", ".join(self.selection.taken.effects) or "no effect"
         return f"<Diagnosis of {self.name}: {self.verdict.kind}, {effects}, {gap}>"
+
+    @property
+    def settings(self) -> Settings:
+        """What decided the verdict, and how much was tried."""
+        return self.selection.taken.settings
 
     @property
     def within_tolerance(self) -> bool:
@@ -220,7 +226,8 @@ class Diagnosis(Result):
         if self.within_tolerance:
             return ""
         left = self.selection.taken.left.without(self.verdict.limit_cycle)
-        return repeats_wanted(left, [gap.origin for gap in self.gaps], self.logs)
+        origins = [gap.origin for gap in self.gaps]
+        return repeats_wanted(left, origins, self.logs, self.settings)
 
     def with_commands(self, *folders: Path) -> Diagnosis:
         """Write the command of the next experiment as a table, ready to play.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,13 +27,6 @@ EFFECTS = "effects"
 OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
 
-EXPLAINED = 0.5
-"""Share of what can be closed from which parameters explain a gap."""
-MOST_LEFT_FLOORS = 2.0
-"""Structured part [RMS, noise floors] that a verdict without an effect may leave."""
-FEW = 3
-"""Fitted models that a set may hold and still say something."""
-
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -42,7 +35,7 @@ class Verdict:
     Attributes:
         kind: one of the six.
         weights: model weight of each effect, most likely first, by name.
-        members: effects of the set that holds the cause with ``weights.COVERED``; of a verdict
+        members: effects of the set that holds the cause with ``covered_probability``; of a verdict
             ``parameters``, those that they mask.
         rivals: fitted models of that set, most likely first.
         rest: RMS [noise floors] of errors that are left and surely no noise, 0 for none.
@@ -90,13 +83,19 @@ def weights_by_effects(selection: Selection, verdict: Verdict) -> dict[tuple[str
 
 def parameters_explain(selection: Selection) -> bool:
     """Return whether re-tuned parameters alone explain the gap."""
+    settings = selection.retuned.settings
     share = closed(selection.before.rms, selection.retuned.evidence.rms, 1.0)
-    return bool(selection.retuned.problem.free) and share is not None and share >= EXPLAINED
+    return (
+        bool(selection.retuned.problem.free)
+        and share is not None
+        and share >= settings.explained_share
+    )
 
 
 def _locked(taken: FittedModel) -> LockedTest:
     slopes = taken.linearised.slopes[: taken.problem.samples]
-    return command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
+    found = command_locked(taken.problem, taken.values, taken.evidence.errors, slopes)
+    return replace(found, settings=taken.settings)
 
 
 def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
@@ -104,7 +103,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
 
     ``tolerance`` is the gap [noise floors] that counts as none.
     """
-    taken = selection.taken
+    taken, settings = selection.taken, selection.taken.settings
     if selection.before.rms <= tolerance:
         return Verdict(NO_GAP, {}, (), ())
     gap = float(np.sqrt(np.mean(selection.retuned.evidence.errors**2)))
@@ -116,16 +115,16 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
         or bool(not_followed(taken, tolerance))
         or locked.matters(left.noise, gap, limit_cycle)
     )
-    rest = left.structured if sure(left) else 0.0
+    rest = left.structured if sure(left, settings) else 0.0
     if not taken.effects:
-        if lacking or left.structured > MOST_LEFT_FLOORS:
+        if lacking or left.structured > settings.most_left_floors:
             return Verdict(OUTSIDE, {}, (), (), rest, limit_cycle, locked)
         masked = selection.masked if parameters_explain(selection) else ()
         names = tuple(one.name for one in masked)
         return Verdict(PARAMETERS, {}, names, (), rest, limit_cycle)
     rivals = selection.alike
     chances = weights_of(selection, rest)
-    held = covering(chances)
+    held = covering(chances, settings.covered_probability)
     own = next(i for i, it in enumerate(rivals) if it.effects == taken.effects)
     if own not in held:
         # a likelier one has not earned its place, which a probability knows nothing of
@@ -141,7 +140,7 @@ def decide(selection: Selection, tolerance: float = TOLERANCE) -> Verdict:
     kind = EFFECT if len(taken.effects) == 1 else EFFECTS
     if lacking:
         kind = OUTSIDE
-    elif len(held) > FEW:
+    elif len(held) > settings.few_models:
         kind = NOT_IDENTIFIABLE
     near = tuple(rivals[i] for i in held)
     return Verdict(kind, ranked, inside, near, rest, limit_cycle, locked)

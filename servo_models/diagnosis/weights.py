@@ -18,14 +18,6 @@ import numpy as np
 from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel
 
-COVERED = 0.95
-TEMPER = 3.0
-"""Factor on the dispersion: a small effect that is missing beside the right one, or a law that
-is not quite the actuator's, favours a wrong one by more than noise would.  From withheld cases
-of such a kind, with other seeds than those that are reported."""
-DOUBT = 0.02
-"""Share of what a fitted model surely lacks that may favour a wrong one: where a law is missing,
-two that leave nearly the same are not told apart by how many samples there are."""
 DRAWS = 400
 
 
@@ -44,12 +36,13 @@ def model_weights(fitted_models: Sequence[FittedModel], lacking: float = 0.0) ->
     random = np.random.default_rng(0)
     drawn = random.integers(0, blocks.shape[1], (DRAWS, blocks.shape[1]))
     every = blocks[:, drawn].sum(axis=2) + penalties[:, None]
-    scale = 2.0 * TEMPER * best.evidence.dispersion + DOUBT * lacking
+    settings = best.settings
+    scale = 2.0 * settings.temper * best.evidence.dispersion + settings.doubt_share * lacking
     weights = np.exp((every.min(axis=0) - every) / scale)
     return np.asarray((weights / weights.sum(axis=0)).mean(axis=1))
 
 
-def covering(weights: Array, covered: float = COVERED) -> list[int]:
+def covering(weights: Array, covered: float) -> list[int]:
     """Return the fewest fitted models, most likely first, that hold the cause so surely."""
     order = np.argsort(-weights)
     count = int(np.searchsorted(np.cumsum(weights[order]), covered)) + 1

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.diagnosis.verdict import FEW, NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.diagnosis.settings import DEFAULT
+from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.withheld.oracle import FAILED, Diagnosed, Known
 
 NOTHING = "nothing"
@@ -233,7 +234,7 @@ def owns_up(cases: Cases) -> Figure:
     lost = (
         case
         for case in cases
-        if case.kind == "one" and not (case.held and len(case.said.members) <= FEW)
+        if case.kind == "one" and not (case.held and len(case.said.members) <= DEFAULT.few_models)
     )
     return share(case.said.verdict == NOT_IDENTIFIABLE for case in lost)
 

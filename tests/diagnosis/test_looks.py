@@ -18,7 +18,8 @@ from servo_models.diagnosis.search.fitting import Fitter, shifted
 from servo_models.diagnosis.search.grid_search import shortlist
 from servo_models.diagnosis.search.joint_fits import beside
 from servo_models.diagnosis.search.screening import screen
-from servo_models.diagnosis.search.selection import ENTRY_ADVANTAGE, passes_entry_test
+from servo_models.diagnosis.search.selection import passes_entry_test
+from servo_models.diagnosis.settings import DEFAULT
 from servo_models.identification.linear_inference import least_in_box, value_at
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made
@@ -133,9 +134,10 @@ def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     results = screen((retuned.linearised,), [every["sensor_offset"]])
     found = beside(fitter, retuned, results[:1])
     worth = advantage(found.evidence, retuned.evidence)
-    assert worth > ENTRY_ADVANTAGE
+    beyond = worth - DEFAULT.entry_advantage
+    assert beyond > 0.0
     assert passes_entry_test(replace(found, chance=0.0), retuned)
-    assert not passes_entry_test(replace(found, chance=0.6 * (worth - ENTRY_ADVANTAGE)), retuned)
+    assert not passes_entry_test(replace(found, chance=0.6 * beyond), retuned)
 
 
 def test_a_phase_goes_on_beyond_half_a_turn() -> None:

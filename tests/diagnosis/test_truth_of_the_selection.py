@@ -10,11 +10,11 @@ import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.diagnosis.search import selection
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.residuals import Residuals, unmodelled
 from servo_models.diagnosis.search.selection import select_effects
+from servo_models.diagnosis.settings import Settings
 from servo_models.identification.doubts import NOT_DETERMINED, doubt
 from servo_models.identification.linear_inference import spread
 from servo_models.identification.problem import Free, free_parameter
@@ -84,21 +84,21 @@ def test_standard_errors_do_not_depend_on_what_was_simulated_before() -> None:
     np.testing.assert_array_equal(first, second)
 
 
-def test_no_effect_is_named_where_parameters_leave_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_effect_is_named_where_parameters_leave_noise() -> None:
     """An offset of a third of the noise would earn its place in a long log."""
     fitter, _ = made({"sensor_offset.value": 3e-6})
     selected = select_effects(fitter)
     assert selected.taken.effects == ()
     assert 1.0 < selected.retuned.evidence.rms < 1.1
     assert len(select_effects(fitter, tolerance=0.9).taken.effects) == 1  # who asks for less
-    monkeypatch.setattr(selection, "ENOUGH_FLOORS", 0.0)
+    fitter = replace(fitter, settings=Settings(enough_floors=0.0))
     assert len(select_effects(fitter).taken.effects) == 1
 
 
-def test_no_effect_joins_a_model_that_leaves_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_effect_joins_a_model_that_leaves_noise() -> None:
     fitter, _ = made({"coulomb_friction.level": 1.5e-3, "sensor_offset.value": 3e-6})
     assert select_effects(fitter).taken.effects == ("coulomb_friction",)
-    monkeypatch.setattr(selection, "ENOUGH_FLOORS", 0.0)
+    fitter = replace(fitter, settings=Settings(enough_floors=0.0))
     assert set(select_effects(fitter).taken.effects) == {"coulomb_friction", "sensor_offset"}
 
 

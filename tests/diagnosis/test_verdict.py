@@ -15,7 +15,7 @@ from servo_models.diagnosis.residual_regression import LockedTest
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection, select_effects
 from servo_models.diagnosis.verdict import EFFECT, EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
-from servo_models.diagnosis.weights import TEMPER, model_weights
+from servo_models.diagnosis.weights import model_weights
 from tests.support.diagnoses import made
 
 
@@ -62,7 +62,7 @@ def test_two_models_as_wrong_as_each_other_get_half_each_where_one_posterior_com
         random = np.random.default_rng(seed)
         two = [wrong_in(friction.retuned, blocks, random) for blocks in (half, ~half)]
         best, other = sorted(two, key=lambda one: one.loss)
-        apart = (other.loss - best.loss) / (2.0 * TEMPER * best.evidence.dispersion)
+        apart = (other.loss - best.loss) / (2.0 * best.settings.temper * best.evidence.dispersion)
         surely += apart > np.log(20.0)  # 0.95 and more for the better one
         assert 0.3 < model_weights(two)[0] < 0.7
     assert surely >= 10

@@ -51,8 +51,8 @@ class Candidate:
     hints: Hints
     free: tuple[Free, ...]
     switches: tuple[str, ...]
-    trial_values: tuple[Settings, ...]
-    grid: tuple[Settings, ...] = ()
+    trial_values: tuple[Values, ...]
+    grid: tuple[Values, ...] = ()
     fastest: float = 0.0
     alone: tuple[Array, ...] = ()
 
@@ -83,7 +83,7 @@ class Candidate:
         """How many values and shapes there were to choose from, at least 1."""
         return max(len(self.trial_values) + len(self.grid), 1)
 
-    def shape_at(self, settings: Settings) -> tuple[tuple[str, float], ...]:
+    def shape_at(self, settings: Values) -> tuple[tuple[str, float], ...]:
         """Return the shape that ``settings`` give, to which slopes hardly lead.
 
         A ripple has one for each count.  Inertia and compliance of a resonance are no shape and
@@ -94,7 +94,7 @@ class Candidate:
         sizes = (*self.switches, *(self.ripple or ()))
         return tuple((name, 0.0 if name in sizes else it) for name, it in settings.items())
 
-    def at(self, settings: Settings) -> tuple[Free, ...]:
+    def at(self, settings: Values) -> tuple[Free, ...]:
         """Return the parameters with the starts that ``settings`` give.
 
         A switch that they do not name is as good as off, as it was where they were tried.
@@ -200,8 +200,8 @@ class _Off:
         low = min(max(free.low, least), 0.5 * free.high)
         return replace(free, low=low, start=max(free.start, low))
 
-    def trial_values(self) -> list[Settings]:
-        """Settings to try first."""
+    def trial_values(self) -> list[Values]:
+        """Values to try first."""
         switch, inertia = self.switches[0], self.shaped(self.hints.inertia)
         if self.hints.phase:
             return ripples(switch, self.shaped(self.hints.count), self.plant, self.logs)
@@ -220,7 +220,7 @@ class _Off:
         wires = self.plant.wire
         return [it for it in self.plant.outputs if wires[it].unit == wires[self.wire].unit]
 
-    def grid(self) -> list[Settings]:
+    def grid(self) -> list[Values]:
         """Many values of a discontinuous parameter, unless codes tell it."""
         grid = self.hints.grid
         if grid is None or self.reads_codes:
@@ -301,10 +301,10 @@ LEAST_RELATIVE_CODE_SPACING = 0.001
 CODE_TRIALS_TO_A_SIDE = 4
 CODE_TRIALS_REACH_IN_STANDARD_ERRORS = 3.0
 
-Settings = dict[str, float]
+Values = dict[str, float]
 
 
-def resonances(compliance: Parameter, inertia: Parameter) -> list[Settings]:
+def resonances(compliance: Parameter, inertia: Parameter) -> list[Values]:
     """Return loads on a spring, of several inertias and frequencies."""
     typical = compliance.param.typical
     return [
@@ -320,7 +320,7 @@ def resonances(compliance: Parameter, inertia: Parameter) -> list[Settings]:
 
 def ripples(
     switch: Parameter, count: Parameter | None, plant: Plant, logs: Iterable[Log]
-) -> list[Settings]:
+) -> list[Values]:
     """Return counts of a ripple so near each other that the best is not missed between two."""
     size = {switch.name: RIPPLE_OVER_TYPICAL * switch.param.typical}
     if count is None:
@@ -331,7 +331,7 @@ def ripples(
     return [{**size, count.name: it} for it in inside]
 
 
-def few(hints: Hints, switches: Iterable[Parameter], shape: Sequence[Parameter]) -> list[Settings]:
+def few(hints: Hints, switches: Iterable[Parameter], shape: Sequence[Parameter]) -> list[Values]:
     """Return a few values of each switch of an effect, with each of its shapes."""
     forms = _shapes(shape)
     return [
@@ -348,7 +348,7 @@ def _usual(switch: Parameter, shape: Sequence[Parameter]) -> tuple[float, ...]:
     return SHAPED_TRIALS_OVER_TYPICAL if shape else TRIALS_OVER_TYPICAL
 
 
-def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Settings]:
+def on_grid(grid: Grid, switch: Parameter, divided: float) -> list[Values]:
     """Return the many values of a discontinuous parameter, the largest first.
 
     ``divided`` [SI] is what they divide, infinity where unknown: the range of a signal, or the
@@ -377,7 +377,7 @@ def quanta(switch: Parameter, readings: Iterable[str], logs: Sequence[Log]) -> l
     return [step for step in found if least <= step.size <= switch.param.high]
 
 
-def about_codes(switch: Parameter, steps: Iterable[Step]) -> list[Settings]:
+def about_codes(switch: Parameter, steps: Iterable[Step]) -> list[Values]:
     """Return values about the steps that a code histogram of the quantised signal shows."""
     n, reach = CODE_TRIALS_TO_A_SIDE, CODE_TRIALS_REACH_IN_STANDARD_ERRORS
     return [
@@ -394,7 +394,7 @@ def _within_bounds(switch: Parameter, over_typical: Iterable[float]) -> list[flo
     return [size for size in both if param.low <= size <= param.high]
 
 
-def _shapes(shape: Iterable[Parameter]) -> list[Settings]:
+def _shapes(shape: Iterable[Parameter]) -> list[Values]:
     """Shapes to try: the default, and each parameter apart from it."""
     forms: dict[tuple[tuple[str, float], ...], None] = {}
     for parameter in shape:

@@ -27,6 +27,7 @@ from servo_models.data.clock import ROUNDING
 from servo_models.data.log import Log
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks, cross_validate
 from servo_models.diagnosis.search.residuals import Residuals, residuals_of
+from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.linear_inference import (
     Linearisation,
     Spread,
@@ -38,24 +39,15 @@ from servo_models.identification.optimise import descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.simulation import Steps
 
-LEAST_CONDITIONS = 3
-"""Conditions from which one can be spared."""
-FIT_TOLERANCE = 1e-4  # of the cost
-"""Of a fit in the search: differences between effects are larger."""
-FIT_STEPS = 25
 FINAL_TOLERANCE = 1e-7  # of the cost
 """Of a fit that is reported."""
 FINAL_STEPS = 60
-LOSS_FACTOR_ON_BOUND = 1.25
-"""Factor on the squared errors that an effect on its bound leaves."""
-ADVANTAGE_BEYOND_BOUND = 9.0
-"""Twice the log likelihood ratio that a step over a bound promises, from which it holds a fit."""
+HOPELESS_RATIO = 1.5
+"""Cost of a fit over what it has to reach, from which a smooth twin of it is of no use."""
 COARSE_WIDTH_IN_SCALES = 0.02
 """Of slopes where an effect makes the response jump."""
 COARSE_RELATIVE_WIDTH = 0.01
 """Of the slope along a discontinuous parameter."""
-SETTLED_OVER_NOISE = 0.3
-"""Structured part of the errors over the noise, below which nothing is left to explain."""
 WIDE_RELATIVE_CHANGES = (0.02, 0.01)
 """Of a discontinuous parameter, tried in turn before a search."""
 NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
@@ -250,6 +242,7 @@ class FittedModel:
             their sizes and the nominal parameters are.
         widths: over which slopes of it mean something, see ``optimise.steps``.
         searched: ``problem`` with the internal steps of the search, where it was told anew.
+        settings: those of the diagnosis.
     """
 
     effects: tuple[str, ...]
@@ -260,6 +253,7 @@ class FittedModel:
     chance: float
     widths: Array | None = None
     searched: Problem | None = None
+    settings: Settings = DEFAULT
 
     @property
     def values(self) -> dict[str, float]:
@@ -275,7 +269,8 @@ class FittedModel:
             if sides[i] and free.prior is None:
                 own = factors(np.delete(slopes, i, axis=1)).without(slopes[:, i])
                 outward = float(own @ self.linearised.errors) * (1.0 if sides[i] == "low" else -1.0)
-                least = ADVANTAGE_BEYOND_BOUND * self.evidence.dispersion * float(own @ own)
+                beyond = self.settings.bound_advantage * self.evidence.dispersion
+                least = beyond * float(own @ own)
                 if outward > 0.0 and outward**2 > least:
                     return True
         return False
@@ -300,7 +295,7 @@ class FittedModel:
     @property
     def settled(self) -> bool:
         """Whether what is left is noise."""
-        return self.left.structured < SETTLED_OVER_NOISE * self.left.noise
+        return self.left.structured < self.settings.settled_over_noise * self.left.noise
 
     def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
         """Return its effects without one, and their free parameters."""
@@ -322,7 +317,7 @@ class FittedModel:
         usual their sizes are.
         """
         squared = float(self.evidence.losses.sum()) * (
-            LOSS_FACTOR_ON_BOUND if self.held_by_bound else 1.0
+            self.settings.loss_factor_on_bound if self.held_by_bound else 1.0
         )
         return squared + 2.0 * self.chance * self.evidence.dispersion
 
@@ -343,6 +338,7 @@ class Fitter:
         smooth_rough: ``rough`` of the twin.
         trials: natural logarithm of the sizes and shapes that each effect may have.
         steps: choose the internal step of every run; None for the model's own.
+        settings: those of the diagnosis.
     """
 
     model: Model
@@ -355,6 +351,7 @@ class Fitter:
     smooth_rough: dict[str, float] = field(default_factory=dict)
     trials: dict[str, float] = field(default_factory=dict)
     steps: Steps | None = None
+    settings: Settings = DEFAULT
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
@@ -411,28 +408,29 @@ class Fitter:
         extra: Sequence[Free],
         start: Mapping[str, float] | None = None,
         known: Array | None = None,
-        limit: int = FIT_STEPS,
+        limit: int | None = None,
         enough: float = np.inf,
     ) -> FittedModel:
         """Fit from a start [SI by name]; what it does not name begins with its own.
 
         ``known`` are slopes near there, shape (m, k), of the first k parameters; ``limit`` is that
-        of steps; a fit that cannot leave ``enough`` squared errors ends early.
+        of steps, by default ``fit_steps``; a fit that cannot leave ``enough`` squared errors ends
+        early.
         """
         problem = self.problem(extra)
         if not problem.free:
             return self._judged(effects, problem, problem.start, converged=True)
         begin = [(start or {}).get(free.name, free.start) for free in problem.free]
         vector = np.array(begin) / problem.scales
-        found = self._judged(
-            effects, problem, *self._descend(problem, vector, FIT_TOLERANCE, limit, known, enough)
-        )
-        if not self.smooth or found.settled or found.cost > 1.5 * enough:
+        tolerance, limit = self.settings.fit_tolerance, limit or self.settings.fit_steps
+        ended = self._descend(problem, vector, tolerance, limit, known, enough)
+        found = self._judged(effects, problem, *ended)
+        if not self.smooth or found.settled or found.cost > HOPELESS_RATIO * enough:
             return found
         twin = self._twin()
         same = twin.problem(problem.free[len(self.nominal) :])
-        end, _, _ = twin._descend(same, vector, FIT_TOLERANCE, FIT_STEPS)
-        other = self._descend(problem, end, FIT_TOLERANCE, limit, enough=enough)
+        end, _, _ = twin._descend(same, vector, tolerance, self.settings.fit_steps)
+        other = self._descend(problem, end, tolerance, limit, enough=enough)
         return min(found, self._judged(effects, problem, *other), key=lambda it: it.cost)
 
     def unfit(
@@ -450,13 +448,16 @@ class Fitter:
         linear = Linearisation(problem, problem.nominal, errors, np.empty((len(errors), 0)))
         own = errors[: problem.samples]
         evidence = CrossValidation(problem.nominal, own, own, blocks(problem))
-        return FittedModel((), problem, linear, evidence, converged=True, chance=0.0)
+        return FittedModel(
+            (), problem, linear, evidence, converged=True, chance=0.0, settings=self.settings
+        )
 
     def again(
-        self, found: FittedModel, tolerance: float = FIT_TOLERANCE, limit: int = FIT_STEPS
+        self, found: FittedModel, tolerance: float | None = None, limit: int | None = None
     ) -> FittedModel:
         """Fit once more from where a fit has ended."""
-        problem = found.problem
+        problem, settings = found.problem, self.settings
+        tolerance, limit = tolerance or settings.fit_tolerance, limit or settings.fit_steps
         ended = self._descend(problem, found.evidence.vector, tolerance, limit)
         return self._judged(found.effects, problem, *ended)
 
@@ -489,7 +490,9 @@ class Fitter:
         evidence = cross_validate(problem, linear, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        return FittedModel(effects, problem, linear, evidence, converged, chance, widths)
+        return FittedModel(
+            effects, problem, linear, evidence, converged, chance, widths, settings=self.settings
+        )
 
     def _descend(
         self,
@@ -568,10 +571,10 @@ def conditions(logs: Sequence[Log]) -> list[list[Log]]:
 def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
     """Return the squared errors of each condition by fits to the others, begun where one ended.
 
-    0 where there are fewer than three conditions, so that nothing speaks for or against it.
+    0 where there are fewer than ``least_conditions``, so that nothing speaks for or against it.
     """
     groups = conditions(fitter.logs)
-    if len(groups) < LEAST_CONDITIONS:
+    if len(groups) < fitter.settings.least_conditions:
         return 0.0
     extra = [free for free in found.problem.free if free.prior is None]
     lost = 0.0

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servo_models.data.log import Log
-from servo_models.diagnosis.search.candidates import Candidate, Settings, candidates
+from servo_models.diagnosis.search.candidates import Candidate, Values, candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened, residual_beside, screen
 from servo_models.identification.linear_inference import linearised
@@ -86,9 +86,7 @@ class _Part:
         cut = [self._cut(it, rows) for it in smooth]
         self.smooth = [it for it in cut if it.difference.any()]
 
-    def screen(
-        self, name: str, sizes: Iterable[Settings], corrected: bool = False
-    ) -> list[Screened]:
+    def screen(self, name: str, sizes: Iterable[Values], corrected: bool = False) -> list[Screened]:
         """Results of a discontinuous effect at some values, best first."""
         one = replace(self.candidates[name], trial_values=tuple(sizes))
         return screen((self.linearised,), [one], corrected)
@@ -140,8 +138,8 @@ def _listed(full: Candidate, parts: Mapping[int, _Part], known: Iterable[Screene
 
 
 def _over_all(
-    full: Candidate, part: _Part, every: Sequence[Settings], likely: Sequence[Settings]
-) -> tuple[list[Settings], list[Screened]]:
+    full: Candidate, part: _Part, every: Sequence[Values], likely: Sequence[Values]
+) -> tuple[list[Values], list[Screened]]:
     """The values that are screened in a part of the logs, and the results there, best first."""
     chosen = likely if full.late else _thinned(likely)
     grid = [*full.trial_values, *chosen]  # those between are screened later
@@ -153,7 +151,7 @@ def _over_all(
     return grid, results
 
 
-def _closer(full: Candidate, part: _Part, best: Sequence[Settings]) -> list[Screened]:
+def _closer(full: Candidate, part: _Part, best: Sequence[Values]) -> list[Screened]:
     """Results of some sizes and of those around the best half, other parameters corrected."""
     results = part.screen(full.name, best, corrected=True)
     apart = AROUND_PERIOD_RELATIVE if full.late else AROUND_RELATIVE
@@ -172,12 +170,12 @@ def _showing(parts: Mapping[int, _Part]) -> _Part:
     )
 
 
-def _around(best: Settings, apart: Iterable[float]) -> list[Settings]:
+def _around(best: Values, apart: Iterable[float]) -> list[Values]:
     """Sizes a little smaller and larger: a needle is narrower than sizes are apart."""
     return [{switch: size * (1.0 + it)} for switch, size in best.items() for it in apart]
 
 
-def _about(best: Settings, every: Sequence[Settings]) -> list[Settings]:
+def _about(best: Values, every: Sequence[Values]) -> list[Values]:
     """Sizes within a factor of the best."""
     (size,) = best.values()
     return [
@@ -185,9 +183,9 @@ def _about(best: Settings, every: Sequence[Settings]) -> list[Settings]:
     ]
 
 
-def _thinned(every: Sequence[Settings]) -> list[Settings]:
+def _thinned(every: Sequence[Values]) -> list[Values]:
     """Of sizes that fall, those that are apart from each other."""
-    found: list[Settings] = []
+    found: list[Values] = []
     last = np.inf
     for it in every:
         size = max(it.values())
@@ -197,7 +195,7 @@ def _thinned(every: Sequence[Settings]) -> list[Settings]:
     return found
 
 
-def _fitting(sizes: Sequence[Settings], name: str, known: Iterable[Screened]) -> Sequence[Settings]:
+def _fitting(sizes: Sequence[Values], name: str, known: Iterable[Screened]) -> Sequence[Values]:
     """Sizes that move about as much as there is left to explain."""
     own = {
         max(it.settings.values()): np.linalg.norm(it.difference) / sqrt(it.linearised.left)
@@ -241,7 +239,7 @@ def _first(log: Log, count: int) -> Log:
     )
 
 
-def _between(every: Sequence[Settings], grid: Sequence[Settings], size: Settings) -> list[Settings]:
+def _between(every: Sequence[Values], grid: Sequence[Values], size: Values) -> list[Values]:
     """Sizes nearer to one of a grid than to its neighbours there, and near it."""
     (switch,) = size
     value = size[switch]

@@ -24,7 +24,7 @@ from servo_models.diagnosis.search.candidates import (
     LEAST_RIPPLE_PERIODS_IN_TRAVEL,
     LEAST_SAMPLES_IN_A_PERIOD,
     Candidate,
-    Settings,
+    Values,
 )
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import best_start
@@ -67,7 +67,7 @@ def with_sines(
 
 def _one_more(
     model: FittedModel, one: Candidate, counts: Sequence[float], number: int
-) -> Settings | None:
+) -> Values | None:
     """Values [SI] of a model with one more sine at the best of some counts, None where it lacks
     more than one."""
     *before, harmonic = one.hints.harmonics[: number - 1]
@@ -112,7 +112,7 @@ def _least_count(one: Candidate) -> float:
 
 def _pursuit(
     model: FittedModel, one: Candidate, counts: Sequence[float], number: int
-) -> Settings | None:
+) -> Values | None:
     """Values [SI] of a model and of so many sines at some counts, None where there are fewer."""
     linear = model.linearised
     size = one.trial_values[0][one.switches[0]]
@@ -142,7 +142,7 @@ def _beside(linear: Linearisation, taken: Sequence[Screened]) -> tuple[float, Ar
     return float(left[0]), steps[0]
 
 
-def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Settings:
+def _start(linear: Linearisation, taken: Sequence[Screened], steps: Array) -> Values:
     """Values [SI] of a start: sines, the largest first, and parameters, moved by their steps where
     that leaves less."""
     one, p = taken[0].candidate, linear.slopes.shape[1]

@@ -20,9 +20,6 @@ MOVE_IN_STANDARD_ERRORS = 0.3
 """How far they are away."""
 NEARER = 0.1
 """Share of that move at which they are tried once more."""
-KEPT_SHARE = 0.5
-"""Share of a difference that stays there, from which a response hunts: of codes that flip it would
-be a third, the root of a tenth."""
 
 
 def unrepeatable(fitted: FittedModel) -> float:
@@ -31,7 +28,7 @@ def unrepeatable(fitted: FittedModel) -> float:
         return 0.0
     moves = _moves(fitted)
     difference, nearer = _difference(fitted, moves), _difference(fitted, NEARER * moves)
-    return difference if nearer > KEPT_SHARE * difference else 0.0
+    return difference if nearer > fitted.settings.hunting_share * difference else 0.0
 
 
 def lacks(fitted: FittedModel, retuned: FittedModel) -> bool:
@@ -39,7 +36,7 @@ def lacks(fitted: FittedModel, retuned: FittedModel) -> bool:
     ``unmodelled``; that it hunts says nothing against it."""
     gap = float(np.sqrt(np.mean(retuned.evidence.errors**2)))
     left = fitted.left.without(unrepeatable(fitted))
-    return unmodelled(left, gap, len(fitted.effects))
+    return unmodelled(left, gap, len(fitted.effects), fitted.settings)
 
 
 def _moves(fitted: FittedModel) -> Array:

@@ -18,8 +18,6 @@ from servo_models.diagnosis.search.screening import Screened
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation
 
-SHOWN_IN_SIGMAS = 3.0
-"""Standard deviations, of noise or of the parameters together, by which an effect stands out."""
 UNMASKED_SHARE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
 SIZES_TRIED = 5
@@ -126,9 +124,8 @@ def _stands_out(found: FittedModel, retuned: FittedModel) -> bool:
             np.split(found.linearised.errors, [n]), np.split(retuned.linearised.errors, [n])
         )
     ]
-    return (
-        more[0] > SHOWN_IN_SIGMAS**2 * retuned.evidence.dispersion or more[1] > SHOWN_IN_SIGMAS**2
-    )
+    shown = found.settings.shown_deviations**2
+    return more[0] > shown * retuned.evidence.dispersion or more[1] > shown
 
 
 def _moved(found: FittedModel, retuned: FittedModel) -> float:

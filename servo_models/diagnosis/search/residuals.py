@@ -35,6 +35,7 @@ from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
 from servo_models.diagnosis.codes import loudest
 from servo_models.diagnosis.search.crossval import CrossValidation
+from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.problem import Problem
 
 LONGEST_STRETCH = 48  # samples
@@ -56,16 +57,6 @@ NOISE_POWERS_IN_STANDARD_ERRORS: Array = np.linspace(-4.0, 4.0, 33)
 """Powers that are tried for each of them, in standard errors from the fast part's own."""
 ONE_SIDED_95 = 1.645
 """Standard errors from an estimate to the bound that is passed in 5 % of the cases."""
-STRUCTURED_OVER_NOISE = 0.4
-"""Structured part over the noise that is worth speaking of."""
-MISSED_OVER_GAP = 0.2
-"""What is left and no noise over that before, from which on a fitted model has missed something: it
-leaves a twenty-fifth of the power.  A second cause with 30 % of the gap of the first leaves
-more; where it shows, a pair explains both."""
-STRUCTURED_FLOORS = 5.0
-"""Structured part [noise floors] from which on it has whatever the gap was."""
-MANY_EFFECTS = 3
-"""Effects that together imitate what is none of them: whatever these surely leave matters."""
 
 
 @dataclass(frozen=True)
@@ -115,11 +106,11 @@ def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
     )
 
 
-def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
+def unmodelled(left: Residuals, gap: float, effects: int = 1, settings: Settings = DEFAULT) -> bool:
     """Return whether a fitted model lacks something that matters.
 
-    Its structured part is surely ``STRUCTURED_OVER_NOISE`` against the noise, and at least
-    ``MISSED_OVER_GAP`` of what there was to explain, or ``STRUCTURED_FLOORS``: a small second
+    Its structured part is surely ``structured_over_noise`` against the noise, and at least
+    ``missed_gap_share`` of what there was to explain, or ``structured_floors``: a small second
     cause, or laws that are not quite those of the actuator, do not make a fitted model by one or
     two effects wrong.
 
@@ -127,16 +118,18 @@ def unmodelled(left: Residuals, gap: float, effects: int = 1) -> bool:
         left: by the fitted model.
         gap: RMS error [noise floors] after re-tuning alone, of a fit to everything.
         effects: in the fitted model.
+        settings: those of the diagnosis.
     """
-    if effects >= MANY_EFFECTS:
-        return sure(left)
+    if effects >= settings.many_effects:
+        return sure(left, settings)
     before = math.sqrt(max(gap**2 - left.noise**2, left.structured**2))
-    return sure(left) and left.structured > min(MISSED_OVER_GAP * before, STRUCTURED_FLOORS)
+    least = min(settings.missed_gap_share * before, settings.structured_floors)
+    return sure(left, settings) and left.structured > least
 
 
-def sure(left: Residuals) -> bool:
+def sure(left: Residuals, settings: Settings = DEFAULT) -> bool:
     """Return whether a part of the errors is surely no noise."""
-    return left.least > STRUCTURED_OVER_NOISE * left.noise
+    return left.least > settings.structured_over_noise * left.noise
 
 
 def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Array, float, float]]:

@@ -20,7 +20,7 @@ from math import atan2, hypot, pi
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.diagnosis.search.candidates import Candidate, Settings
+from servo_models.diagnosis.search.candidates import Candidate, Values
 from servo_models.diagnosis.search.fitting import FittedModel, delays_of
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation, least_in_box, value_at
@@ -152,7 +152,7 @@ def _at_best(one: Candidate, results: Iterable[Screened]) -> Candidate:
 
 
 def _results(
-    linear: Linearisation, every: Sequence[tuple[Candidate, Settings]], changes: Sequence[Array]
+    linear: Linearisation, every: Sequence[tuple[Candidate, Values]], changes: Sequence[Array]
 ) -> list[Screened]:
     left, share = best_scales(linear, [one for one, _ in every], changes)
     return [
@@ -200,7 +200,7 @@ def scales(one: Candidate) -> tuple[float, float]:
 def _screened(
     linear: Linearisation,
     one: Candidate,
-    settings: Settings,
+    settings: Values,
     columns: Array,
     share: Array,
     left: float,
@@ -235,12 +235,12 @@ def remains(
     return float(linear.errors @ linear.errors) + value_at(gram, towards, best), best
 
 
-def neighbours(one: Candidate) -> list[list[Settings]]:
+def neighbours(one: Candidate) -> list[list[Values]]:
     """Sizes of an effect that are simulated one after another: those of a discontinuous
     effect that are near each other, since one tells where the other parameters are at the next."""
     if not one.discontinuous:
         return [[size] for size in one.trial_values]
-    found: list[list[Settings]] = []
+    found: list[list[Values]] = []
     for size in sorted(one.trial_values, key=lambda it: max(it.values())):
         last = found[-1][-1] if found and len(found[-1]) < LARGEST_GROUP else None
         if last and max(size.values()) < NEIGHBOUR_RATIO * max(last.values()):
@@ -251,7 +251,7 @@ def neighbours(one: Candidate) -> list[list[Settings]]:
 
 
 def changes(
-    linear: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+    linear: Linearisation, base: Values, task: tuple[Candidate, Sequence[Values]]
 ) -> list[Array]:
     """Changes of the weighted errors by an effect at sizes, each of shape (m + priors, 1 or 2)."""
     one, sizes = task
@@ -261,7 +261,7 @@ def changes(
 
 
 def corrected_changes(
-    linear: Linearisation, base: Settings, task: tuple[Candidate, Sequence[Settings]]
+    linear: Linearisation, base: Values, task: tuple[Candidate, Sequence[Values]]
 ) -> list[Array]:
     """The same, other parameters corrected beside a discontinuous effect."""
     one, sizes = task
@@ -283,20 +283,20 @@ def corrected_changes(
     return found
 
 
-def _simulated(linear: Linearisation, base: Settings, one: Candidate, size: Settings) -> Array:
+def _simulated(linear: Linearisation, base: Values, one: Candidate, size: Values) -> Array:
     """The change by an effect; of a ripple, those by its sine and by its cosine."""
     phases = (0.0, pi / 2.0) if one.ripple else ()
     probes = [{**size, one.ripple[1]: at} for at in phases] if one.ripple else [size]
     return np.column_stack([_difference(linear, {**base, **probe}) for probe in probes])
 
 
-def _corrected(linear: Linearisation, size: Settings, whole: Array) -> Array:
+def _corrected(linear: Linearisation, size: Values, whole: Array) -> Array:
     """A change by an effect once more, from where it would take the other parameters."""
     return _change(linear, linear.start(whole), size)
 
 
 def _held(
-    linear: Linearisation, base: Settings, sizes: Sequence[Settings], parts: Sequence[float]
+    linear: Linearisation, base: Values, sizes: Sequence[Values], parts: Sequence[float]
 ) -> list[Array]:
     """Changes by a hold, with the delay less by the part of its period that leaves least.
 
@@ -326,7 +326,7 @@ def _delay(linear: Linearisation) -> str:
     return linear.problem.free[delays[0]].name if delays else ""
 
 
-def _change(linear: Linearisation, values: Settings, size: Settings) -> Array:
+def _change(linear: Linearisation, values: Values, size: Values) -> Array:
     """A change by an effect with other parameters at ``values``, less what their slopes do."""
     change = _difference(linear, {**values, **size})
     if not change.any():  # also where nothing can be simulated: slopes would make a change of it
@@ -464,7 +464,7 @@ def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[C
     return found
 
 
-def _place(one: Candidate, settings: Settings) -> Hashable:
+def _place(one: Candidate, settings: Values) -> Hashable:
     """Which of its sizes some settings are: of a ripple they come with another size and phase."""
     return tuple(it for it in settings.items() if it[0] not in (one.ripple or ()))
 

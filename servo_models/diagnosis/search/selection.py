@@ -22,7 +22,6 @@ from servo_models.core.stop import AT_FIRST_ANSWER, Stop
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
 from servo_models.diagnosis.search.fitting import (
-    LEAST_CONDITIONS,
     FittedModel,
     Fitter,
     conditions,
@@ -48,49 +47,11 @@ from servo_models.diagnosis.search.screening import (
 
 TOLERANCE = 2.0
 """Gap in noise floors that counts as none."""
-MOST_EFFECTS = 5
-"""In a fitted model."""
-ALONE = 10
-"""Smooth effects that are fitted alone."""
 FIRST_ALONE = 4
 """Those that are fitted before it is asked whether the others could do as well."""
-ADDED = 4
-"""Effects that are fitted beside each of the best models."""
-BASES = 2
-"""Models beside which further effects are fitted, none with an effect of a better one: that of two
-look-alikes which is closer to the cause gains more by what both lack."""
-EXCHANGES = 8
-"""Effects that are fitted in the place of each effect of a model."""
-PROMISED_COST = 0.95
-"""Cost that screening promises over the cost of the model without an effect, below which the effect
-is worth a fit."""
-EXCHANGED_COST = 1.1
-"""The same over that of the model itself, for one that may do as well."""
-AS_GOOD_SHARE = 0.5
-"""Share of what a model closes that leaves noise only, which another one has to promise."""
 SAME_COSINE = 0.99
 """Between two changes of the response, from which they are one."""
-LEAST_MASKED_FLOORS = 1.0
-"""Movement of the outputs [RMS, noise floors] from which masked effects are told."""
 
-ENOUGH_FLOORS = 1.1
-"""Held-out error [noise floors] below which a model is enough, and no effect joins it, unless the
-tolerance is less."""
-ENTRY_PART_OF_GAP = 0.1
-"""Part of what re-tuned parameters leave above the noise floor [RMS] that a first effect has to
-take away."""
-ENTRY_ADVANTAGE = 20.0
-"""Twice the log likelihood ratio by which an effect has to predict unseen blocks better, beyond
-what the best of so many trials does by chance."""
-ENTRY_PROBABILITY = 0.05
-"""Probability that so many blocks favour it by chance."""
-ENTRY_SHARE = 0.02
-"""Share of the mean square error left that an effect has to take away."""
-ENTRY_SHARE_ON_BOUND = 0.2
-"""The same where a bound holds it back: what it imitates may be another effect."""
-ENTRY_SHARE_OF_THIRD = 0.2
-"""The same for a third effect and each after it, and for each further sine of a ripple: many
-together imitate what is none of them."""
 
 RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
 DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"
@@ -193,13 +154,13 @@ def select_effects(
             nominal = {free.name: free.nominal for free in fitter.nominal}
             others.append(fitter.unfit((), (), nominal).linearised)
         results = survey(retuned.linearised, others, every)
-        enough = min(ENOUGH_FLOORS, tolerance)
+        enough = min(fitter.settings.enough_floors, tolerance)
         search = SubsetSelection(fitter, retuned, every, moving(results), say, enough, ahead)
         taken = search.run(answer)
         if taken is retuned and not lacks(retuned, retuned):
             search.begin(MASKED)
             search.say("looking for effects that re-tuned parameters mask")
-            least = max(tolerance, LEAST_MASKED_FLOORS)
+            least = max(tolerance, fitter.settings.masked_floors)
             masked = masked_effects(fitter, retuned, results, least)
         ahead.clear()
     if search and ahead:
@@ -245,11 +206,12 @@ class SubsetSelection:
         every: Sequence[Candidate],
         results: Sequence[Screened],
         tell: Tell,
-        enough: float = ENOUGH_FLOORS,
+        enough: float | None = None,
         ahead: list[str] | None = None,
     ) -> None:
         self.fitter, self.retuned, self.every, self.tell = fitter, retuned, every, tell
-        self.results, self.enough = list(results), enough
+        self.settings, self.results = fitter.settings, list(results)
+        self.enough = self.settings.enough_floors if enough is None else enough
         self.screener = Screener(every, results)
         self.models: dict[frozenset[str], FittedModel] = {frozenset(): retuned}
         self.exchanged: set[FittedModel] = set()
@@ -272,7 +234,7 @@ class SubsetSelection:
         self.begin(PAIRS)
         self.grow(2, smooth)
         if self.settled(2):
-            self.add(self.retuned, self.as_good(self.starts(self.every), ADDED))
+            self.add(self.retuned, self.as_good(self.starts(self.every), self.settings.fits_beside))
         else:
             self.begin(DISCONTINUOUS)
             self.search_grids()
@@ -281,7 +243,7 @@ class SubsetSelection:
         self.exchange_best(2)
         self.begin(FURTHER)
         taken = self.accepted()
-        for size in range(3, MOST_EFFECTS + 1):
+        for size in range(3, self.settings.most_effects + 1):
             if len(taken.effects) < size - 1 or taken.settled:
                 break
             self.grow(size, self.every)
@@ -306,7 +268,7 @@ class SubsetSelection:
         if taken.effects and MASKED in self.ahead:
             self.ahead.remove(MASKED)
         untested = len(taken.effects) > 1 and taken not in self.carried
-        if untested and len(conditions(self.fitter.logs)) >= LEAST_CONDITIONS:
+        if untested and len(conditions(self.fitter.logs)) >= self.settings.least_conditions:
             self.ahead.append(CONDITIONS)
         return taken
 
@@ -320,7 +282,7 @@ class SubsetSelection:
                 if taken.settled:
                     break
                 more = with_sines(self.fitter, taken, one, number)
-                if more and passes_entry_test(more, taken, ENTRY_SHARE_OF_THIRD):
+                if more and passes_entry_test(more, taken, self.settings.entry_share_of_third):
                     taken = more
                     self.keep(taken)
         return taken
@@ -341,10 +303,10 @@ class SubsetSelection:
         if size == 1:
             self.grow_alone(pool)
         elif self.best(size - 1):
-            share = PROMISED_COST if size == 2 else 1.0 - ENTRY_SHARE_OF_THIRD
-            share = 1.0 - ENTRY_SHARE if self.settled(size - 1) else share
-            many = size == 2 and not self.settled(1)
-            for base in self.bases(size - 1)[: BASES if many else 1]:
+            settings, many = self.settings, size == 2 and not self.settled(1)
+            share = settings.promised_cost if size == 2 else 1.0 - settings.entry_share_of_third
+            share = 1.0 - settings.entry_share if self.settled(size - 1) else share
+            for base in self.bases(size - 1)[: settings.bases if many else 1]:
                 self.grow_beside(base, pool, share)
         self.finish_best(size)
 
@@ -356,14 +318,17 @@ class SubsetSelection:
 
     def grow_alone(self, pool: Sequence[Candidate]) -> None:
         """Fit the most promising effects of a pool, each alone."""
-        starts = list(self.starts(pool))[: ADDED if self.retuned.settled else ALONE]
+        settings = self.settings
+        most = settings.fits_beside if self.retuned.settled else settings.fits_alone
+        starts = list(self.starts(pool))[:most]
         self.add(self.retuned, starts[:FIRST_ALONE])
         self.add(self.retuned, self.as_good(starts[FIRST_ALONE:]))
 
     def grow_beside(self, base: FittedModel, pool: Sequence[Candidate], share: float) -> None:
         """Fit the effects of a pool that promise to leave less than a share of what a smaller model
         leaves."""
-        self.add(base, promising(self.screener.beside(base, pool), share * base.cost, ADDED))
+        results, most = self.screener.beside(base, pool), self.settings.fits_beside
+        self.add(base, promising(results, share * base.cost, most))
 
     def bases(self, size: int) -> list[FittedModel]:
         """The models of a size that share no effect with a better one, best first."""
@@ -399,7 +364,7 @@ class SubsetSelection:
     def exchange(self, model: FittedModel, rivals: bool = False) -> None:
         """Fit others in the place of each effect of a model: those that promise to do better; as
         its ``rivals``, and where it leaves noise only, those that may do as well."""
-        rivals = rivals or model.settled
+        settings, rivals = self.settings, rivals or model.settled
         if rivals:
             self.exchanged.add(model)
         for name in model.effects:
@@ -407,25 +372,27 @@ class SubsetSelection:
             results = self.screener.again_beside(stays, model)
             others = [result for result in results if result.candidate.name != name]
             if rivals:
-                likely = promising(others, EXCHANGED_COST * model.cost, EXCHANGES, unlike=False)
+                enough, most = settings.rival_cost * model.cost, settings.fits_exchanged
             else:
-                likely = promising(others, PROMISED_COST * model.cost, ADDED)
+                enough, most = settings.promised_cost * model.cost, settings.fits_beside
+            likely = promising(others, enough, most, unlike=not rivals)
             self.add(stays, likely)
 
     # -- fitting -----------------------------------------------------------------------------------
 
     def add(self, base: FittedModel, starts: Iterable[Promising]) -> None:
         """Fit some effects beside those of a model, those only that were not fitted yet."""
+        first = self.settings.bases
         new = [it for it in starts if frozenset((*base.effects, it[0])) not in self.models]
-        for some in (new[:BASES], new[BASES:]):  # the first tell what the others have to reach
+        for some in (new[:first], new[first:]):  # which tell what the others have to reach
             fit = partial(beside, first=base, enough=self.to_reach(len(base.effects) + 1))
             self.fit([((*base.effects, name), partial(fit, own=own)) for name, own in some])
 
     def to_reach(self, size: int) -> float:
         """Squared errors that a further model of a size has to be able to leave, to be one of the
         best: unseen ones are not less."""
-        best = self.best(size)
-        return best[BASES - 1].loss if len(best) >= BASES else inf
+        best = self.best(size)[: self.settings.bases]
+        return best[-1].loss if len(best) == self.settings.bases else inf
 
     def fit(self, tasks: Sequence[Task]) -> None:
         """Fit together what can be, and keep the better of two models by the same effects."""
@@ -444,7 +411,7 @@ class SubsetSelection:
     def accepted(self) -> FittedModel:
         """Return the largest model whose effects earn their place, grown one by one."""
         best = self.retuned
-        for size in range(1, MOST_EFFECTS + 1):
+        for size in range(1, self.settings.most_effects + 1):
             better = next((it for it in self.best(size) if self.belongs(it, best)), None)
             if better is None and size > 1:
                 break
@@ -455,8 +422,10 @@ class SubsetSelection:
         """Whether each effect of a model earns its place, also under conditions left out."""
         if fewer.evidence.rms < self.enough:
             return False
-        share = ENTRY_SHARE if len(model.effects) < 3 else ENTRY_SHARE_OF_THIRD
-        least = ENTRY_PART_OF_GAP * (self.retuned.evidence.rms - 1.0)
+        settings = self.settings
+        many = len(model.effects) >= 3
+        share = settings.entry_share_of_third if many else settings.entry_share
+        least = settings.entry_gap_share * (self.retuned.evidence.rms - 1.0)
         if not fewer.effects and fewer.evidence.rms - model.evidence.rms < least:
             return False
         if not passes_entry_test(model, fewer, share):
@@ -495,7 +464,7 @@ class SubsetSelection:
 
     def gains(self, size: int) -> bool:
         """Whether so many effects leave less than fewer do."""
-        return self.loss(size) < (1.0 - ENTRY_SHARE) * self.loss(size - 1)
+        return self.loss(size) < (1.0 - self.settings.entry_share) * self.loss(size - 1)
 
     def suffices(self, size: int) -> bool:
         """Whether a model by so many effects leaves so little that none joins it."""
@@ -518,7 +487,8 @@ class SubsetSelection:
         least = min((one.cost for one in self.tried() if one.settled), default=-np.inf)
         enough = inf
         if np.isfinite(least):
-            enough = self.retuned.cost + AS_GOOD_SHARE * (least - self.retuned.cost)
+            share = self.settings.as_good_share
+            enough = self.retuned.cost + share * (least - self.retuned.cost)
         return [(name, own) for name, own in starts if own[0].left < enough][:count]
 
 
@@ -544,18 +514,20 @@ def same(one: Screened, other: Screened) -> bool:
     return abs(float(a @ b)) > SAME_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
-def passes_entry_test(one: FittedModel, other: FittedModel, share: float = ENTRY_SHARE) -> bool:
+def passes_entry_test(one: FittedModel, other: FittedModel, share: float | None = None) -> bool:
     """Return whether ``one`` predicts what is held out of its fit surely better than ``other``.
 
-    ``share`` is that of the squared errors that it has to take away.
+    ``share`` is that of the squared errors that it has to take away, by default ``entry_share``.
     """
+    settings = one.settings
+    share = settings.entry_share if share is None else share
     if one.held_by_bound and not other.held_by_bound:
-        share = max(share, ENTRY_SHARE_ON_BOUND)
-    trials = 2.0 * max(one.chance - other.chance, 0.0)
-    by_chance = not sure(other.left)
+        share = max(share, settings.entry_share_on_bound)
+    least = settings.entry_advantage + 2.0 * max(one.chance - other.chance, 0.0)
+    by_chance = not sure(other.left, settings)
     saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
     return (
         saved > share
-        and advantage(one.evidence, other.evidence, by_chance) > ENTRY_ADVANTAGE + trials
-        and consistency(one.evidence, other.evidence) < ENTRY_PROBABILITY
+        and advantage(one.evidence, other.evidence, by_chance) > least
+        and consistency(one.evidence, other.evidence) < settings.entry_probability
     )

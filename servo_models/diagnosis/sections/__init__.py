@@ -11,8 +11,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
-from servo_models.diagnosis.verdict import FEW, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.diagnosis.weights import COVERED
+from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, number, percent
@@ -75,7 +74,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
     """Effects with their sizes, or what re-tuning moved most."""
     if diagnosis.verdict.kind == PARAMETERS:
         moves = summary.moves(diagnosis)
-        most = sorted(moves, key=lambda name: -abs(moves[name]))[:FEW]
+        most = sorted(moves, key=lambda name: -abs(moves[name]))[: diagnosis.settings.few_models]
         lines = [_moved(diagnosis, value) for value in diagnosis.found if value.name in most]
         if lines:
             yield Card("re-tuned most", "\n".join(lines), None, PARAMETER)
@@ -83,7 +82,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Card]:
     named = [effect for effect in diagnosis.ranking if effect.taken or effect.in_set]
     if not named:
         return
-    lines = [_cause(diagnosis, effect) for effect in named[: FEW + 1]]
+    lines = [_cause(diagnosis, effect) for effect in named[: diagnosis.settings.few_models + 1]]
     more = [f"and {len(named) - len(lines)} more"] if len(named) > len(lines) else []
     title = {OUTSIDE: "nearest", NOT_IDENTIFIABLE: "one of"}.get(diagnosis.verdict.kind, "cause")
     yield Card(title, "\n".join([*lines, *more]), None, EFFECTS)
@@ -214,7 +213,7 @@ def _shape(diagnosis: Diagnosis) -> Section:
 
 
 def _effects(diagnosis: Diagnosis) -> Section:
-    selection = diagnosis.selection
+    selection, covered = diagnosis.selection, diagnosis.settings.covered_probability
     groups = {
         "Effects, fitted one at a time": selection.of_size(1),
         "Pairs of effects": selection.of_size(2),
@@ -224,7 +223,7 @@ def _effects(diagnosis: Diagnosis) -> Section:
         EFFECTS,
         "Every effect was switched on and fitted, with the nominal parameters free inside their"
         " uncertainty; what counts is the error on stretches that the fit has not seen. The set is"
-        f" meant to hold a cause of the catalogue with {percent(COVERED)} probability."
+        f" meant to hold a cause of the catalogue with {percent(covered)} probability."
         f" {_likely(diagnosis)}{_refined(diagnosis)}",
         tables=(
             tables.effects(diagnosis),
@@ -329,11 +328,13 @@ def _next(diagnosis: Diagnosis) -> Section:
 
 
 def _provenance(diagnosis: Diagnosis) -> Section:
-    model = diagnosis.model
+    model, changed = diagnosis.model, diagnosis.settings.changed
+    settings = ", ".join(f"{name} {number(value)}" for name, value in changed.items())
     facts = [
         ("actuator", f"{model.actuator.name}, variant {model.variant}"),
         ("values from", model.provenance),
         ("no gap", f"below {number(diagnosis.tolerance)} noise floors"),
+        ("settings", settings or "the default ones"),
         *log_facts(diagnosis.logs),
         *{"servo-models": installed_version(), **conditions()}.items(),
     ]

@@ -1,0 +1,140 @@
+"""What decides the verdict of a diagnosis, and how much it tries.
+
+Numbers that only keep arithmetic sound, such as ridges, roundings and grids of trial values, stand
+where they are used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from servo_models.errors import UserError
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a diagnosis holds for enough, for sure and for the same.
+
+    The defaults were chosen on simulated logs whose causes are known, with other seeds than those
+    that are reported (docs/studies/search.md).
+
+    Attributes:
+        most_effects: in a fitted model.
+        fits_alone: smooth effects that are fitted alone.
+        fits_beside: effects that are fitted beside each of the best models.
+        bases: models beside which further effects are fitted, none with an effect of a better one:
+            that of two look-alikes which is closer to the cause gains more by what both lack.
+        fits_exchanged: rivals that are fitted in the place of each effect of a model.
+        fit_steps: of the least squares of a fit.
+        fit_tolerance: decrease of its cost over the cost, that ends it.
+        promised_cost: that screening promises over the cost of the model without an effect, below
+            which the effect is worth a fit.
+        rival_cost: the same over that of the model itself, for an effect that may do as well.
+        as_good_share: share of what a model closes that leaves noise only, which another one has to
+            promise.
+        enough_floors: held-out error [noise floors] below which a model is enough, and no effect
+            joins it, unless the tolerance is less.
+        entry_gap_share: part of what re-tuned parameters leave above the noise floor [RMS] that a
+            first effect has to take away.
+        entry_advantage: twice the log likelihood ratio by which an effect has to predict unseen
+            blocks better, beyond what the best of so many trials does by chance.
+        entry_probability: that so many blocks favour it by chance.
+        entry_share: share of the mean square error left that an effect has to take away.
+        entry_share_on_bound: the same where a bound holds it back: what it imitates may be another
+            effect.
+        entry_share_of_third: the same for a third effect and each after it, and for each further
+            sine of a ripple: many together imitate what is none of them.
+        loss_factor_on_bound: factor on the unseen errors of a model that a bound holds back.
+        bound_advantage: squared errors beyond a bound over their dispersion, from which it holds a
+            model back.
+        least_conditions: conditions of logs of which one is left out in turn.
+        settled_over_noise: structured part of the errors over the noise, below which noise is left.
+        structured_over_noise: the same, from which a part that is surely structured matters.
+        missed_gap_share: part of what there was to explain, that it is at least.
+        structured_floors: structured part [RMS, noise floors] that always matters.
+        many_effects: in a model by which nothing may be left.
+        most_left_floors: structured part [RMS, noise floors] that a verdict without an effect may
+            leave.
+        followed_share: error left over the standard deviation of a reading, from which the model
+            does not follow it.
+        locked_probability: that errors follow the command so far by chance.
+        locked_over_noise: what follows it over the noise, from which it matters: noise alone passed
+            both in 1 of 394 trials.
+        hunting_share: share of a difference that stays at a tenth of the move, from which a
+            response hunts.
+        explained_share: share of what can be closed from which parameters explain a gap.
+        masked_floors: movement of the outputs [RMS, noise floors] from which masked effects are
+            told.
+        shown_deviations: standard deviations, of noise or of the parameters together, by which an
+            effect stands out.
+        few_models: that a set may hold and still say something.
+        covered_probability: that a set holds the cause.
+        temper: factor on the dispersion: a small effect that is missing beside the right one, or a
+            law that is not quite the actuator's, favours a wrong one by more than noise would.
+        doubt_share: share of what a fitted model surely lacks that may favour a wrong one.
+        map_closed_share: share of what is left that a map of it has to close.
+
+    Raises:
+        UserError: a value that is not finite or below 0, or a count below 1.
+
+    Example:
+        >>> import servo_models as sm
+        >>> found = sm.diagnose("gimbal.toml", settings=sm.Settings(most_effects=1))
+    """
+
+    most_effects: int = 5
+    fits_alone: int = 10
+    fits_beside: int = 4
+    bases: int = 2
+    fits_exchanged: int = 8
+    fit_steps: int = 25
+    fit_tolerance: float = 1e-4
+    promised_cost: float = 0.95
+    rival_cost: float = 1.1
+    as_good_share: float = 0.5
+    enough_floors: float = 1.1
+    entry_gap_share: float = 0.1
+    entry_advantage: float = 20.0
+    entry_probability: float = 0.05
+    entry_share: float = 0.02
+    entry_share_on_bound: float = 0.2
+    entry_share_of_third: float = 0.2
+    loss_factor_on_bound: float = 1.25
+    bound_advantage: float = 9.0
+    least_conditions: int = 3
+    settled_over_noise: float = 0.3
+    structured_over_noise: float = 0.4
+    missed_gap_share: float = 0.2
+    structured_floors: float = 5.0
+    many_effects: int = 3
+    most_left_floors: float = 2.0
+    followed_share: float = 0.7
+    locked_probability: float = 0.02
+    locked_over_noise: float = 0.25
+    hunting_share: float = 0.5
+    explained_share: float = 0.5
+    masked_floors: float = 1.0
+    shown_deviations: float = 3.0
+    few_models: int = 3
+    covered_probability: float = 0.95
+    temper: float = 3.0
+    doubt_share: float = 0.02
+    map_closed_share: float = 0.2
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type == "int" and not (isinstance(value, int) and value >= 1):
+                raise UserError(f"setting '{field.name}' is {value!r}: give a whole number from 1")
+            if not (isinstance(value, (int, float)) and 0.0 <= value < math.inf):
+                raise UserError(f"setting '{field.name}' is {value!r}: give a finite number from 0")
+
+    @property
+    def changed(self) -> dict[str, float]:
+        """Those that are not the default, by name."""
+        plain = {field.name: field.default for field in fields(self)}
+        return {name: value for name, value in vars(self).items() if value != plain[name]}
+
+
+DEFAULT = Settings()
