@@ -92,6 +92,32 @@ def test_a_single_effect_is_exchanged_for_what_was_never_fitted() -> None:
     assert alone["null_shift"] == pytest.approx(found.cost, rel=0.01)
 
 
+def test_the_best_pair_is_exchanged_until_none_does_better() -> None:
+    """Neither of its effects is a cause, and noise is not all that it leaves."""
+    causes = {"transport_delay.time": 1.1e-3, "drive_saturation.limit": 15.0}
+    fitter, every = made(causes)
+    wrong = ("coulomb_friction", "cogging")
+    found = fitter.fit(wrong, [free for name in wrong for free in every[name].free])
+    assert not found.settled
+    search = selection_of(fitter, every.values())
+    search.keep(found)
+    search.exchange_best(2)
+    best = search.best(2)[0]
+    assert set(best.effects) == {parameter.partition(".")[0] for parameter in causes}
+    assert best.settled
+
+
+def test_a_fit_ends_early_only_where_it_cannot_reach_what_it_has_to() -> None:
+    fitter, every = made(PAIR)
+    name = "drive_saturation"
+    start = every[name].at({"drive_saturation.limit": 25.0})
+    whole = fitter.fit((name,), start)
+    early = fitter.fit((name,), start, enough=0.1 * whole.cost)
+    assert early.problem.memory.evaluations < 0.7 * whole.problem.memory.evaluations
+    assert early.cost > 0.1 * whole.cost
+    assert fitter.fit((name,), start, enough=1.1 * whole.cost).cost == whole.cost
+
+
 def test_few_values_show_from_the_nominal_model_what_all_values_do() -> None:
     fitter, every = made({"coulomb_friction.level": 1.5e-3})
     retuned = fitter.fit((), ())
