@@ -1,7 +1,7 @@
 """Effects that re-tuned parameters imitate: one may be there, and the logs would hardly show it.
 
 Screening tells of which that may be so; then the effect is put into the model at the values that
-were screened, the largest first, and the parameters are fitted beside it.
+were screened, and at some between them, and the parameters are fitted beside it.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.diagnosis.search.candidates import Candidate, Values
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation
 
+HALVINGS = 2
+"""Of the way between a size that does not show and the next one, which does."""
 UNMASKED_SHARE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
-SIZES_TRIED = 5
-"""Sizes of each shape, the largest that slopes call masked first."""
 SHAPES_TRIED = 2
 """Shapes and signs of an effect, those first that may move most."""
 MASKED_FIT_STEPS = 8
@@ -101,17 +102,43 @@ def _alike(result: Screened) -> bool:
 def _largest(
     fitter: Fitter, retuned: FittedModel, sizes: Iterable[Screened]
 ) -> MaskedEffect | None:
-    """The effect of one sign and shape at the largest of its sizes that does not show."""
-    imitated = sorted(filter(_alike, sizes), key=lambda it: -float(np.linalg.norm(it.change)))
-    for result in imitated[:SIZES_TRIED]:
-        settings, start = result.settings, result.linearised.start(result.change)
-        on = replace(fitter.model, values={**fitter.model.values, **settings})
-        other = replace(fitter, model=on)
-        effect, slopes = (result.candidate.name,), retuned.linearised.slopes
-        model = other.fit(effect, (), start, slopes, limit=MASKED_FIT_STEPS)
-        if not _stands_out(model, retuned):
-            return MaskedEffect(model, _moved(model, retuned))
-    return None
+    """The effect of one sign and shape at the largest of its sizes that does not show: the largest
+    one, else by bisection, and then nearer to the next one, which does."""
+    imitated = sorted(filter(_alike, sizes), key=lambda it: float(np.linalg.norm(it.change)))
+    largest, hidden, shown = None, -1, len(imitated)
+    middle = shown - 1
+    while hidden < middle < shown:
+        result = imitated[middle]
+        start = result.linearised.start(result.change)
+        found = _masked(fitter, retuned, result.candidate, result.settings, start)
+        if found:
+            largest, hidden = found, middle
+        else:
+            shown = middle
+        middle = (hidden + shown) // 2
+    if shown == len(imitated):
+        return largest
+    one, high = imitated[shown].candidate, imitated[shown].settings
+    low = imitated[hidden].settings if hidden >= 0 else dict.fromkeys(one.switches, 0.0)
+    for _ in range(HALVINGS):
+        between = {name: 0.5 * (low.get(name, value) + value) for name, value in high.items()}
+        start = largest.fitted_model.values if largest else retuned.values
+        found = _masked(fitter, retuned, one, between, start)
+        if found:
+            low, largest = between, found
+        else:
+            high = between
+    return largest
+
+
+def _masked(
+    fitter: Fitter, retuned: FittedModel, one: Candidate, settings: Values, start: Values
+) -> MaskedEffect | None:
+    """An effect at some settings with parameters re-tuned beside it, None where it shows."""
+    on = replace(fitter.model, values={**fitter.model.values, **settings})
+    slopes, other = retuned.linearised.slopes, replace(fitter, model=on)
+    found = other.fit((one.name,), (), start, slopes, limit=MASKED_FIT_STEPS)
+    return None if _stands_out(found, retuned) else MaskedEffect(found, _moved(found, retuned))
 
 
 def _stands_out(found: FittedModel, retuned: FittedModel) -> bool:
