@@ -255,8 +255,16 @@ def compare(other: Path, wanted: str, turns: int, longest: float) -> None:
             )
 
 
+def repeated(path: Path, count: int) -> Path:
+    """The description with its log so many times."""
+    head, log = path.read_text("utf-8").split("[[logs]]")
+    path.write_text(head + count * f"[[logs]]{log}", encoding="utf-8")
+    return path
+
+
 def picture(file: Path) -> None:
-    """Draw how the cost of the SG90's log grows with its length and with the catalogue."""
+    """Draw how the cost of the SG90's log grows with its length, with the number of logs and with
+    the catalogue."""
     import matplotlib.pyplot as plt
 
     shares = (0.25, 0.5, 0.75, 1.0)
@@ -266,12 +274,14 @@ def picture(file: Path) -> None:
         names.remove("drive_saturation")
         processor_time(sg90(folder, 5.0))  # compiles
         length = [processor_time(sg90(folder, 60.0 * share)) for share in shares]
+        logs = [processor_time(repeated(sg90(folder, 15.0), count)) for count in range(1, 5)]
         path = sg90(folder)
         effects = [
             processor_time(path, tuple(names[int(share * len(names)) :])) for share in shares
         ]
     _, axes = plt.subplots(figsize=(5.0, 3.2), layout="constrained")
     axes.plot(shares, length, "o-", label="length of the log, of 60 s")
+    axes.plot(shares, logs, "^:", label="number of logs of 15 s, of 4")
     axes.plot(shares, effects, "s--", label=f"effects of the catalogue, of {len(names) + 1}")
     axes.set(xlabel="share", ylabel="time of one processor [s]", xlim=(0.0, 1.05), ylim=(0.0, None))
     axes.legend()

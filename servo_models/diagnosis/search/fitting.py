@@ -43,7 +43,7 @@ FINAL_TOLERANCE = 1e-7  # of the cost
 """Of a fit that is reported."""
 FINAL_STEPS = 60
 HOPELESS_RATIO = 1.5
-"""Cost of a fit over what it has to reach, from which a smooth twin of it is of no use."""
+"""Cost of a fit over what it has to reach, from which no other start is made."""
 COARSE_WIDTH_IN_SCALES = 0.02
 """Of slopes where an effect makes the response jump."""
 COARSE_RELATIVE_WIDTH = 0.01

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from servo_models.diagnosis.search.candidates import Candidate
-from servo_models.diagnosis.search.fitting import FittedModel, Fitter
+from servo_models.diagnosis.search.fitting import HOPELESS_RATIO, FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
 
@@ -42,7 +42,7 @@ def beside(
         best = _followed(fitter, best, kept, result.candidate)
     best = _polished(fitter, best, first) if result.candidate.discontinuous else best
     for free, values in _half_jumps(begin, best) if result.candidate.jump else ():
-        if best.settled:
+        if best.settled or best.cost > HOPELESS_RATIO * enough:
             break
         race = min(enough, best.cost)
         found = fitter.fit(effects, [*kept, *free], values, slopes, enough=race)

@@ -52,7 +52,6 @@ FIRST_ALONE = 4
 SAME_COSINE = 0.99
 """Between two changes of the response, from which they are one."""
 
-
 RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
 DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"
 RIVALS, SINES = "effects that may do as well", "further sines of ripples"
@@ -384,7 +383,7 @@ class SubsetSelection:
         """Fit some effects beside those of a model, those only that were not fitted yet."""
         first = self.settings.bases
         new = [it for it in starts if frozenset((*base.effects, it[0])) not in self.models]
-        for some in (new[:first], new[first:]):  # which tell what the others have to reach
+        for some in (new[:first], new[first:]):  # the first tell what the others have to reach
             fit = partial(beside, first=base, enough=self.to_reach(len(base.effects) + 1))
             self.fit([((*base.effects, name), partial(fit, own=own)) for name, own in some])
 
