@@ -14,8 +14,15 @@ from servo_models.diagnosis import verdict as verdicts
 from servo_models.diagnosis.residual_regression import LockedTest
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import Selection, select_effects
-from servo_models.diagnosis.verdict import EFFECT, EFFECTS, NO_GAP, OUTSIDE, PARAMETERS, decide
-from servo_models.diagnosis.weights import model_weights
+from servo_models.diagnosis.verdict import (
+    EFFECT,
+    EFFECTS,
+    NO_GAP,
+    OUTSIDE,
+    PARAMETERS,
+    decide,
+    model_weights,
+)
 from tests.support.diagnoses import made
 
 
