@@ -7,7 +7,7 @@ the other parameters there are simulated before a fit of dozens of simulations b
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -29,25 +29,35 @@ def beside(
 ) -> FittedModel:
     """Fit an effect beside those of ``first``, from its results of screening there.
 
-    It begins where least is left, and while something is left to explain, with half of a jump as
-    well.  A fit that cannot leave ``enough`` squared errors ends early.
+    It begins where least is left, and while something is left to explain, with another shape and
+    with half of a jump as well.  A fit that cannot leave ``enough`` squared errors ends early.
     """
     kept = [free for free in first.problem.free if free.prior is None]
     effects = (*first.effects, own[0].candidate.name)
-    glances = (best_start(result, thorough=False) for result in own)
+    glances = [best_start(result, thorough=False) for result in own]
     result = min(glances, key=lambda start: start.cost).result
     begin, slopes = best_start(result), result.linearised.slopes
     best = fitter.fit(effects, [*kept, *begin.free], begin.values, slopes, enough=enough)
     if best.cost < first.cost:
         best = _followed(fitter, best, kept, result.candidate)
     best = _polished(fitter, best, first) if result.candidate.discontinuous else best
-    for free, values in _half_jumps(begin, best) if result.candidate.jump else ():
+    further = [(it.free, it.values) for it in _other_shapes(glances, result)]
+    further += _half_jumps(begin, best) if result.candidate.jump else ()
+    for free, values in further:
         if best.settled or best.cost > HOPELESS_RATIO * enough:
             break
         race = min(enough, best.cost)
         found = fitter.fit(effects, [*kept, *free], values, slopes, enough=race)
         best = min(best, found, key=lambda it: it.cost)
     return best
+
+
+def _other_shapes(glances: Iterable[Start], first: Screened) -> Iterator[Start]:
+    """The best start of another shape than the first one, to which no slope may lead."""
+    shape = first.candidate.shape_at(first.settings)
+    others = [it for it in glances if first.candidate.shape_at(it.result.settings) != shape]
+    if others:
+        yield best_start(min(others, key=lambda start: start.cost).result)
 
 
 def _half_jumps(
