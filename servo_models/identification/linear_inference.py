@@ -242,11 +242,13 @@ def _doubted(known: _Probes, again: _Probes, promised: Array, here: NDArray[np.i
 
     Where a response jumps, as on the edge of a dead zone, small moves meet no jump: their slopes
     agree with each other, but not with those over the width to which the parameters are known.
+    What the third order of an exponential of the move would make is curvature, no jump.
     """
     axes = slice(0, len(here))
     energy = np.sum(known.slopes[:, axes] ** 2, axis=0)
     missed = np.sum((again.slopes - promised) ** 2, axis=0) - again.noise
     parts = again.along[here] ** 2 * energy[:, None]
+    missed -= np.sum(parts * ((again.widths * again.along[here]) ** 2 / 6.0) ** 2, axis=0)
     members = parts > MEMBER**2 * parts.max(axis=0)
     more = members @ (np.maximum(missed, 0.0) / parts.sum(axis=0))
     known.noise[axes] = np.maximum(known.noise[axes], more * energy)

@@ -87,14 +87,17 @@ def test_sg90_is_met_on_the_steps_held_out(diagnosed: Diagnosed) -> None:
 def test_what_differs_between_repeats_of_the_film_is_a_frame_that_drifts(
     diagnosed: Diagnosed,
 ) -> None:
-    """It counts as noise, so it is no gap until the tolerance is below that."""
+    """It counts as noise, so it is no gap until the tolerance is below that.
+
+    Pulses come every 20 ms; frames come every 33 ms and tell so within a wide error only.
+    """
     found = diagnosed("sg90_video.toml")
     assert found.within_tolerance
     assert any("between repeats" in text for text in summary.warnings(found))
     looked = diagnosed("sg90_video.toml", 1.0)
     assert looked.selection.taken.effects == ("sample_hold",)
-    (period,) = [one.value for one in looked.found if one.name == "sample_hold.period"]
-    assert period == pytest.approx(0.02, rel=0.05)
+    (period,) = [one for one in looked.found if one.name == "sample_hold.period"]
+    assert abs(period.value - 0.02) < 2.0 * period.standard_error
 
 
 @pytest.mark.long
