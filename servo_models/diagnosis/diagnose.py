@@ -125,8 +125,16 @@ def _diagnose(
     audited = audits(told.logs, told.model.plant)
     floors, origins = noise_floors(audited), noise_origins(audited)
     steps = InternalSteps(told.model, floors, stop)
-    priors = prior_parameters(told)
-    fitter = Fitter(told.model, told.logs, priors, floors, workers, steps=steps, settings=settings)
+    fitter = Fitter(
+        told.model,
+        told.logs,
+        prior_parameters(told),
+        floors,
+        workers,
+        steps=steps,
+        settings=settings,
+        wide=prior_parameters(told, settings.wider_prior),
+    )
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
     # what does not follow the command is no curve of what the actuator does

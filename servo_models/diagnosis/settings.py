@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, fields
 
 from servo_models.errors import UserError
+from servo_models.identification.problem import FAR_DEVIATIONS, WIDER_PRIOR
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,9 @@ class Settings:
         fits_exchanged: rivals that are fitted in the place of each effect of a model.
         fit_steps: of the least squares of a fit.
         fit_tolerance: decrease of its cost over the cost, that ends it.
+        far_deviations: prior deviations that a fit moves a parameter, from which it is also tried
+            with a wider prior.
+        wider_prior: factor on that prior.
         promised_cost: that screening promises over the cost of the model without an effect, below
             which the effect is worth a fit.
         rival_cost: the same over that of the model itself, for an effect that may do as well.
@@ -90,6 +94,8 @@ class Settings:
     fits_exchanged: int = 8
     fit_steps: int = 25
     fit_tolerance: float = 1e-4
+    far_deviations: float = FAR_DEVIATIONS
+    wider_prior: float = WIDER_PRIOR
     promised_cost: float = 0.95
     rival_cost: float = 1.1
     as_good_share: float = 0.5

@@ -24,7 +24,7 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
-from servo_models.identification.doubts import doubt, together
+from servo_models.identification.doubts import doubt, surprise, together
 from servo_models.identification.simulation import false_starts
 
 SEEN = 1.0
@@ -37,8 +37,6 @@ MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
 MOST_ALTERNATIVES = 3
 """Alternatives of a confidence set that a sentence names."""
-SURPRISING = 3.0
-"""Prior standard deviations from which a nominal parameter has moved further than it should."""
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -129,7 +127,9 @@ def _headline(diagnosis: Diagnosis) -> str:
     if kind == NO_GAP:
         return "No gap"
     if diagnosis.explained:
-        return f"Re-tuned parameters explain {whole}, no effect is needed"
+        others = surprises(diagnosis)
+        said = f"{listed(others)}, and re-tuned parameters" if others else "Re-tuned parameters"
+        return f"{said} explain {whole}, no effect is needed"
     if kind == PARAMETERS:
         return f"{whole.capitalize()} cannot be told from noise, no effect is needed"
     if kind == NOT_IDENTIFIABLE:
@@ -142,7 +142,18 @@ def _headline(diagnosis: Diagnosis) -> str:
         if unfinished:
             return f"{best}, something is left"
         return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
-    return f"{placed(diagnosis, taken)} {'explains' if kind == EFFECT else 'explain'} {whole}"
+    beside = "".join(f", and {text}" for text in surprises(diagnosis))
+    verb = "explains" if kind == EFFECT else "explain"
+    return f"{placed(diagnosis, taken)} {verb} {whole}{beside}"
+
+
+def surprises(diagnosis: Diagnosis) -> list[str]:
+    """Return "'a' is 30 ms, not 5 ms" of parameters that are far from what is believed."""
+    plant, said = diagnosis.model.plant, []
+    for value in diagnosis.found:
+        if value.name in far(diagnosis):
+            said.append(surprise(plant.parameters[value.name], value.nominal, value.value))
+    return said
 
 
 def none_explains(diagnosis: Diagnosis) -> str:
@@ -278,10 +289,16 @@ def moves(diagnosis: Diagnosis) -> dict[str, float]:
     """Return how far nominal parameters moved, in prior standard deviations, by name."""
     free = {one.name: one for one in diagnosis.selection.taken.problem.free}
     return {
-        value.name: (value.value - value.nominal) / prior
+        value.name: free[value.name].moved(value.value)
         for value in diagnosis.found
-        if (prior := free[value.name].prior) is not None
+        if free[value.name].prior is not None
     }
+
+
+def far(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return those that are surprising."""
+    least = diagnosis.settings.far_deviations
+    return {name: by for name, by in moves(diagnosis).items() if abs(by) > least}
 
 
 def doubts(diagnosis: Diagnosis) -> dict[str, str]:
@@ -416,9 +433,8 @@ def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
             "no nominal parameter has an uncertainty: all are held fixed, and a wrong value looks"
             " like an effect; add [uncertainty] to the description"
         )
-    far = {name: by for name, by in moves(diagnosis).items() if abs(by) > SURPRISING}
-    if far:
-        each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in far.items())
+    if surprising := far(diagnosis):
+        each = ", ".join(f"'{name}' by {by:+.2g}" for name, by in surprising.items())
         yield (
             f"moved further than their uncertainties allow, in prior deviations: {each}; either"
             " these were too small, or the parameters stand in for an effect that is missing"

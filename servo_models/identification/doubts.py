@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.core.plant import Parameter
 from servo_models.core.types import Array
 from servo_models.data.audit import audits, noise_floors
 from servo_models.data.outliers import off_neighbours
 from servo_models.identification.linear_inference import Spread
-from servo_models.identification.problem import Free, Problem
-from servo_models.report.numbers import number
+from servo_models.identification.problem import FAR_DEVIATIONS, WIDER_PRIOR, Free, Problem
+from servo_models.report.numbers import number, with_unit
 from servo_models.report.sections import Report
 
 if TYPE_CHECKING:
@@ -116,6 +118,18 @@ def _wild(found: Identification, name: str) -> str:
     return ", ".join(logs[i] for i in largest[:NAMED]) if share > WILD_SQUARES else ""
 
 
+def is_far(free: Free, value: float) -> bool:
+    """Return whether a value [SI] is further from the nominal one than was believed."""
+    return abs(free.moved(value)) > FAR_DEVIATIONS
+
+
+def surprise(parameter: Parameter, nominal: float, value: float) -> str:
+    """Return "'a' is 30 ms, not 5 ms", of values in SI."""
+    scale, unit = display_scale(parameter), display_unit(parameter)
+    now, was = (with_unit(number(scale * it, 3), unit) for it in (value, nominal))
+    return f"'{parameter.name}' is {now}, not {was}"
+
+
 def doubt(free: Free, value: float, error: float) -> str:
     """Return in a few words why an estimate is doubtful, "" if it is not; figures in SI."""
     if np.isnan(error):
@@ -158,6 +172,14 @@ def warnings(problem: Problem, vector: Array, found: Spread) -> list[str]:
                 " depends on it; begin with another value, or fix it"
             )
             said.append(text if reason == FROM_PRIOR else Doubt(text))
+        elif free.prior and abs(value - free.nominal) > FAR_DEVIATIONS * free.prior:
+            said.append(
+                Doubt(
+                    f"'{free.name}' is {abs(free.moved(value)):.2g} prior deviations away, too far"
+                    f" even for a prior {WIDER_PRIOR:g} times as wide: the model lacks something,"
+                    " so run 'diagnose', or its nominal value is that of another actuator"
+                )
+            )
         elif reason == FROM_PRIOR:
             unseen.append(f"'{free.name}'")
         elif reason == PULLED:

@@ -14,7 +14,7 @@ from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.doubts import Doubt, warnings
+from servo_models.identification.doubts import Doubt, is_far, warnings
 from servo_models.identification.linear_inference import spread
 from servo_models.identification.optimise import (
     LOCAL,
@@ -25,7 +25,13 @@ from servo_models.identification.optimise import (
     search,
 )
 from servo_models.identification.preconditions import checked_logs
-from servo_models.identification.problem import Problem, free_names, free_parameter
+from servo_models.identification.problem import (
+    WIDER_PRIOR,
+    Free,
+    Problem,
+    free_names,
+    free_parameter,
+)
 from servo_models.identification.result import Identification, conclude
 from servo_models.identification.simulation import false_starts
 
@@ -87,7 +93,31 @@ def fit(
 
 def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress) -> Identification:
     before = _nominal_responses(problem)
-    found = search(problem, kind, starts, seed, tell)
+    problem, found = _reweighted_search(problem, search(problem, kind, starts, seed, tell), tell)
+    while (free := _widened(problem, found.vector)) != problem.free and not found.interrupted:
+        tell("widening the priors of parameters that moved far")
+        problem = replace(problem, free=free, start=found.vector)
+        again = search(problem, LOCAL, 1, 0, tell, smooth=found.widths is None)
+        problem, found = _reweighted_search(problem, replace(again, costs=found.costs), tell)
+    if found.widths is not None and not found.interrupted:
+        found = polished(problem, found, seed, tell)
+    return _concluded(problem, found, before, kind, starts, tell)
+
+
+def _widened(problem: Problem, vector: Array) -> list[Free]:
+    """Free parameters, those that moved far with a wider prior: with its own, one would stay
+    between what is believed and what the logs show."""
+    values = problem.values(vector)
+    return [
+        replace(free, prior=WIDER_PRIOR * free.prior, widened=WIDER_PRIOR)
+        if free.prior and free.widened == 1.0 and is_far(free, values[free.name])
+        else free
+        for free in problem.free
+    ]
+
+
+def _reweighted_search(problem: Problem, found: Optimum, tell: Progress) -> tuple[Problem, Optimum]:
+    """Search again while each output is weighted by its own error."""
     # one weight on everything moves no optimum
     moving = len(problem.sigma) > 1 or any(free.prior for free in problem.free)
     for _ in range(REWEIGHTINGS if not found.interrupted else 0):
@@ -101,8 +131,18 @@ def _fitted(problem: Problem, kind: str, starts: int, seed: int, tell: Progress)
         found = replace(again, costs=found.costs)
         if found.interrupted:
             break
-    if found.widths is not None and not found.interrupted:
-        found = polished(problem, found, seed, tell)
+    return problem, found
+
+
+def _concluded(
+    problem: Problem,
+    found: Optimum,
+    before: list[dict[str, Array]],
+    kind: str,
+    starts: int,
+    tell: Progress,
+) -> Identification:
+    """Standard errors of a fit, and what makes it doubtful."""
     tell("standard errors")
     found = replace(found, vector=_on_bounds(problem, found.vector))
     values = problem.values(found.vector)

@@ -30,6 +30,12 @@ REFUSED, LARGEST = 1e3, 1e100
 the measured range where that is more than 1: no motion at all leaves less."""
 
 
+FAR_DEVIATIONS = 3.0
+"""Prior deviations that a fit moves a parameter, from which its prior was too narrow."""
+WIDER_PRIOR = 10.0
+"""Factor on such a prior."""
+
+
 @dataclass(frozen=True)
 class Free:
     """A parameter to be estimated, all figures in SI.
@@ -43,6 +49,7 @@ class Free:
         nominal: value of the model before the fit.
         prior: standard deviation of ``nominal``, or None.
         switch: at 0 it takes its effect away.
+        widened: times that ``prior`` is wider than what is believed.
     """
 
     name: str
@@ -53,6 +60,16 @@ class Free:
     nominal: float
     prior: float | None = None
     switch: bool = False
+    widened: float = 1.0
+
+    @property
+    def believed(self) -> float | None:
+        """Standard deviation of ``nominal`` before it was widened, None for none."""
+        return self.prior / self.widened if self.prior else None
+
+    def moved(self, value: float) -> float:
+        """How far a value [SI] is from the nominal one, in believed deviations; 0 without one."""
+        return (value - self.nominal) / self.believed if self.believed else 0.0
 
 
 def free_parameter(

@@ -26,7 +26,7 @@ from servo_models.data.audit import Reading as Measured
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
-from servo_models.identification.doubts import correlated, doubt
+from servo_models.identification.doubts import correlated, doubt, is_far, surprise
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
@@ -139,9 +139,19 @@ def _sentence(found: Identification) -> str:
     held_out = judged_part(found, output) == HELD_OUT
     error = "held-out error" if held_out else "error (nothing held out)"
     return (
+        f"{''.join(f'{text}; ' for text in _surprises(found))}"
         f"{count} parameter{'s' * (count != 1)} fitted: {error} of {words(output)}"
         f" {_change(found, output)} RMS"
     )
+
+
+def _surprises(found: Identification) -> list[str]:
+    """Which values are far from what was believed."""
+    return [
+        surprise(found.fitted.plant.parameters[free.name], free.nominal, value)
+        for free, value in zip(found.free, found.values.tolist())
+        if is_far(free, value)
+    ]
 
 
 def _judgement(found: Identification) -> bool | None:
@@ -288,7 +298,7 @@ def _parameter_row(
     return (
         free.name,
         Quantity(scale * free.nominal, unit, digits=6),
-        None if free.prior is None else Quantity(scale * free.prior, unit, digits=3),
+        None if free.believed is None else Quantity(scale * free.believed, unit, digits=3),
         estimate,
         Mark(reason or "determined", None if reason else True),
         parameter.param.about,

@@ -56,7 +56,13 @@ VARIANTS = (
         "data sheets of bus servos: 60 degrees in 0.1 to 0.3 s, 18 kg cm; angles are given in"
         " degrees or counts, so the gain is 1; of the rest nothing is known",
         plant=BUS_PLANT,
-        uncertainty={**UNKNOWN, "gain": 0.02, "speed_limit": 0.4},
+        uncertainty={
+            **UNKNOWN,
+            "gain": 0.02,
+            "speed_limit": 0.4,
+            # of the servo alone; a bus, a ROS node or a camera makes it 20 to 150 ms
+            "transport_delay.time": 10.0,
+        },
         command="goal",
     ),
 )

@@ -329,6 +329,7 @@ class Fitter:
     Attributes:
         model, logs: of the diagnosis.
         nominal: parameters with a prior, free in every fit.
+        wide: the same with wider priors.
         floors: noise floor [SI] of each output, its weight.
         workers: on which simulations go on together.
         rough: over which slopes of the nominal parameters mean something, in scales, by name;
@@ -352,6 +353,7 @@ class Fitter:
     trials: dict[str, float] = field(default_factory=dict)
     steps: Steps | None = None
     settings: Settings = DEFAULT
+    wide: tuple[Free, ...] = ()
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
@@ -359,6 +361,21 @@ class Fitter:
         return Problem(
             self.model, self.logs, free, dict(self.floors), self.workers, steps=self.steps
         )
+
+    def widened(self, found: FittedModel) -> Fitter | None:
+        """Return a fitter with wider priors of the parameters that a fit drives far from what is
+        believed, or onto a bound; None where there are none."""
+        sides, values = found.problem.sides(found.evidence.vector), found.values
+        far = {
+            free.name
+            for free, side in zip(found.problem.free, sides)
+            if side or abs(free.moved(values[free.name])) > self.settings.far_deviations
+        }
+        nominal = tuple(
+            wide if own.name in far and (wide.low, wide.high) != (own.low, own.high) else own
+            for own, wide in zip(self.nominal, self.wide)
+        )
+        return None if nominal in ((), self.nominal) else replace(self, nominal=nominal)
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""
@@ -550,7 +567,7 @@ def _strangeness(problem: Problem, vector: Array) -> float:
     found, plant = 0.0, problem.model.plant
     for free, value in zip(problem.free, vector * problem.scales):
         if free.prior is not None:
-            found += 0.5 * ((value - free.nominal) / free.prior) ** 2
+            found += 0.5 * ((value - free.nominal) / free.prior) ** 2 + np.log(free.widened)
     for name, value in problem.values(vector).items():
         param = plant.parameters[name].param
         own = plant.parameters[name].owner and param.switch and param.typical > 0.0

@@ -17,8 +17,9 @@ PRIOR_BOUND_SIGMAS = 4.0
 """Prior deviations that a nominal parameter may move."""
 
 
-def prior_parameters(told: Description) -> tuple[Free, ...]:
-    """Return the parameters that a description gives an uncertainty, with their bounds."""
+def prior_parameters(told: Description, widened: float = 1.0) -> tuple[Free, ...]:
+    """Return the parameters that a description gives an uncertainty, with their bounds; ``widened``
+    is a factor on these uncertainties."""
     parameters, found = told.model.plant.parameters, []
     uncertain = told.uncertainty.keys()
     for name, prior in told.uncertainty.items():
@@ -26,11 +27,10 @@ def prior_parameters(told: Description) -> tuple[Free, ...]:
             continue
         nominal, bounds = told.model.values[name], told.bounds.get(name)
         free = free_parameter(parameters[name], nominal, prior, bounds)
-        low, high = (
-            free.nominal - PRIOR_BOUND_SIGMAS * prior,
-            free.nominal + PRIOR_BOUND_SIGMAS * prior,
-        )
-        found.append(replace(free, low=max(free.low, low), high=min(free.high, high)))
+        wide = widened * prior
+        low, high = nominal - PRIOR_BOUND_SIGMAS * wide, nominal + PRIOR_BOUND_SIGMAS * wide
+        low, high = max(free.low, low), min(free.high, high)
+        found.append(replace(free, low=low, high=high, prior=wide, widened=widened))
     return tuple(found)
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from math import inf, log
 
 import numpy as np
@@ -55,8 +55,9 @@ SAME_COSINE = 0.99
 RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
 DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"
 RIVALS, SINES = "effects that may do as well", "further sines of ripples"
-MASKED, CONDITIONS = "effects that parameters mask", "conditions that are left out"
-STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, MASKED)
+WIDER, MASKED = "wider priors", "effects that parameters mask"
+CONDITIONS = "conditions that are left out"
+STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, WIDER, MASKED)
 """Of a search, in this order."""
 FIRST_ANSWER = "first answer"
 """With which begins what is told once every effect that promises something was fitted alone."""
@@ -130,8 +131,8 @@ def select_effects(
     every = candidates(fitter.model, fitter.logs, owners.union(left_out))
     fitter = replace(fitter, trials={one.name: log(one.trials) for one in every})
     ahead, masked = stages(every), list[MaskedEffect]()
+    enough = min(fitter.settings.enough_floors, tolerance)
     retuned = taken = as_it_is
-    results: list[Screened] = []
     search: SubsetSelection | None = None
 
     def answer(best: FittedModel) -> None:
@@ -147,31 +148,44 @@ def select_effects(
         retuned = taken = fitter.fit((), ())
         retuned = taken = fitter.finish(retuned)
         ahead.remove(RETUNING)
-        say(f"screening {len(every)} effects")
-        others = []
-        if not retuned.settled:
-            nominal = {free.name: free.nominal for free in fitter.nominal}
-            others.append(fitter.unfit((), (), nominal).linearised)
-        results = survey(retuned.linearised, others, every)
-        enough = min(fitter.settings.enough_floors, tolerance)
-        search = SubsetSelection(fitter, retuned, every, moving(results), say, enough, ahead)
-        taken = search.run(answer)
+        search = begun(fitter, retuned, every, say, enough, ahead)
+        search, taken = search.run(answer)
+        retuned = search.retuned
         if taken is retuned and not lacks(retuned, retuned):
             search.begin(MASKED)
             search.say("looking for effects that re-tuned parameters mask")
             least = max(tolerance, fitter.settings.masked_floors)
-            masked = masked_effects(fitter, retuned, results, least)
+            masked = masked_effects(search.fitter, retuned, search.surveyed, least)
         ahead.clear()
     if search and ahead:
         taken = search.so_far()
     if search and taken is not retuned:
         search.say(f"fitting {' and '.join(taken.effects)} to the end")
+        fitter = search.fitter
         retuned, taken = fitter.told(retuned, fit=not stop.passed), fitter.told(taken)
     elif retuned is not as_it_is:
         taken = retuned = fitter.told(retuned)
     tried = search.tried() if search else []
-    reach = reaches(results, every) if results else {}
+    reach = reaches(search.surveyed, every) if search else {}
     return Selection(before, retuned, tried, taken, reach, masked, ahead)
+
+
+def begun(
+    fitter: Fitter,
+    retuned: FittedModel,
+    every: Sequence[Candidate],
+    say: Tell,
+    enough: float,
+    ahead: list[str],
+) -> SubsetSelection:
+    """Screen every effect beside re-tuned parameters; return a selection that begins from there."""
+    say(f"screening {len(every)} effects")
+    others = []
+    if not retuned.settled:
+        nominal = {free.name: free.nominal for free in fitter.nominal}
+        others.append(fitter.unfit((), (), nominal).linearised)
+    results = survey(retuned.linearised, others, every)
+    return SubsetSelection(fitter, retuned, every, results, say, enough, ahead)
 
 
 def stages(every: Sequence[Candidate]) -> list[str]:
@@ -192,7 +206,8 @@ class SubsetSelection:
 
     Attributes:
         fitter, retuned, every: see ``select_effects``.
-        results: of screening every effect beside nominal parameters alone, best first.
+        surveyed: results of screening every effect beside nominal parameters alone, best first.
+        results: those that move the outputs, and further ones.
         enough: held-out error [noise floors] below which no effect joins a model.
         ahead: of ``STAGES``, what is not done yet.
         models: the best fitted model of each set of effects.
@@ -209,27 +224,47 @@ class SubsetSelection:
         ahead: list[str] | None = None,
     ) -> None:
         self.fitter, self.retuned, self.every, self.tell = fitter, retuned, every, tell
-        self.settings, self.results = fitter.settings, list(results)
+        self.settings, self.surveyed = fitter.settings, results
+        self.results = moving(results)
         self.enough = self.settings.enough_floors if enough is None else enough
-        self.screener = Screener(every, results)
+        self.screener = Screener(every, self.results)
         self.models: dict[frozenset[str], FittedModel] = {frozenset(): retuned}
         self.exchanged: set[FittedModel] = set()
         self.carried: dict[FittedModel, float] = {}
         self.ahead = [] if ahead is None else ahead
         self.stopped = False
 
-    def run(self, answer: Callable[[FittedModel], None] = lambda _: None) -> FittedModel:
-        """Return the model whose effects earn their place; ``answer`` is told it as soon as effects
-        were fitted alone."""
+    def run(
+        self, answer: Callable[[FittedModel], None] = lambda _: None
+    ) -> tuple[SubsetSelection, FittedModel]:
+        """Return the model whose effects earn their place, and the selection that found it: this
+        one, or one about nominal parameters with wider priors.
+
+        ``answer`` is told the best as soon as effects were fitted alone.
+        """
         if self.suffices(0):
             answer(self.retuned)
-            return self.retuned
-        smooth = [one for one in self.every if not one.grid]
-        self.grow(1, smooth)
+            return self, self.retuned
+        self.grow(1, [one for one in self.every if not one.grid])
         first = self.accepted()
         answer(first)
         if self.retuned.settled:
-            return first
+            return self, first
+        fitter, wide = self.wide
+        others = []
+        if wide and wide.loss < self.loss(1):
+            others.append(self.about(fitter, wide))
+            if not lacks(others[0][1], self.retuned):
+                return others[0]
+        taken = self.further()
+        self.begin(WIDER)
+        if wide and not others and (lacks(taken, self.retuned) or self.fitter.widened(taken)):
+            others.append(self.about(fitter, wide))
+        return min([(self, taken), *others], key=lambda found: found[1].loss)
+
+    def further(self) -> FittedModel:
+        """Grow models by two effects and more; return the one whose effects earn their place."""
+        smooth = [one for one in self.every if not one.grid]
         self.begin(PAIRS)
         self.grow(2, smooth)
         if self.settled(2):
@@ -254,6 +289,21 @@ class SubsetSelection:
             taken = self.accepted()
         self.begin(SINES)
         return self.with_harmonics(taken)
+
+    @cached_property
+    def wide(self) -> tuple[Fitter, FittedModel | None]:
+        """A fit with wider priors of the parameters that re-tuning drives far from what is
+        believed, where that earns its place as an effect does, and its fitter."""
+        fitter = self.fitter.widened(self.retuned)
+        if fitter is None:
+            return self.fitter, None
+        self.say("widening the priors of parameters that moved far")
+        found = fitter.finish(fitter.fit((), (), self.retuned.values))
+        return fitter, found if passes_entry_test(found, self.retuned) else None
+
+    def about(self, fitter: Fitter, retuned: FittedModel) -> tuple[SubsetSelection, FittedModel]:
+        """Run a selection about other nominal parameters."""
+        return begun(fitter, retuned, self.every, self.tell, self.enough, []).run()
 
     def begin(self, stage: str) -> None:
         """Note that everything before one of ``STAGES`` is done."""

@@ -234,7 +234,8 @@ def _caption(seen: Signature) -> str:
 
 def moved(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     """Return how far each parameter moved, in standard deviations of what was known before."""
-    priors = {one.name: one.prior for one in diagnosis.selection.retuned.problem.free if one.prior}
+    free = diagnosis.selection.retuned.problem.free
+    priors = {one.name: one.believed for one in free if one.believed}
     if diagnosis.within_tolerance or not priors:
         return ()
     picture = Picture(

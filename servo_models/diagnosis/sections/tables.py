@@ -331,7 +331,7 @@ def masked(diagnosis: Diagnosis) -> Table:
 
 def parameters(diagnosis: Diagnosis) -> tuple[Table, Table]:
     """Nominal parameters before, alone and beside the effects, and the effects' own."""
-    priors = {one.name: one.prior for one in diagnosis.selection.retuned.problem.free}
+    priors = {one.name: one.believed for one in diagnosis.selection.retuned.problem.free}
     moved = {} if diagnosis.within_tolerance else {one.name: one for one in diagnosis.moved}
     moves, doubts = summary.moves(diagnosis), summary.doubts(diagnosis)
     known = diagnosis.model.plant.parameters
