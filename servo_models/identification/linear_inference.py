@@ -206,7 +206,7 @@ def _agreed(
         _tried(problem, vector, known, smooth.tolist(), PARTS)
         smooth = smooth[known.noise[smooth] < before[smooth]]
     for _ in range(ROUNDS):
-        slopes, along, noise = _principal(known, here)
+        _, along, noise = _principal(known, here)
         size = np.abs(along).max(axis=0)
         along = along / size
         near = np.abs(along.T @ known.along[here]) / np.linalg.norm(along, axis=0)[:, None]
@@ -219,7 +219,7 @@ def _agreed(
         # a unit of a principal combination moves the errors by 1
         again = _probed(problem, vector, whole, scale * size[weak])
         again = again.only(~again.refused)
-        _doubted(known, again, slopes @ again.along[here], here)
+        _jumped(known, again, along, here)
         known = known.beside(again)
     slopes, along, noise = _principal(known, here)
     noise = noise * FAIR
@@ -237,21 +237,24 @@ def _agreed(
     return data - (data / norms) @ basis @ (basis.T * norms), unseen
 
 
-def _doubted(known: _Probes, again: _Probes, promised: Array, here: NDArray[np.int64]) -> None:
-    """Add to the noise of single parameters what a combination moves beyond what they promise.
+def _jumped(known: _Probes, again: _Probes, whole: Array, here: NDArray[np.int64]) -> None:
+    """Correct slopes of single parameters by what combinations move over wide changes.
 
     Where a response jumps, as on the edge of a dead zone, small moves meet no jump: their slopes
-    agree with each other, but not with those over the width to which the parameters are known.
+    agree with each other, but not with those over the width to which a combination is known.
     What the third order of an exponential of the move would make is curvature, no jump.
+
+    Args:
+        whole: all combinations, shape (p, p); others than those seen ``again`` stay as they are.
     """
     axes = slice(0, len(here))
+    along = again.along[here]
     energy = np.sum(known.slopes[:, axes] ** 2, axis=0)
-    missed = np.sum((again.slopes - promised) ** 2, axis=0) - again.noise
-    parts = again.along[here] ** 2 * energy[:, None]
-    missed -= np.sum(parts * ((again.widths * again.along[here]) ** 2 / 6.0) ** 2, axis=0)
-    members = parts > MEMBER**2 * parts.max(axis=0)
-    more = members @ (np.maximum(missed, 0.0) / parts.sum(axis=0))
-    known.noise[axes] = np.maximum(known.noise[axes], more * energy)
+    missed = again.slopes - known.slopes[:, axes] @ along
+    curved = (along**2 * energy[:, None]) * ((again.widths * along) ** 2 / 6.0) ** 2
+    jumps = np.sum(missed**2, axis=0) > again.noise + np.sum(curved, axis=0)
+    combination = np.argmax(np.abs(np.linalg.inv(whole) @ along), axis=0)
+    known.slopes[:, axes] += missed[:, jumps] @ np.linalg.inv(whole)[combination[jumps]]
 
 
 def _principal(known: _Probes, here: NDArray[np.int64]) -> tuple[Array, Array, Array]:
