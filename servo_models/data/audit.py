@@ -11,12 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.data.outliers import POSITIONS, about_outliers
+from servo_models.data.outliers import POSITIONS
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
 from servo_models.data.sensor import (
     clipped_share,
@@ -44,9 +45,9 @@ ODD = 3.0
 class Audit:
     """What a log is worth.
 
-    ``at_rest`` is the share of samples in which nothing moves; ``outliers`` names single readings
-    far from their neighbours, one sentence an output.  ``commanded`` is False where neither this
-    log nor those beside it have an input that changes, ``moves`` where no output of theirs moves.
+    ``at_rest`` is the share of samples in which nothing moves.  ``commanded`` is False where
+    neither this log nor those beside it have an input that changes, ``moves`` where no output of
+    theirs moves.
     """
 
     log: Log
@@ -54,7 +55,6 @@ class Audit:
     commands: tuple[Command, ...]
     readings: tuple[Reading, ...]
     at_rest: float
-    outliers: tuple[str, ...] = ()
     commanded: bool = True
     moves: bool = True
 
@@ -62,7 +62,6 @@ class Audit:
     def warnings(self) -> tuple[str, ...]:
         """What makes the log doubtful, one sentence each with its cure."""
         return (
-            *self.outliers,
             *_about_time(self.sampling),
             *_about_commands(self.commands, self.commanded, self.moves),
             *(text for reading in self.readings for text in _about_reading(reading)),
@@ -135,18 +134,22 @@ def _steps(logs: Sequence[Log], plant: Plant) -> list[dict[str, Step]]:
         if plant.wire[name].flag:
             steps = [NO_STEP] * len(members)
         else:
-            steps = reading_steps([logs[i].outputs[name] for i in members])
+            steps = reading_steps([_counted(logs[i], logs[i].outputs[name]) for i in members])
         for i, step in zip(members, steps):
             found[i][name] = step
     return found
+
+
+def _counted(log: Log, values: Array) -> Array:
+    """Samples that count: without what is no reading of the motion."""
+    return values if log.skipped is None else values[~log.skipped]
 
 
 def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     clock = _sampling(log)
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
-    odd = tuple(text for name in log.outputs for text in about_outliers(log, plant.wire[name]))
-    return Audit(log, clock, commands, readings, _at_rest(log, plant, readings), odd)
+    return Audit(log, clock, commands, readings, _at_rest(log, plant, readings))
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:
@@ -259,9 +262,13 @@ class Sampling:
     rounded: bool = False
 
 
-def _sampling(log: Log) -> Sampling:
-    """Return the clock of a log."""
-    steps = np.diff(log.times)
+def lost_rows(log: Log) -> NDArray[np.int64]:
+    """Return the samples after which rows are missing."""
+    return _lost(np.diff(log.times))[0]
+
+
+def _lost(steps: Array) -> tuple[NDArray[np.int64], float, bool]:
+    """Steps [s] in which rows are missing, the step of the stamps, and whether that is coarse."""
     stamp = reading_step(np.round([*steps, 0.0, 0.0], NANOSECOND), STAMPS).size
     longest: float | Array = GAP * float(np.median(steps))
     if rounded := _are_rounded(steps, stamp):
@@ -270,7 +277,13 @@ def _sampling(log: Log) -> Sampling:
         usual = np.convolve(around, np.full(USUAL_ROWS, 1.0 / USUAL_ROWS), "valid")
         off = stamp / USUAL_ROWS  # by the rounding of the first and of the last of these rows
         longest = np.maximum(GAP * usual, usual + stamp + 2.0 * off)
-    lost = np.flatnonzero(steps > longest)
+    return np.flatnonzero(steps > longest), stamp, rounded
+
+
+def _sampling(log: Log) -> Sampling:
+    """Return the clock of a log."""
+    steps = np.diff(log.times)
+    lost, stamp, rounded = _lost(steps)
     kept = np.delete(steps, lost)
     gaps = tuple(Gap(int(log.rows[i]), float(log.stamps[i]), float(steps[i])) for i in lost)
     return Sampling(
@@ -409,13 +422,14 @@ def _reading(log: Log, wire: Wire, found: Step) -> Reading:
 
     One that says yes or no has the floor of its step, 1.
     """
-    name, values = wire.name, log.outputs[wire.name]
+    name, values = wire.name, _counted(log, log.outputs[wire.name])
     if wire.flag:
         floor, ends = Floor(FLAG, None, 0.0), (float(values.min()), float(values.max()))
         return Reading(name, *ends, step=0.0, between=0.0, clipped=0.0, stale=0.0, floor=floor)
     step = found.size
     quantum, residual = step / math.sqrt(12.0), noise_under_steps(values, step)
-    command = np.column_stack([np.zeros(len(values)), *log.inputs.values()])
+    inputs = [_counted(log, it) for it in log.inputs.values()]
+    command = np.column_stack([np.zeros(len(values)), *inputs])
     floor = Floor(quantum, spread_of_repeats(values, command), residual)
     return Reading(
         name=name,

@@ -74,6 +74,8 @@ class Log:
         notes: what reading has changed of the file, one sentence each.
         start: how the run begins; None for at rest, or settled where there is a ``settle`` time.
         assumed: nobody said how it begins, so that it may be found from its first samples.
+        unsure: changes [SI] of each output by commands that were sent while no row was logged,
+            shape (n, changes): any share of each may be there; None where nothing was lost.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Log:
     notes: tuple[str, ...] = ()
     start: Start | None = None
     assumed: bool = False
+    unsure: Mapping[str, Array] | None = None
 
     @property
     def duration(self) -> float:

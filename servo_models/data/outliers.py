@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from servo_models.core.plant import Wire
+from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
@@ -107,18 +109,27 @@ def _out_of_reach(values: Array, wire: Wire) -> Mask:
     return np.asarray((values > 2.0 * high - low) | (values < 2.0 * low - high))
 
 
-def about_outliers(log: Log, wire: Wire) -> list[str]:
-    """Return a sentence on the outliers of an output with its cure, none without any."""
-    found = outliers_of(log, wire)
-    if not found:
-        return []
+def without_outliers(log: Log, plant: Plant) -> Log:
+    """Return a log whose outliers no fit and no score sees; its notes name them."""
+    skipped = np.zeros(len(log.times), dtype=bool) if log.skipped is None else log.skipped.copy()
+    notes = []
+    for name in log.outputs:
+        wire = plant.wire[name]
+        if found := outliers_of(log, wire):
+            skipped |= np.isin(log.rows, [one.row for one in found])
+            notes.append(_words(wire, found))
+    return replace(log, skipped=skipped, notes=(*log.notes, *notes)) if notes else log
+
+
+def _words(wire: Wire, found: Sequence[Outlier]) -> str:
     unit = wire.display or wire.unit
     shown = ", ".join(
         f"row {one.row} by {one.size * factor(wire.unit, unit):.4g} {unit}".strip()
         for one in found[:NAMED]
     )
     more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return [
-        f"'{wire.name}' jumps away from its neighbours and back: {shown}{more}; a fit would follow"
-        " such outliers: remove these rows, or cut them off with 'window'"
-    ]
+    rows = "these rows are" if len(found) > 1 else "this row is"
+    return (
+        f"'{wire.name}' jumps away from its neighbours and back: {shown}{more}; {rows} left out of"
+        " fits and scores"
+    )

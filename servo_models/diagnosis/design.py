@@ -547,6 +547,7 @@ class Stage:
             rows=np.arange(n),
             held_out=np.zeros(n, dtype=bool),
             skipped=None,
+            unsure=None,
             begin=0.0,
             settle=0.0 if rests else max(first.settle, self.problem.model.stop_time),
             start=None,

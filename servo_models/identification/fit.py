@@ -12,7 +12,6 @@ from servo_models.core.types import Array
 from servo_models.core.workers import Workers
 from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
-from servo_models.data.outliers import about_outliers
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.doubts import Doubt, is_far, warnings
 from servo_models.identification.linear_inference import spread
@@ -151,7 +150,7 @@ def _concluded(
     except KeyboardInterrupt:  # the search is over: whoever stops now wants what it has found
         tell("finishing the standard errors; Ctrl-C again gives up")
         uncertainty = spread(problem, found.vector)
-    odd = [*_outliers(problem.model, problem.logs), *false_starts(problem.runs, values)]
+    odd = false_starts(problem.runs, values)
     beyond = [text for run in problem.runs for text in run.notices(values)]
     said = [*map(Doubt, odd), *beyond, *warnings(problem, found.vector, uncertainty)]
     said += _ending(found, kind, starts)
@@ -172,16 +171,6 @@ def fixed_by(logs: Sequence[Log], names: Iterable[str]) -> tuple[str, ...]:
     """Return those of some parameters that every log that is fitted states as a constant."""
     fitted = [log for log in logs if log.fitted.any()]
     return tuple(name for name in names if fitted and all(name in log.constants for log in fitted))
-
-
-def _outliers(model: Model, logs: Sequence[Log]) -> list[str]:
-    """Sentences on single readings that pull a fit."""
-    return [
-        f"log '{log.name}': {text}"
-        for log in logs
-        for name in log.outputs
-        for text in about_outliers(log, model.plant.wire[name])
-    ]
 
 
 def _nominal_responses(problem: Problem) -> list[dict[str, Array]]:

@@ -13,7 +13,9 @@ from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
 from servo_models.data.audit import show_motion
 from servo_models.data.log import Log
+from servo_models.data.outliers import without_outliers
 from servo_models.errors import UserError
+from servo_models.identification.lost_rows import with_lost_rows
 from servo_models.identification.problem import Problem
 from servo_models.identification.starts import with_starts
 
@@ -21,7 +23,8 @@ from servo_models.identification.starts import with_starts
 def checked_logs(
     model: Model, logs: Sequence[Log], free: int = 0, where: object = None
 ) -> tuple[Log, ...]:
-    """Return logs with how they begin; refuse what nothing could be said of, before the work.
+    """Return logs with how they begin and without single wild readings; refuse what nothing could
+    be said of, before the work.
 
     Args:
         model: nominal.
@@ -45,7 +48,8 @@ def checked_logs(
         for name in log.outputs:
             if name not in model.plant.outputs:
                 raise UserError(unknown("output", name, dict.fromkeys(model.plant.outputs)))
-    samples = sum(int(log.fitted.sum()) for log in fitted)
+    logs = [without_outliers(log, model.plant) for log in logs]
+    samples = sum(int(log.fitted.sum()) for log in logs)
     if samples <= free:
         raise UserError(
             f"{samples} samples to fit for {free} free parameters: give a longer log, hold"
@@ -59,7 +63,7 @@ def checked_logs(
             "no input ever changes, neither in a log nor from one to another, and nothing moves: a"
             " single standstill tells nothing of a motion; record a command that moves"
         )
-    return begun
+    return with_lost_rows(model, begun, {})
 
 
 def _check_simulated(model: Model, log: Log, told: str) -> None:

@@ -19,6 +19,7 @@ from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
 from servo_models.errors import UserError
+from servo_models.identification.lost_rows import nuisances
 from servo_models.identification.simulation import Run, Steps, prepared
 
 DIFFERENCE = 1e-4
@@ -300,6 +301,9 @@ class Problem:
                 raise
             return self._refused(run)
         errors /= sigma
+        if run.log.unsure:
+            along, share = nuisances(run.log, tuple(sigma.ravel().tolist()))
+            errors = (errors.ravel() - along @ (share * (errors.ravel() @ along))).reshape(-1)
         if float(np.vdot(errors, errors)) < LARGEST:
             return errors.ravel()
         return np.where(np.abs(errors.ravel()) < LARGEST, errors.ravel(), self._refused(run))

@@ -35,6 +35,7 @@ from servo_models.identification.linear_inference import (
     linearised,
     spread,
 )
+from servo_models.identification.lost_rows import with_lost_rows
 from servo_models.identification.optimise import descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.simulation import Steps
@@ -376,6 +377,11 @@ class Fitter:
             for own, wide in zip(self.nominal, self.wide)
         )
         return None if nominal in ((), self.nominal) else replace(self, nominal=nominal)
+
+    def with_lost_rows(self, found: FittedModel) -> Fitter:
+        """Return a fitter whose logs know what a fitted model makes of commands between lost
+        rows."""
+        return replace(self, logs=with_lost_rows(self.model, self.logs, found.values))
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""

@@ -236,6 +236,7 @@ def _first(log: Log, count: int) -> Log:
         rows=log.rows[:count],
         held_out=log.held_out[:count],
         skipped=None if log.skipped is None else log.skipped[:count],
+        unsure=log.unsure and {name: values[:count] for name, values in log.unsure.items()},
     )
 
 

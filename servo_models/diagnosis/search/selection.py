@@ -147,6 +147,9 @@ def select_effects(
         fitter = fitter.surveyed()
         retuned = taken = fitter.fit((), ())
         retuned = taken = fitter.finish(retuned)
+        if any(log.unsure for log in fitter.logs):
+            fitter = fitter.with_lost_rows(retuned)
+            retuned = taken = fitter.finish(fitter.fit((), (), retuned.values))
         ahead.remove(RETUNING)
         search = begun(fitter, retuned, every, say, enough, ahead)
         search, taken = search.run(answer)
