@@ -263,8 +263,11 @@ class Sampling:
 
 
 def lost_rows(log: Log) -> NDArray[np.int64]:
-    """Return the samples after which rows are missing."""
-    return _lost(np.diff(log.times))[0]
+    """Return the samples after which rows are surely missing: none where rows are uneven."""
+    steps = np.diff(log.times)
+    lost, *_ = _lost(steps)
+    kept = np.delete(steps, lost)
+    return lost if kept.std() <= JITTERY * kept.mean() else lost[:0]
 
 
 def _lost(steps: Array) -> tuple[NDArray[np.int64], float, bool]:

@@ -11,6 +11,7 @@ from servo_models.core.plant import Plant
 from servo_models.data.audit import Audit, audits, noise_floors
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
+from servo_models.data.outliers import without_outliers
 from servo_models.errors import UserError
 from servo_models.identification.doubts import together
 from servo_models.identification.identifiability import (
@@ -142,7 +143,8 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
     if not clocks:
         try:
             false = false_statements(description.model, description.logs)
-            logs = with_starts(description.model, description.logs)
+            seen = [without_outliers(log, plant) for log in description.logs]
+            logs = with_starts(description.model, seen)
         except UserError as error:
             raise UserError("; ".join([str(error), *implausible(description)])) from error
         description = replace(description, logs=logs)

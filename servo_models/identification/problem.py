@@ -19,8 +19,7 @@ from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.lost_rows import nuisances
-from servo_models.identification.simulation import Run, Steps, prepared
+from servo_models.identification.simulation import Run, Steps, nuisances, prepared
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""

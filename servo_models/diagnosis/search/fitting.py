@@ -35,10 +35,9 @@ from servo_models.identification.linear_inference import (
     linearised,
     spread,
 )
-from servo_models.identification.lost_rows import with_lost_rows
 from servo_models.identification.optimise import descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.simulation import Steps
+from servo_models.identification.simulation import Steps, with_lost_rows
 
 FINAL_TOLERANCE = 1e-7  # of the cost
 """Of a fit that is reported."""

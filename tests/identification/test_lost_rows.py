@@ -1,0 +1,97 @@
+"""Where rows of a log are missing, when the command changed is not known, and does not matter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.log import Log
+from servo_models.identification.fit import fit
+from servo_models.identification.problem import Problem
+from servo_models.identification.simulation import nuisances, with_lost_rows
+from tests.support.logs import log_of
+
+PERIOD, NOISE = 2e-3, 1e-3
+TIMES = PERIOD * np.arange(1500)
+LOST = ((200, 206), (450, 453), (700, 708), (1100, 1104))
+"""First and last of the rows that are missing."""
+
+
+def volts() -> Array:
+    return 6.0 * np.sin(2.0 * math.pi * 1.1 * TIMES) + 3.0 * np.sin(2.0 * math.pi * 2.7 * TIMES)
+
+
+def recorded(lost: tuple[tuple[int, int], ...]) -> Log:
+    """A log of a DC motor in an open loop, whose angle keeps every volt that it has seen."""
+    motor = model("dc_motor", "direct")
+    angle = simulate(motor, TIMES, {"voltage": volts()})["encoder_angle"]
+    angle = angle + NOISE * np.random.default_rng(0).standard_normal(len(TIMES))
+    kept = np.ones(len(TIMES), dtype=bool)
+    for first, last in lost:
+        kept[first : last + 1] = False
+    return log_of(TIMES[kept], {"voltage": volts()[kept]}, {"encoder_angle": angle[kept]})
+
+
+def floors_left(log: Log) -> float:
+    """Root mean square of the weighted errors of the true model."""
+    problem = Problem(model("dc_motor", "direct"), [log], [], {"encoder_angle": NOISE})
+    return float(np.sqrt(np.mean(problem.residuals(np.empty(0)) ** 2)))
+
+
+def test_the_true_model_leaves_noise_where_rows_are_lost() -> None:
+    log = recorded(LOST)
+    (known,) = with_lost_rows(model("dc_motor", "direct"), [log], {})
+    assert floors_left(log) > 50.0
+    assert floors_left(known) < 2.0
+
+
+def test_a_log_that_has_lost_nothing_stays_as_it_is() -> None:
+    log = recorded(())
+    (known,) = with_lost_rows(model("dc_motor", "direct"), [log], {})
+    assert known is log
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_uneven_rows_are_none_that_are_lost(seed: int) -> None:
+    """Each command is held until its next row, however long that is."""
+    steps = np.random.default_rng(seed).choice((1, 2, 3), 700)
+    rows = np.concatenate([[0], np.cumsum(steps)])
+    rows = rows[rows < len(TIMES)]
+    log = recorded(())
+    uneven = log_of(
+        TIMES[rows],
+        {"voltage": volts()[rows]},
+        {"encoder_angle": log.outputs["encoder_angle"][rows]},
+    )
+    (known,) = with_lost_rows(model("dc_motor", "direct"), [uneven], {})
+    assert known.unsure is None
+
+
+def test_weighted_errors_are_those_of_the_covariance() -> None:
+    """r' (I + S S'/3)^-1 r, by a solver."""
+    log = recorded(LOST)
+    (known,) = with_lost_rows(model("dc_motor", "direct"), [log], {})
+    assert known.unsure
+    along, share = nuisances(known, (NOISE,))
+    changes = known.unsure["encoder_angle"] / NOISE
+    errors = np.random.default_rng(1).standard_normal(len(changes))
+    left = errors - along @ (share * (along.T @ errors))
+    covariance = np.eye(len(errors)) + changes @ changes.T / 3.0
+    assert left @ left == pytest.approx(errors @ np.linalg.solve(covariance, errors), rel=1e-6)
+
+
+def test_values_are_right_though_rows_are_lost() -> None:
+    """The fit that takes held commands for true ones is off by hundreds of standard errors."""
+    motor = model("dc_motor", "direct")
+    nominal = replace(
+        motor, values={**motor.values, "resistance": 1.2 * motor.values["resistance"]}
+    )
+    names = ("torque_constant", "resistance")
+    found = fit(nominal, [recorded(LOST)], names)
+    wrong = np.abs(found.values - [motor.values[name] for name in names])
+    assert np.all(wrong < 4.0 * found.standard_errors)
