@@ -340,7 +340,7 @@ COMMAND = {"cmd", "command", "commanded", "ref", "reference", "goal", "target", 
 COMMAND |= {"desired", "sp", "demand", "soll", "u", "input", "action"}
 MEASURED = {"meas", "measured", "actual", "act", "present", "ist", "feedback", "y", "output"}
 MEASURED |= {"observation", "observed"}
-SUPPLY = {"battery", "batt", "bat", "vbat", "supply"}
+SUPPLY = {"battery", "batt", "bat", "vbat", "vin", "supply"}
 """Words of what feeds an actuator, which commands nothing."""
 QUANTITIES = {
     "angle theta phi position pos horn tilt": "rad",
@@ -501,7 +501,8 @@ def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) 
     score = 4.0 * (words == own) + 1.5 * len(words & own)
     score += 2.0 * told + LEAST_SCORE * _is_of_quantity(words, wire)
     score += LEAST_SCORE * bool(words & set(wire.words))
-    feeds, is_fed = bool(own & SUPPLY), bool(words & SUPPLY)
+    feeds, is_fed = bool(own & SUPPLY), _is_fed(column, plant)
+    is_command &= not is_fed
     score += SIDE_SCORE * (feeds and is_fed)
     if output:
         score += 1.0 * is_measured - 4.0 * is_command + LEAST_SCORE * (not _tells(column, plant))
@@ -514,6 +515,14 @@ def _match(wire: Wire, column: Column, plant: Plant, main: bool, command: bool) 
         score = LEAST_SCORE if main and is_command and not output else 0.0
         unit = column.unit or "deg"
     return Match(wire, column, unit, told, converts, 0.0 if wire.flag else score)
+
+
+def _is_fed(column: Column, plant: Plant) -> bool:
+    """Whether a column is called a supply, as input volts are of what no voltage commands."""
+    words = set(column.words)
+    in_volts = column.unit is not None and _dimension(column.unit) == _dimension("V")
+    commanded = any(wire.unit == "V" and wire.name not in SUPPLY for wire in plant.inputs)
+    return bool(words & SUPPLY) or ("input" in words and in_volts and not commanded)
 
 
 def _tells(column: Column, plant: Plant) -> bool:

@@ -194,4 +194,4 @@ def test_each_variant_has_the_form_of_its_own_plant() -> None:
     for variants in (servo.variants, servo.variants[::-1]):
         form = torque_causal(replace(servo, variants=variants))
         rests = {it.name: form.plant_of(it.name).wire["supply"].rest for it in form.variants}
-        assert rests == {"xl330": 5.0, "sts3215": 7.4}
+        assert rests == {"xl330": 5.0, "sts3215": 7.4, "sts3215_12v": 12.0}

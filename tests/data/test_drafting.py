@@ -500,6 +500,7 @@ BATTERY = 7.4 - 0.02 * LATER + 0.01 * np.cos(np.arange(100))
         ("t,pwm,angle_deg,voltage", 1500 + 500 * STEP, BATTERY, "sg90", "pwm"),
         ("t,goal_deg,angle_deg,voltage", 60 * STEP, BATTERY, "smart_servo", "goal_deg"),
         ("t,cmd_deg,angle_deg,voltage", 60 * STEP, 12 * LATER, "smart_servo", "cmd_deg"),
+        ("t,goal_rad,position_rad,input_volts", STEP, BATTERY, "smart_servo", "goal_rad"),
         ("t,command_rad,position_rad,current", STEP, LATER, "smart_servo", "command_rad"),
         ("t,voltage,angle,supply", 12 * STEP, BATTERY, "torque_motor", "voltage"),
         ("t,loop_us,angle,voltage", 900 + 30 * LATER, 12 * STEP, "torque_motor", "voltage"),
@@ -521,8 +522,9 @@ def test_a_command_is_told_from_a_battery_and_other_readings(
     assert made.actuator.name == actuator
     matched = {match.column.key: match.wire for match in made.matches}
     assert matched[command].name == made.main
-    fed = [wire.name for key, wire in matched.items() if key in ("battery_voltage", "supply")]
-    assert all("supply" in name for name in fed)
+    feeds = ("battery_voltage", "supply", "input_volts")
+    assert all("supply" in matched[key].name for key in feeds if key in matched)
+    assert "input_volts" not in heading or "input_volts" in matched
     target = tmp_path / "log.toml"
     target.write_text(made.text(tmp_path))
     assert read_description(target).actuator.name == actuator

@@ -38,7 +38,8 @@ from servo_models.effects.saturation import saturation
 
 COUNT = 2.0 * math.pi / 4096.0
 XL330_VOLTS = 5.0  # recommended by its data sheet; stall torque and speed are given there
-STS3215_VOLTS = 7.4  # of the version whose stall torque and speed are used
+STS3215_VOLTS, STS3215_HIGH_VOLTS = 7.4, 12.0  # of the two versions
+STS3215_TORQUE, STS3215_HIGH_TORQUE = 19.5 * 0.0980665, 30.0 * 0.0980665  # N m, stalled, at these
 CURRENT_LIMIT = replace(saturation.params["limit"], typical=0.3, high=10.0)
 """Of full scale: below the stall current, or it never acts."""
 
@@ -165,7 +166,19 @@ PLANT = Plant(
         "supply": ("supply",),
     },
 )
-STS3215_PLANT = PLANT.rated(
-    rests=dict.fromkeys(("supply", "bridge_supply"), STS3215_VOLTS),
-    scales=dict.fromkeys(("supply", "bridge_supply", "motor_voltage"), STS3215_VOLTS),
-)
+
+
+def sts3215(volts: float, torque: float) -> Plant:
+    """The same with the supply [V] and the loads [N m] of an STS3215, which carries an arm."""
+    supplies, loads = ("supply", "bridge_supply"), ("load_torque", "friction", "load")
+    return PLANT.rated(
+        rests=dict.fromkeys(supplies, volts),
+        scales={
+            **dict.fromkeys((*supplies, "motor_voltage"), volts),
+            **dict.fromkeys((*loads, "coasting_torque"), torque),
+        },
+    )
+
+
+STS3215_PLANT = sts3215(STS3215_VOLTS, STS3215_TORQUE)
+STS3215_12V_PLANT = sts3215(STS3215_HIGH_VOLTS, STS3215_HIGH_TORQUE)

@@ -26,7 +26,11 @@ import math
 
 from servo_models.actuators.smart_servo.plant import (
     COUNT,
+    STS3215_12V_PLANT,
+    STS3215_HIGH_TORQUE,
+    STS3215_HIGH_VOLTS,
     STS3215_PLANT,
+    STS3215_TORQUE,
     STS3215_VOLTS,
     XL330_VOLTS,
 )
@@ -75,7 +79,7 @@ VARIANTS = (
         "Feetech STS3215 at 7.4 V, bare and without friction: a first guess",
         {
             **FIRMWARE,
-            **dc_motor(STS3215_VOLTS, 19.5 * 0.0980665, 52.0 * RPM),
+            **dc_motor(STS3215_VOLTS, STS3215_TORQUE, 52.0 * RPM),
             "inertia": 0.028,
             "gain": 16.0,
             "loop_factor": 0.166,
@@ -83,6 +87,21 @@ VARIANTS = (
         "data sheet at 7.4 V: 19.5 kg cm, 52 rev/min; loop and geared rotor (0.022 to"
         " 0.028 kg m2) after Duclusaud et al.",
         plant=STS3215_PLANT,
+        uncertainty=UNCERTAIN,
+    ),
+    Variant(
+        "sts3215_12v",
+        "Feetech STS3215 (C018) at 12 V, bare and without friction: a first guess",
+        {
+            **FIRMWARE,
+            **dc_motor(STS3215_HIGH_VOLTS, STS3215_HIGH_TORQUE, 45.0 * RPM),
+            "inertia": 0.028,
+            "gain": 16.0,
+            "loop_factor": 0.166,
+        },
+        "data sheet at 12 V: 30 kg cm, 45 rev/min (46 measured without load by Robonine); gears and"
+        " loop as those of the version for 7.4 V",
+        plant=STS3215_12V_PLANT,
         uncertainty=UNCERTAIN,
     ),
 )
