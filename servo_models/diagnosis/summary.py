@@ -35,6 +35,8 @@ UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
 MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+MOST_SURPRISES = 2
+"""Parameters that a sentence names."""
 MOST_ALTERNATIVES = 3
 """Alternatives of a confidence set that a sentence names."""
 
@@ -148,12 +150,16 @@ def _headline(diagnosis: Diagnosis) -> str:
 
 
 def surprises(diagnosis: Diagnosis) -> list[str]:
-    """Return "'a' is 30 ms, not 5 ms" of parameters that are far from what is believed."""
-    plant, said = diagnosis.model.plant, []
-    for value in diagnosis.found:
-        if value.name in far(diagnosis):
-            said.append(surprise(plant.parameters[value.name], value.nominal, value.value))
-    return said
+    """Return "'a' is 30 ms, not 5 ms" of parameters that are far from what is believed, the
+    farthest first, and how many more there are."""
+    known, values = diagnosis.model.plant.parameters, {it.name: it for it in diagnosis.found}
+    names = sorted(far(diagnosis), key=lambda name: -abs(far(diagnosis)[name]))
+    said = [
+        surprise(known[name], values[name].nominal, values[name].value)
+        for name in names[:MOST_SURPRISES]
+    ]
+    more = len(names) - MOST_SURPRISES
+    return [*said, f"{more} more are far from what is believed"] if more > 0 else said
 
 
 def none_explains(diagnosis: Diagnosis) -> str:
