@@ -40,6 +40,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "variant": diagnosis.model.variant,
         "verdict": diagnosis.verdict.kind,
         "sentence": summary.sentence(diagnosis),
+        "not_asserted": summary.not_asserted(diagnosis),
         "tolerance": diagnosis.tolerance,
         "settings": asdict(diagnosis.settings),
         "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},

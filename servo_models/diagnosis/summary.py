@@ -35,6 +35,8 @@ UNLIKE = 3.0
 """Spread of repeats over the scatter of samples, from which it is hardly noise of a reading."""
 MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
+NOTHING_ERRORS = 2.0
+"""Standard errors from nothing up to which the size of an effect may be nothing."""
 MOST_SURPRISES = 2
 """Parameters that a sentence names."""
 MOST_ALTERNATIVES = 3
@@ -145,8 +147,30 @@ def _headline(diagnosis: Diagnosis) -> str:
             return f"{best}, something is left"
         return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
     beside = "".join(f", and {text}" for text in surprises(diagnosis))
-    verb = "explains" if kind == EFFECT else "explain"
-    return f"{placed(diagnosis, taken)} {verb} {whole}{beside}"
+    s = "s" if kind == EFFECT else ""
+    if why := not_asserted(diagnosis):
+        return f"{placed(diagnosis, taken)} come{s} nearest, but {why}{beside}"
+    return f"{placed(diagnosis, taken)} explain{s} {whole}{beside}"
+
+
+def not_asserted(diagnosis: Diagnosis) -> str:
+    """Return why effects that were taken are not said to explain the gap, "" where they are."""
+    taken, plant = diagnosis.selection.taken, diagnosis.model.plant
+    if diagnosis.verdict.kind not in (EFFECT, EFFECTS):
+        return ""
+    known = {one.name: one for one in diagnosis.found}
+    sizes = {name: known.get(plant.main(name).switch) for name in taken.effects}
+    open_ = [
+        name
+        for name, size in sizes.items()
+        if size and not abs(size.value) > NOTHING_ERRORS * size.standard_error
+    ]
+    if open_:
+        return f"these logs do not determine the size of {listed(open_)}"
+    worse = [one.log for one in diagnosis.held_out if one.worse]
+    if worse:
+        return f"log '{worse[0]}', held out, gets worse"
+    return "" if taken.converged else "the fit did not converge"
 
 
 def surprises(diagnosis: Diagnosis) -> list[str]:

@@ -144,10 +144,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
     if diagnosis.residual_map:
         return f"{_use(diagnosis, '--map')}; its residual map stands for what has no name yet."
     if diagnosis.verdict.kind == OUTSIDE:
-        return (
-            "Look where the rest lies, below; what acts there has no effect in the catalogue yet."
-        )
-    if diagnosis.verdict.kind == NOT_IDENTIFIABLE:
+        return "Look where the rest lies, below; no effect of the catalogue was found for it."
+    if diagnosis.verdict.kind == NOT_IDENTIFIABLE or summary.not_asserted(diagnosis):
         return "Record a log with other commands: more amplitudes, speeds and reversals."
     return f"{_use(diagnosis, '--out')}."
 
