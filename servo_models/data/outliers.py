@@ -102,11 +102,15 @@ def _answering(log: Log) -> Mask:
 
 
 def _out_of_reach(values: Array, wire: Wire) -> Mask:
-    """Mark positions outside the range of most others by more than that range."""
-    if wire.unit not in POSITIONS:
+    """Mark positions outside the range of most others by more than that range, and those that come
+    and go far faster than any other does."""
+    if wire.unit not in POSITIONS or len(values) < WINDOW:
         return np.zeros(len(values), dtype=bool)
     low, high = np.percentile(values, [1.0, 99.0])
-    return np.asarray((values > 2.0 * high - low) | (values < 2.0 * low - high))
+    off, steps = np.abs(outliers(values)), np.abs(np.diff(values))
+    others = steps[(off[1:] == 0.0) & (off[:-1] == 0.0)]
+    leaps = off > APART * others.max(initial=0.0)
+    return np.asarray((values > 2.0 * high - low) | (values < 2.0 * low - high) | leaps)
 
 
 def without_outliers(log: Log, plant: Plant) -> Log:
