@@ -265,6 +265,8 @@ class Sampling:
 def lost_rows(log: Log) -> NDArray[np.int64]:
     """Return the samples after which rows are surely missing: none where rows are uneven."""
     steps = np.diff(log.times)
+    if len(steps) < STAMPS:
+        return np.empty(0, dtype=np.int64)
     lost, *_ = _lost(steps)
     kept = np.delete(steps, lost)
     return lost if kept.std() <= JITTERY * kept.mean() else lost[:0]

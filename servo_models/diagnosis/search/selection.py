@@ -153,7 +153,7 @@ def select_effects(
         ahead.remove(RETUNING)
         search = begun(fitter, retuned, every, say, enough, ahead)
         search, taken = search.run(answer)
-        retuned = search.retuned
+        search.ahead, retuned = ahead, search.retuned
         if taken is retuned and not lacks(retuned, retuned):
             search.begin(MASKED)
             search.say("looking for effects that re-tuned parameters mask")
