@@ -30,6 +30,8 @@ CATALOGUE = {
 """What the effects' files held in SI before their bounds were fractions of full scales."""
 BEFORE = ("sg90", "torque_motor", "linear_drive", "smart_servo")
 """Actuators that there were then; later ones follow their own scales."""
+RESIZED = ("sts3215", "sts3215_12v")
+"""Variants whose loads are sized by their own torque since."""
 PRODUCTS = {
     ("torque_motor", "transport_delay.time"): ("s", 0.0, 0.02, 0.0011),
     ("torque_motor", "sample_hold.period"): ("s", 0.0, 0.02, 0.001),
@@ -57,6 +59,8 @@ def test_the_bounds_of_the_catalogue_are_those_before() -> None:
         if name not in BEFORE:
             continue
         for variant in product.variants:
+            if variant.name in RESIZED:
+                continue
             plant = product.plant_of(variant.name)
             for effect_name, placements in plant.placements.items():
                 for key in (key for link in placements for key in link.effect.params):

@@ -10,6 +10,7 @@ from servo_models.validation.smart_servo.reference import SmartServo
 CLOSED = "closed form from tick to tick, with located reversals"
 XL330 = SmartServo(400.0 * 4096.0 / math.tau / (256.0 * 885.0), 5.0, 0.52, 103.0, 2.6e-3)
 STS3215 = SmartServo(16.0 * 0.166, 7.4, 19.5 * 0.0980665, 52.0, 0.028)
+STS3215_12V = SmartServo(16.0 * 0.166, 12.0, 30.0 * 0.0980665, 45.0, 0.028)
 DRY = SmartServo(XL330.stiffness, 5.0, 0.52, 103.0, 2.6e-3, coulomb=0.05)
 
 
@@ -36,7 +37,11 @@ def cases() -> list[Case]:
                 linear=False,
                 is_step=True,
             )
-            for variant, reference in (("xl330", XL330), ("sts3215", STS3215))
+            for variant, reference in (
+                ("xl330", XL330),
+                ("sts3215", STS3215),
+                ("sts3215_12v", STS3215_12V),
+            )
         ),
         Case(
             "smart_servo",
