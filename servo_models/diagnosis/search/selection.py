@@ -255,15 +255,16 @@ class SubsetSelection:
             return self, first
         fitter, wide = self.wide
         others = []
-        if wide and wide.loss < self.loss(1):
+        if wide and self.beats(wide, min([self.retuned, *self.best(1)], key=lambda it: it.loss)):
             others.append(self.about(fitter, wide))
             if not lacks(others[0][1], self.retuned):
                 return others[0]
         taken = self.further()
         self.begin(WIDER)
-        if wide and not others and (lacks(taken, self.retuned) or self.fitter.widened(taken)):
+        if wide and not others and lacks(taken, self.retuned):
             others.append(self.about(fitter, wide))
-        return min([(self, taken), *others], key=lambda found: found[1].loss)
+        better = (found for found in others if self.beats(found[1], taken))
+        return next(better, (self, taken))
 
     def further(self) -> FittedModel:
         """Grow models by two effects and more; return the one whose effects earn their place."""
@@ -303,6 +304,11 @@ class SubsetSelection:
         self.say("widening the priors of parameters that moved far")
         found = fitter.finish(fitter.fit((), (), self.retuned.values))
         return fitter, found if passes_entry_test(found, self.retuned) else None
+
+    def beats(self, wide: FittedModel, model: FittedModel) -> bool:
+        """Whether a model with wider priors does surely better: of two that do as well, the one
+        that believes what is believed is taken."""
+        return advantage(wide.evidence, model.evidence) > self.settings.entry_advantage
 
     def about(self, fitter: Fitter, retuned: FittedModel) -> tuple[SubsetSelection, FittedModel]:
         """Run a selection about other nominal parameters."""
