@@ -147,10 +147,10 @@ def _headline(diagnosis: Diagnosis) -> str:
             return f"{best}, something is left"
         return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
     beside = "".join(f", and {text}" for text in surprises(diagnosis))
-    s = "s" if kind == EFFECT else ""
+    comes, explains = ("comes", "explains") if kind == EFFECT else ("come", "explain")
     if why := not_asserted(diagnosis):
-        return f"{placed(diagnosis, taken)} come{s} nearest, but {why}{beside}"
-    return f"{placed(diagnosis, taken)} explain{s} {whole}{beside}"
+        return f"{placed(diagnosis, taken)} {comes} nearest, but {why}{beside}"
+    return f"{placed(diagnosis, taken)} {explains} {whole}{beside}"
 
 
 def not_asserted(diagnosis: Diagnosis) -> str:
@@ -160,13 +160,13 @@ def not_asserted(diagnosis: Diagnosis) -> str:
         return ""
     known = {one.name: one for one in diagnosis.found}
     sizes = {name: known.get(plant.main(name).switch) for name in taken.effects}
-    open_ = [
+    undetermined = [
         name
         for name, size in sizes.items()
-        if size and not abs(size.value) > NOTHING_ERRORS * size.standard_error
+        if size and not abs(size.value) > NOTHING_ERRORS * size.standard_error  # NaN on a bound
     ]
-    if open_:
-        return f"these logs do not determine the size of {listed(open_)}"
+    if undetermined:
+        return f"these logs do not determine the size of {listed(undetermined)}"
     worse = [one.log for one in diagnosis.held_out if one.worse]
     if worse:
         return f"log '{worse[0]}', held out, gets worse"
@@ -177,7 +177,8 @@ def surprises(diagnosis: Diagnosis) -> list[str]:
     """Return "'a' is 30 ms, not 5 ms" of parameters that are far from what is believed, the
     farthest first, and how many more there are."""
     known, values = diagnosis.model.plant.parameters, {it.name: it for it in diagnosis.found}
-    names = sorted(far(diagnosis), key=lambda name: -abs(far(diagnosis)[name]))
+    by = far(diagnosis)
+    names = sorted(by, key=lambda name: -abs(by[name]))
     said = [
         surprise(known[name], values[name].nominal, values[name].value)
         for name in names[:MOST_SURPRISES]
@@ -326,7 +327,7 @@ def moves(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def far(diagnosis: Diagnosis) -> dict[str, float]:
-    """Return those that are surprising."""
+    """Return those of ``moves`` that are further than ``far_deviations``."""
     least = diagnosis.settings.far_deviations
     return {name: by for name, by in moves(diagnosis).items() if abs(by) > least}
 

@@ -253,8 +253,9 @@ def _jumped(known: _Probes, again: _Probes, whole: Array, here: NDArray[np.int64
     missed = again.slopes - known.slopes[:, axes] @ along
     curved = (along**2 * energy[:, None]) * ((again.widths * along) ** 2 / 6.0) ** 2
     jumps = np.sum(missed**2, axis=0) > again.noise + np.sum(curved, axis=0)
-    combination = np.argmax(np.abs(np.linalg.inv(whole) @ along), axis=0)
-    known.slopes[:, axes] += missed[:, jumps] @ np.linalg.inv(whole)[combination[jumps]]
+    parts = np.linalg.inv(whole)  # a row for each combination
+    combination = np.argmax(np.abs(parts @ along), axis=0)
+    known.slopes[:, axes] += missed[:, jumps] @ parts[combination[jumps]]
 
 
 def _principal(known: _Probes, here: NDArray[np.int64]) -> tuple[Array, Array, Array]:

@@ -254,17 +254,16 @@ class SubsetSelection:
         if self.retuned.settled:
             return self, first
         fitter, wide = self.wide
-        others = []
+        other = None
         if wide and self.beats(wide, min([self.retuned, *self.best(1)], key=lambda it: it.loss)):
-            others.append(self.about(fitter, wide))
-            if not lacks(others[0][1], self.retuned):
-                return others[0]
+            other = self.about(fitter, wide)
+            if not lacks(other[1], self.retuned):
+                return other
         taken = self.further()
         self.begin(WIDER)
-        if wide and not others and lacks(taken, self.retuned):
-            others.append(self.about(fitter, wide))
-        better = (found for found in others if self.beats(found[1], taken))
-        return next(better, (self, taken))
+        if wide and not other and lacks(taken, self.retuned):
+            other = self.about(fitter, wide)
+        return other if other and self.beats(other[1], taken) else (self, taken)
 
     def further(self) -> FittedModel:
         """Grow models by two effects and more; return the one whose effects earn their place."""
