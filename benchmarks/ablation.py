@@ -8,8 +8,10 @@ CASES is a folder that ``python -m servo_models.withheld.generator`` has made.  
 by replacing its function, or by a setting with which it does nothing.  The file
 ``FOLDER/NAME.jsonl`` has the answers without rule NAME, ``FOLDER/all.jsonl`` those with all rules.
 
-In the table a rule *acts* in a case where the answer differs in any number.  A case is *lost* where
-its answer is right with the rule alone, and *gained* where it is right without it alone, as
+The diagnosis with all rules notes in which cases each of them did something, and a rule is tried
+on those alone: on the first ``--limit`` of them.  A rule that is a setting is tried on the first
+cases whatever it did.  In the table an answer *differs* in any number.  A case is *lost* where its
+answer is right with the rule alone, and *gained* where it is right without it alone, as
 ``servo_models.withheld.score.good`` says.  Processor seconds are over those with all rules on the
 same cases.  Lines are those of the functions that would go.
 """
@@ -30,6 +32,7 @@ from unittest.mock import patch
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is all there is
 
+import numpy as np
 from golden import answered, change, read_rows, truths, withheld
 
 from servo_models.diagnosis import diagnose as diagnosis
@@ -43,6 +46,7 @@ from servo_models.diagnosis.search import (
     selection,
 )
 from servo_models.diagnosis.settings import DEFAULT, Settings
+from servo_models.identification import simulation
 
 ALL = "all"
 """Name of the answers with all rules."""
@@ -56,11 +60,14 @@ class Rule(NamedTuple):
         changes: what takes it out: a module or class, a name in it, what stands there instead.
         parts: functions that would go with it.
         settings: with which it does nothing.
+        called: it did something wherever it was called; else where what it gave is not what stands
+            there instead.
     """
 
     changes: Sequence[tuple[Any, str, Any]] = ()
     parts: Sequence[Callable[..., Any]] = ()
     settings: Settings = DEFAULT
+    called: bool = False
 
 
 def nothing(*_: Any, **__: Any) -> None:
@@ -73,20 +80,39 @@ def same(_: Any, found: Any, *__: Any) -> Any:
 
 
 RULES = {
-    "exchange in every size": Rule([(Search, "exchange_best", nothing)], [Search.exchange_best]),
+    "exchange in every size": Rule(
+        [(Search, "exchange_best", nothing)], [Search.exchange_best], called=True
+    ),
     "race": Rule([(Search, "to_reach", lambda *_: float("inf"))], [Search.to_reach]),
-    "exchange": Rule([(Search, "exchange", nothing)], [Search.exchange]),
+    "exchange": Rule(
+        [(Search, "exchange", lambda search, model, rivals=False: search.exchanged.add(model))],
+        [Search.exchange],
+        called=True,
+    ),
+    "wider priors": Rule(
+        [(fitting.Fitter, "widened", nothing)],
+        [fitting.Fitter.widened, Search.wide.func, Search.beats, Search.about],
+    ),
+    "lost rows": Rule(
+        [(fitting.Fitter, "with_lost_rows", lambda fitter, _: fitter)],
+        [fitting.Fitter.with_lost_rows, simulation.with_lost_rows, simulation._with_lost_rows],
+        called=True,
+    ),
     "several bases": Rule(parts=[Search.bases], settings=Settings(bases=1)),
     "grids": Rule(
-        [(Search, "search_grids", nothing)], [Search.search_grids, *vars(grid_search).values()]
+        [(Search, "search_grids", nothing)],
+        [Search.search_grids, *vars(grid_search).values()],
+        called=True,
     ),
     "screening from nominal": Rule(
         [(selection, "survey", lambda retuned, _, every: screening.survey(retuned, (), every))],
         [screening._at_best],
+        called=True,
     ),
     "corrected grids": Rule(
         [(screening, "corrected_changes", screening.changes)],
         [screening.corrected_changes, screening._corrected],
+        called=True,
     ),
     "half jumps": Rule(
         [(joint_fits, "_half_jumps", lambda *_: iter(()))], [joint_fits._half_jumps]
@@ -142,18 +168,61 @@ RULES = {
 }
 
 
-def answers(cases: Path, out: Path, rule: Rule, limit: int) -> None:
-    """Diagnose the first cases without a rule; those that the file has already stay."""
+def file_of(out: Path, name: str) -> Path:
+    """Where the answers without a rule are."""
+    return out / f"{name.replace(' ', '_').replace(':', '')}.jsonl"
+
+
+def watched(name: str, rule: Rule, instead: Any, what: Any, acting: set[str]) -> Any:
+    """The function that a rule is, noting where it does something."""
+
+    def run(*given: Any, **named: Any) -> Any:
+        found = what(*given, **named)
+        if rule.called or not np.array_equal(found, instead(*given, **named)):
+            acting.add(name)
+        return found
+
+    return run
+
+
+def with_all(cases: Path, out: Path) -> None:
+    """Diagnose every case with all rules, noting which of them act."""
     done = read_rows(out) if out.exists() else {}
-    jobs = [job for job in withheld(cases) if job.name not in done][: limit - len(done)]
-    for job in jobs:
+    for job in withheld(cases):
+        if job.name in done:
+            continue
+        acting: set[str] = set()
+        with ExitStack() as stack:
+            for name, rule in RULES.items():
+                for place, part, instead in rule.changes:
+                    if inspect.isroutine(what := getattr(place, part)):
+                        noting = watched(name, rule, instead, what, acting)
+                        stack.enter_context(patch.object(place, part, noting))
+            row = answered(job)
+        add(out, row | {"acting": sorted(acting)})
+
+
+def without(cases: Path, out: Path, name: str, limit: int) -> None:
+    """Diagnose the first cases in which a rule acts without it; those done already stay."""
+    rule, path = RULES[name], file_of(out, name)
+    done = read_rows(path) if path.exists() else {}
+    seen = any(inspect.isroutine(getattr(place, part)) for place, part, _ in rule.changes)
+    every = read_rows(file_of(out, ALL))
+    acts = {case for case, row in every.items() if name in row["acting"] or not seen}
+    for job in [job for job in withheld(cases) if job.name in acts][:limit]:
+        if job.name in done:
+            continue
         with ExitStack() as stack:
             told = partial(diagnosis.diagnose, settings=rule.settings)
-            for place, name, instead in (*rule.changes, (diagnosis, "diagnose", told)):
-                stack.enter_context(patch.object(place, name, instead))
+            for place, part, instead in (*rule.changes, (diagnosis, "diagnose", told)):
+                stack.enter_context(patch.object(place, part, instead))
             row = answered(job)
-        with out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        add(path, row)
+
+
+def add(path: Path, row: dict[str, Any]) -> None:
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def lines_of(rule: Rule) -> int:
@@ -161,28 +230,31 @@ def lines_of(rule: Rule) -> int:
     return sum(
         len(inspect.getsource(part).splitlines())
         for part in rule.parts
-        if inspect.isfunction(part) and part.__module__.startswith("servo_models.diagnosis")
+        if inspect.isfunction(part) and part.__module__.startswith("servo_models.")
     )
 
 
 def table(cases: Path, out: Path) -> Iterator[str]:
     """Lines of the table, the rules that lose most first."""
     truth, whole = truths(cases), read_rows(out / f"{ALL}.jsonl")
-    yield "| without | lines | cases | acts | lost | gained | processor seconds |"
-    yield "|---|---|---|---|---|---|---|"
+    yield "| without | lines | acts in | tried | differ | lost | gained | processor seconds |"
+    yield "|---|---|---|---|---|---|---|---|"
     rows = []
     for name, rule in RULES.items():
-        path = out / f"{name.replace(' ', '_').replace(':', '')}.jsonl"
+        path = file_of(out, name)
         if not path.exists():
             continue
-        without = {case: row for case, row in read_rows(path).items() if case in whole}
-        was = {case: whole[case]["answer"] for case in without}
-        now = {case: row["answer"] for case, row in without.items()}
-        changed = [change(truth[case], was[case], now[case]) for case in without]
-        acts = sum(was[case] != now[case] for case in without)
-        seconds = [sum(rows_[case]["seconds"] for case in without) for rows_ in (without, whole)]
+        tried = {case: row for case, row in read_rows(path).items() if case in whole}
+        was = {case: whole[case]["answer"] for case in tried}
+        now = {case: row["answer"] for case, row in tried.items()}
+        changed = [change(truth[case], was[case], now[case]) for case in tried]
+        acts = sum(name in row["acting"] for row in whole.values()) or ""
+        differ = sum(was[case] != now[case] for case in tried)
+        seconds = [sum(rows_[case]["seconds"] for case in tried) for rows_ in (tried, whole)]
         lost, gained = changed.count("lost"), changed.count("gained")
-        text = f"| {name} | {lines_of(rule)} | {len(without)} | {acts} | {lost} | {gained} |"
+        text = (
+            f"| {name} | {lines_of(rule)} | {acts} | {len(tried)} | {differ} | {lost} | {gained} |"
+        )
         rows.append((gained - lost, f"{text} {seconds[0] / max(seconds[1], 1e-9):.2f} |"))
     yield from (text for _, text in sorted(rows, key=lambda row: row[0]))
 
@@ -194,7 +266,7 @@ def main() -> int:
     parser.add_argument("cases", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", default="", help="rules, with commas between")
-    parser.add_argument("--limit", type=int, default=10_000, help="first cases that are diagnosed")
+    parser.add_argument("--limit", type=int, default=10_000, help="cases for each rule")
     parser.add_argument("--table", action="store_true")
     given = parser.parse_args()
     names = given.only.split(",") if given.only else [ALL, *RULES]
@@ -204,8 +276,10 @@ def main() -> int:
     given.out.mkdir(parents=True, exist_ok=True)
     for name in names if not given.table else ():
         print(name, file=sys.stderr, flush=True)
-        path = given.out / f"{name.replace(' ', '_').replace(':', '')}.jsonl"
-        answers(given.cases, path, RULES.get(name, Rule([])), given.limit)
+        if name == ALL:
+            with_all(given.cases, file_of(given.out, ALL))
+        else:
+            without(given.cases, given.out, name, given.limit)
     for line in table(given.cases, given.out) if given.table else ():
         print(line)
     return 0
