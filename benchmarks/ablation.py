@@ -60,8 +60,8 @@ class Rule(NamedTuple):
         changes: what takes it out: a module or class, a name in it, what stands there instead.
         parts: functions that would go with it.
         settings: with which it does nothing.
-        called: it did something wherever it was called; else where what it gave is not what stands
-            there instead.
+        called: it acts wherever it is called; a rule without acts where its result is another than
+            that of what stands there instead.
     """
 
     changes: Sequence[tuple[Any, str, Any]] = ()
@@ -174,7 +174,7 @@ def file_of(out: Path, name: str) -> Path:
 
 
 def watched(name: str, rule: Rule, instead: Any, what: Any, acting: set[str]) -> Any:
-    """The function that a rule is, noting where it does something."""
+    """A function of a rule that adds the rule's name to ``acting`` where it acts."""
 
     def run(*given: Any, **named: Any) -> Any:
         found = what(*given, **named)
@@ -209,9 +209,8 @@ def without(cases: Path, out: Path, name: str, limit: int) -> None:
     seen = any(inspect.isroutine(getattr(place, part)) for place, part, _ in rule.changes)
     every = read_rows(file_of(out, ALL))
     acts = {case for case, row in every.items() if name in row["acting"] or not seen}
-    for job in [job for job in withheld(cases) if job.name in acts][:limit]:
-        if job.name in done:
-            continue
+    first = [job for job in withheld(cases) if job.name in acts][:limit]
+    for job in (job for job in first if job.name not in done):
         with ExitStack() as stack:
             told = partial(diagnosis.diagnose, settings=rule.settings)
             for place, part, instead in (*rule.changes, (diagnosis, "diagnose", told)):
@@ -221,6 +220,7 @@ def without(cases: Path, out: Path, name: str, limit: int) -> None:
 
 
 def add(path: Path, row: dict[str, Any]) -> None:
+    """Append a row to a file of answers."""
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row) + "\n")
 
