@@ -47,11 +47,12 @@ from unittest.mock import patch
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is all there is
 
 from servo_models.core.catalogue import actuators
+from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.errors import UserError
 from servo_models.files import scratch, write_whole
 from servo_models.withheld.oracle import FAILED, Diagnosed
 from servo_models.withheld.run import work_through
-from servo_models.withheld.score import good, join
+from servo_models.withheld.score import good, join, share
 
 Figures = dict[str, Any]
 Row = dict[str, Any]
@@ -380,13 +381,70 @@ def _true(truth: Row | None) -> str:
     return f"{truth['kind']}: {names or '-'}" + (f" (hidden {hidden})" if hidden else "")
 
 
-def right_by_tier(answers: Mapping[str, Figures], truth: Mapping[str, Row]) -> Iterator[str]:
-    """How many answers are right, by tier."""
-    told: dict[str, list[bool]] = {}
-    for name in (name for name in answers if name in truth):
-        told.setdefault(truth[name]["tier"], []).append(right(truth[name], answers[name]))
-    for tier, flags in told.items():
-        yield f"{tier}: {sum(flags)} of {len(flags)} right"
+def _causes(truth: Row) -> tuple[set[str], set[str]]:
+    """Effects that are to be named, and those that may be named beside them."""
+    named, hidden = ({cause["name"] for cause in truth[key]} for key in ("effects", "hidden"))
+    return named, named | hidden
+
+
+def _first(answer: Figures) -> str:
+    """The most probable of the effects named, "" where there is none."""
+    return max(answer["named"], key=lambda it: answer["probabilities"].get(it, 0.0), default="")
+
+
+FOUND: dict[str, tuple[tuple[str, ...], Callable[[Row, Figures], bool]]] = {
+    "one cause: named first": (("one",), lambda true, it: _first(it) in _causes(true)[0]),
+    "one cause: in the set, or masked": (
+        ("one",),
+        lambda true, it: _causes(true)[0] <= {*it["set"], *it.get("masked", ())},
+    ),
+    "two causes: both named and no other": (("two",), right),
+    "two causes: both in the set": (("two",), lambda true, it: _causes(true)[0] <= set(it["set"])),
+    "one, two or none: a false cause": (
+        ("one", "two", "nothing"),
+        lambda true, it: not set(it["named"]) <= _causes(true)[1],
+    ),
+    "nothing is wrong, and nothing is said": (("nothing",), right),
+    "a cause outside the catalogue is called so": (("foreign",), right),
+    "one, two or none: called outside": (
+        ("one", "two", "nothing"),
+        lambda _, it: it["verdict"] in (OUTSIDE, FAILED),
+    ),
+}
+"""What is counted of withheld cases: their kinds, and whether an answer is so."""
+
+
+def paired(
+    before: Mapping[str, Row], now: Mapping[str, Row], truth: Mapping[str, Row]
+) -> Iterator[str]:
+    """Lines of tables of what two answers to the same cases have found, and what they took."""
+    both = [name for name in now if name in truth]
+    yield "| | of | before | now | only before | only now |"
+    yield "|---|---|---|---|---|---|"
+    for title, (kinds, holds) in FOUND.items():
+        cases = [name for name in both if truth[name]["kind"] in kinds]
+        was, are = (
+            [holds(truth[name], rows[name]["answer"]) for name in cases] for rows in (before, now)
+        )
+        if cases:
+            shown = (
+                f"{it.value:.2f} ({it.low:.2f} to {it.high:.2f})" for it in map(share, (was, are))
+            )
+            only = (sum(a and not b for a, b in pairs) for pairs in (zip(was, are), zip(are, was)))
+            yield f"| {title} | {len(cases)} | {' | '.join([*shown, *map(str, only)])} |"
+    yield "\n| tier | of | right before | right now | seconds before | now | ratio |"
+    yield "|---|---|---|---|---|---|---|"
+    for tier in dict.fromkeys(truth[name]["tier"] for name in both):
+        cases = [name for name in both if truth[name]["tier"] == tier]
+        rights, seconds = [], []
+        for rows in (before, now):
+            rights.append(sum(right(truth[name], rows[name]["answer"]) for name in cases))
+            spent = sum(rows[name].get("seconds", math.nan) for name in cases)
+            seconds.append(spent / len(cases))
+        yield (
+            f"| {tier} | {len(cases)} | {rights[0]} | {rights[1]} "
+            f"| {seconds[0]:.1f} | {seconds[1]:.1f} | {seconds[1] / seconds[0]:.2f} |"
+        )
 
 
 def read_rows(path: Path) -> dict[str, Row]:
@@ -436,7 +494,8 @@ def compare(given: argparse.Namespace, rows: Mapping[str, Row], truth: Mapping[s
     was = [stored[name] for name in rows]
     before = {row["case"]: row["answer"] for row in was}
     now = {name: row["answer"] for name, row in rows.items()}
-    print(*right_by_tier(now, truth), sep="\n")
+    if set(truth) & set(now):
+        print(*paired(stored, rows, truth), sep="\n")
     for key in ("seconds", "simulations"):
         if all(key in row for row in was):
             print(
