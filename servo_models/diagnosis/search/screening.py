@@ -428,18 +428,20 @@ def likeliest(own: Sequence[Screened]) -> list[Screened]:
 
 
 def _at_likely_sizes(
-    linear: Linearisation, one: Candidate, count: int = VALUES_BESIDE
+    linear: Linearisation, one: Candidate, count: int = VALUES_BESIDE, most: float = np.inf
 ) -> Candidate:
-    """An effect at the sizes that would leave least from there if changes add up.
+    """An effect at the sizes that would leave least from there, and less than ``most``, if changes
+    add up.
 
     A size that does nothing alone, as a wide limit, says nothing of what it does there.
     """
-    if len(one.alone) <= count:
+    if not one.alone or (len(one.alone) <= count and most == np.inf):
         return one
     left, _ = best_scales(linear, [one] * len(one.alone), one.alone)
     left = np.where([change.any() for change in one.alone], left, np.inf)
     best = np.argsort(left, kind="stable")[:count]
-    return replace(one, trial_values=tuple(one.trial_values[i] for i in sorted(best)), alone=())
+    sizes = tuple(one.trial_values[i] for i in sorted(best) if left[i] <= most)
+    return replace(one, trial_values=sizes, alone=())
 
 
 def preselect(every: Iterable[Candidate], results: Sequence[Screened]) -> list[Candidate]:
@@ -499,15 +501,22 @@ class Screener:
         known = chain.from_iterable(self._known[key] for key in keys)
         return sorted(known, key=lambda result: result.left)
 
-    def again_beside(self, stays: FittedModel, model: FittedModel) -> list[Screened]:
-        """Return the same of all effects beside a model of which one effect was taken out."""
+    def again_beside(self, stays: FittedModel, model: FittedModel, enough: float) -> list[Screened]:
+        """Return the same of all effects beside a model of which one effect was taken out.
+
+        Sizes that would leave far more than ``enough`` squared errors if changes add up are not
+        simulated: in decibels, more than half of what is between it and nothing explained.
+        """
         every = self.candidates.values()
         others = [_nearer(one, model) for one in every if one.name not in stays.effects]
-        return _screened_beside(stays, others)
+        return _screened_beside(stays, others, (enough * stays.cost) ** 0.5)
 
 
-def _screened_beside(first: FittedModel, others: Iterable[Candidate]) -> list[Screened]:
-    return screen((first.linearised,), [_at_likely_sizes(first.linearised, it) for it in others])
+def _screened_beside(
+    first: FittedModel, others: Iterable[Candidate], most: float = np.inf
+) -> list[Screened]:
+    linear = first.linearised
+    return screen((linear,), [_at_likely_sizes(linear, it, most=most) for it in others])
 
 
 def _key(first: FittedModel, one: Candidate) -> Hashable:

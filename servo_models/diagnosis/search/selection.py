@@ -426,12 +426,12 @@ class SubsetSelection:
             self.exchanged.add(model)
         for name in model.effects:
             stays = self.fitter.unfit(*model.without(name), model.values)
-            results = self.screener.again_beside(stays, model)
-            others = [result for result in results if result.candidate.name != name]
             if rivals:
                 enough, most = settings.rival_cost * model.cost, settings.fits_exchanged
             else:
                 enough, most = settings.promised_cost * model.cost, settings.fits_beside
+            results = self.screener.again_beside(stays, model, enough)
+            others = [result for result in results if result.candidate.name != name]
             likely = promising(others, enough, most, unlike=not rivals)
             self.add(stays, likely)
 
