@@ -17,6 +17,7 @@ from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
+from servo_models.data.mistakes import mistakes
 from servo_models.data.outliers import POSITIONS
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
 from servo_models.data.sensor import (
@@ -47,7 +48,7 @@ class Audit:
 
     ``at_rest`` is the share of samples in which nothing moves.  ``commanded`` is False where
     neither this log nor those beside it have an input that changes, ``moves`` where no output of
-    theirs moves.
+    theirs moves.  ``mistakes`` say what nobody's actuator does, one sentence each.
     """
 
     log: Log
@@ -57,11 +58,13 @@ class Audit:
     at_rest: float
     commanded: bool = True
     moves: bool = True
+    mistakes: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the log doubtful, one sentence each with its cure."""
         return (
+            *self.mistakes,
             *_about_time(self.sampling),
             *_about_commands(self.commands, self.commanded, self.moves),
             *(text for reading in self.readings for text in _about_reading(reading)),
@@ -149,7 +152,8 @@ def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     clock = _sampling(log)
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
-    return Audit(log, clock, commands, readings, _at_rest(log, plant, readings))
+    rest = _at_rest(log, plant, readings)
+    return Audit(log, clock, commands, readings, rest, mistakes=tuple(mistakes(log, plant)))
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:

@@ -19,8 +19,9 @@ WINDOW = 5
 APART = 5.0
 """An outlier is this many times as far from its neighbours as any other reading, or step."""
 LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
-MOST = 0.005
-"""Share of the readings that may be outliers: more of them belong to the signal."""
+MOST, FEW = 0.01, 5
+"""Share of the readings, and their number in a short log, that may be outliers: more of them belong
+to the signal."""
 JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
 SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
 BEFORE, AFTER = 2, 5
@@ -66,7 +67,7 @@ def outliers(values: Array, excused: Mask | None = None) -> Array:
     if excused is not None:
         off[excused] = 0.0
     sizes = np.sort(np.abs(off))[::-1]
-    most = min(max(NAMED, int(MOST * len(values))), len(values) - 1)
+    most = min(max(FEW, int(MOST * len(values))), len(values) - 1)
     low, high = np.percentile(values, [1.0, 99.0])
     least = max(reading_step(values).size, LEAST_SHARE * float(high - low) / APART)
     apart = np.flatnonzero(sizes[:most] > APART * np.maximum(sizes[1 : most + 1], least))

@@ -458,7 +458,9 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
         for unit, ratio in other_units(wire.unit, given)
         if not is_outside(ratio * values, wire).any()
     ]
-    return f": in {units[0]} it would fit" if units else ""
+    if units:
+        return f": in {units[0]} it would fit"
+    return "; or it is another column: two may be swapped"
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:

@@ -26,7 +26,7 @@ from servo_models.data.schema import named
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import with_starts
-from servo_models.units import other_units, parse
+from servo_models.units import factor, other_units, parse
 
 TIME = "time"
 UNLIKE = 0.5
@@ -48,6 +48,14 @@ FOLLOWS = 0.8
 """Correlation with the model from which a reading is one of its output, scaled or turned."""
 DRIFT_DEGREE = 2
 """Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
+ELSEWHERE = 0.5
+"""Distance to the model over its range, from which the zero of a reading is elsewhere."""
+CLOCKS = (-0.05, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.05)
+"""By which a clock may go faster than another one, relative."""
+DELAYS = (-0.5, -0.35, -0.25, -0.15, 0.15, 0.25, 0.35, 0.5)
+"""By which a command may act sooner, over the time of an answer, instead of a clock that drifts."""
+DRIFTS = 0.4
+"""Share of the misfit that is left by the right clock, at most."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
 LONGEST = 5e6
@@ -97,7 +105,9 @@ def implausible(described: Description) -> tuple[str, ...]:
     for log in described.logs:
         against = _against(model, log)
         texts = [*_about_held_inputs(model, log), *_about_signs(model, log, against)]
-        texts += _about_units(model, _turned(model, log, against), answer)
+        turned = _turned(model, log, against)
+        texts += [*_about_rates(model, turned)] or _about_units(model, turned, answer)
+        texts += [*_about_zeros(model, turned), *_about_clocks(model, turned, answer)]
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
 
@@ -123,7 +133,7 @@ def _about_clock(model: Model, log: Log, answer: float) -> Iterator[str]:
     units = [
         unit
         for unit, ratio in other_units("s", _unit_of(_channel(log, TIME)))
-        if ratio * interval <= answer and ratio * log.duration >= answer
+        if ratio * interval <= answer and ratio * log.duration >= LEAST_DURATION * answer
     ]
     lasts = f"is sampled every {interval:.3g} s" if slow else f"lasts {log.duration:.3g} s"
     cure = "no sample shows how it moves: log faster" if slow else "log longer"
@@ -259,6 +269,64 @@ def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
     if log.start and log.start.fitted:
         (found,) = with_starts(model, [replace(found, start=None, assumed=True)])
     return found
+
+
+# Columns of something else
+
+
+def _about_rates(model: Model, log: Log) -> Iterator[str]:
+    """Readings that go together with the rate of what they are read as."""
+    simulated = _simulated(model, log)
+    for name, misfit in _misfits(model, log).items():
+        measured, response = _kept(log, name), simulated[name]
+        rate = np.gradient(response, log.times)[_usual(log, name)]
+        alike = _follows(measured, response[_usual(log, name)])
+        if (
+            misfit > UNLIKE
+            and not alike
+            and (_follows(measured, rate) or _follows(measured, -rate))
+        ):
+            yield (
+                f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
+                " or read the column that was measured"
+            )
+
+
+def _about_zeros(model: Model, log: Log) -> Iterator[str]:
+    """Readings with another zero than the model's, that move alike."""
+    simulated = _simulated(model, log)
+    for name, misfit in _misfits(model, log).items():
+        measured, response = _kept(log, name), simulated[name][_usual(log, name)]
+        off, unit = float(np.median(measured - response)), _unit_of(_channel(log, name))
+        if misfit < UNLIKE and abs(off) > ELSEWHERE * float(np.ptp(response)):
+            size = off * factor(model.plant.wire[name].unit, unit)
+            yield (
+                f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
+                f" is elsewhere; give it offset = {-size:.4g}"
+            )
+
+
+def _about_clocks(model: Model, log: Log, answer: float) -> Iterator[str]:
+    """Commands by another clock than that of the readings, which no delay makes."""
+    now = _mean(_misfits(model, log) or {"": 0.0})
+    if now < SEEN:
+        return
+    others = [(rate, 0.0) for rate in CLOCKS] + [(0.0, part * answer) for part in DELAYS]
+    misfits = {one: _mean(_misfits(model, _by_clock(log, *one))) for one in others}
+    rate, sooner = min(misfits, key=lambda it: misfits[it])
+    if rate and misfits[rate, sooner] < DRIFTS * now:
+        yield (
+            f"the commands fit the readings far better if their clock goes {abs(rate):.0%}"
+            f" {'faster' if rate > 0.0 else 'slower'}: they were logged by two clocks that drift"
+            " apart; log both by one"
+        )
+
+
+def _by_clock(log: Log, rate: float, sooner: float) -> Log:
+    """The log with commands as of a clock that goes faster by a share, and sooner by a time [s]."""
+    rows = np.searchsorted(log.times, (1.0 + rate) * log.times + sooner, "right") - 1
+    rows = np.clip(rows, 0, len(log.times) - 1)
+    return replace(log, inputs={name: values[rows] for name, values in log.inputs.items()})
 
 
 # Units of columns
@@ -474,7 +542,7 @@ def _misfits(model: Model, log: Log) -> dict[str, float]:
         measured, response = _kept(log, name), simulated[name][_usual(log, name)]
         measured, response = measured - np.mean(measured), response - np.mean(response)
         power = float(np.mean(measured**2) + np.mean(response**2))
-        misfit = float(np.mean((measured - response) ** 2)) / power if power > 0.0 else 0.0
+        misfit = float(np.mean((measured - response) ** 2)) / power if power != 0.0 else 0.0
         found[name] = misfit if math.isfinite(misfit) else math.inf
     return found
 

@@ -1,0 +1,345 @@
+"""Mistakes of logging: what no actuator does to a column, and people and their tools do.
+
+Each of them makes a diagnosis find a cause that is not there, so each is named before one begins.
+Everything is read off the log alone.  A judgement takes what a sensor cannot do: noise that
+vanishes, a position that leaps, an answer that comes before its command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servo_models.core.plant import Plant, Wire
+from servo_models.core.types import Array, Mask
+from servo_models.data.log import Log
+from servo_models.data.outliers import AFTER, BEFORE, POSITIONS, off_neighbours
+from servo_models.data.sensor import difference_noise
+from servo_models.units import factor
+
+LEAST_ROWS = 50
+"""Of a log, below which chance looks like a mistake."""
+EQUAL = 1e-9  # of the range
+"""Difference of two readings that are the same."""
+COPIED = 1e-4  # of the range
+"""What may be left of a reading beside a copy of its command: rounding of a printed number."""
+REPEATS = 0.1
+"""Share of rows that repeat the one before, up to which noise is seen in a reading."""
+HELD_ROWS = 12
+"""Rows in which a reading with noise does not repeat itself by chance."""
+HELD_SHARE = 0.02
+"""Share of all rows at one value, from which it is no accident."""
+STUCK_SHARE = 0.1
+"""The same in one piece, away from the ends of the range."""
+STRAIGHT = 1e-5  # of the range
+"""Second difference of three readings on a line."""
+STRAIGHT_SHARE = 0.55
+"""Share of moving rows on a line with their neighbours: every other row was put between."""
+BENT = 20.0
+"""Second difference elsewhere, over that on a line."""
+LEAP_RATIO = 4.0
+"""A leap over the largest step between two rows that is none."""
+LEAST_LEAP = 0.1  # of the range
+MOST_LEAPS = 40
+SAME_LEAP = 0.15
+"""By which leaps of a counter that begins anew may differ, relative."""
+WRAPPED = 0.6
+"""Leap over the range, from which a counter begins anew."""
+TURN = 2.0 * np.pi
+PLACEHOLDERS = 3
+"""Times that the same number lies far outside the range of the others, if it is no reading."""
+JUMP = 0.05  # of its range
+"""A command that moves so far between two rows jumps."""
+FAR_JUMP = 0.2  # of its range
+"""The same of a column that looks like a command where another one should be."""
+AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)
+"""Before a jump, in which an answer would come too early."""
+LEAST_JUMPS = 2
+QUIET = 3
+"""Times as many rows in which the command has stood before."""
+LIKE_SIGNED = 0.8
+"""Share of jumps that are moved ahead of, all of them the same way."""
+SUDDEN = 4.0
+"""Motion ahead of jumps over that in as many rows before, and over its noise."""
+AHEAD_SHARE = 0.05
+"""The same over the answer in as many rows after."""
+LOADS = ("N", "N.m")
+"""Units of inputs that are no command."""
+SMOOTH = -0.4
+"""Correlation of third differences from row to row of a filtered reading; -3/4 in white noise."""
+STANDS = 0.15
+"""Share of rows at the end in which a reading stands though its command moves."""
+STILL = 8.0
+"""Range in noise floors of a reading that stands."""
+LONGER = 5.0
+"""A stretch over the next longest, or a width over that at rest, that is no accident."""
+INNER = (1.0, 99.0)
+"""Percentiles between which readings count."""
+AS_FAR = 0.5
+"""Range of its command meanwhile, over that of the whole log."""
+
+
+def mistakes(log: Log, plant: Plant) -> Iterator[str]:
+    """Yield what is wrong with the columns of a log, one sentence each with its cure.
+
+    Example:
+        >>> list(mistakes(log, plant))
+        ["'angle' reads -999 deg in 12 rows: it stands for no reading; leave these rows out"]
+    """
+    yield from _doubled(log)
+    for name, values in log.outputs.items():
+        wire = plant.wire[name]
+        if wire.flag or len(values) < LEAST_ROWS or not np.ptp(values):
+            continue
+        told = [*_copied(log, name, values)] or [*_swapped(log, name, values)]
+        told = told or [*_placeholders(log, wire, values)]
+        told = told or [*_leaps(log, wire, values), *_held(log, name, values)]
+        told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
+        yield from told or (
+            _ahead(log, plant, name, values) if name == next(iter(log.outputs)) else ()
+        )
+
+
+def _doubled(log: Log) -> Iterator[str]:
+    """Every row is there twice, as a join of tables leaves them."""
+    columns = [*log.inputs.values(), *log.outputs.values()]
+    half = len(log.times) // 2
+    if half < LEAST_ROWS:
+        return
+    pairs = [np.array_equal(it[: 2 * half : 2], it[1 : 2 * half : 2]) for it in columns]
+    if all(pairs) and any(_repeats(it[::2]) < REPEATS for it in columns):
+        yield "every row is there twice: keep one of each"
+
+
+def _shown(wire: Wire, value: float) -> str:
+    unit = wire.display or wire.unit
+    return f"{value * factor(wire.unit, unit):.4g} {unit}".strip()
+
+
+def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[str]:
+    """A number that stands for no reading, such as -999."""
+    for end in (np.min(values), np.max(values)):
+        which = values == end
+        others = values[~which]
+        if which.sum() < PLACEHOLDERS or not len(others):
+            continue
+        apart = np.min(np.abs(others - end))
+        if apart > np.ptp(others) and len(_runs(which)[0]) >= PLACEHOLDERS:
+            yield (
+                f"'{wire.name}' reads {_shown(wire, end)} in {which.sum()} rows, the first of them"
+                f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
+                " reading; leave these rows out of the file"
+            )
+
+
+def _copied(log: Log, name: str, values: Array) -> Iterator[str]:
+    """A reading that is its command: nothing that moves follows without delay and noise."""
+    for other, command in log.inputs.items():
+        if not np.ptp(command):
+            continue
+        line = np.polyfit(command, values, 1)
+        left = values - np.polyval(line, command)
+        if np.max(np.abs(left)) < COPIED * np.ptp(values):
+            yield (
+                f"'{name}' is a copy of '{other}', row by row: nothing that moves follows its"
+                " command so; read the column that was measured"
+            )
+
+
+def _swapped(log: Log, name: str, values: Array) -> Iterator[str]:
+    """A reading that jumps and stays, as commands do, beside a command with noise."""
+    if _repeats(values) < 1.0 - REPEATS or np.max(np.abs(np.diff(values))) < FAR_JUMP * np.ptp(
+        values
+    ):
+        return
+    for other, command in log.inputs.items():
+        steps = np.abs(np.diff(command))
+        if (
+            np.ptp(command)
+            and _repeats(command) < REPEATS
+            and np.max(steps) < FAR_JUMP * np.ptp(command)
+        ):
+            yield (
+                f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
+                " reading has: their columns are swapped"
+            )
+
+
+def _repeats(values: Array) -> float:
+    """Share of rows that repeat the one before."""
+    return float(np.mean(np.abs(np.diff(values)) <= EQUAL * np.ptp(values)))
+
+
+def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
+    """A position that leaps between two rows: a counter begins anew, or another run does."""
+    if wire.unit not in POSITIONS:
+        return
+    steps = np.diff(values - off_neighbours(values))  # single wild readings are told elsewhere
+    sizes = np.sort(np.abs(steps))[::-1][: MOST_LEAPS + 1]
+    ratios = sizes[:-1] / np.maximum(sizes[1:], EQUAL * np.ptp(values))
+    count = int(np.argmax(ratios)) + 1
+    turned = wire.unit == "rad" and WRAPPED * TURN < np.ptp(values) < (1.0 + EQUAL) * TURN
+    if turned and sizes[0] > 0.5 * TURN:
+        row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
+        yield f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it"
+        return
+    if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < LEAST_LEAP * np.ptp(values):
+        return
+    where = np.flatnonzero(np.abs(steps) >= sizes[count - 1])
+    if any(_answers(command, where) for command in log.inputs.values()):
+        return
+    size, first = float(np.median(np.abs(steps[where]))), int(log.rows[where[0] + 1])
+    again = bool(np.all(np.abs(np.abs(steps[where]) - size) < SAME_LEAP * size))
+    leaps = f"'{wire.name}' leaps by {_shown(wire, size)} in one row, the first time in row {first}"
+    if again and size > WRAPPED * np.ptp(values):
+        yield (
+            f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps;"
+            " add what is lost after each leap"
+        )
+    else:
+        yield (
+            f"{leaps}, {ratios[count - 1]:.2g} times as far as in any other: two runs were joined,"
+            " or rows are missing; make each run a log of its own"
+        )
+
+
+def _answers(command: Array, where: NDArray[np.int64]) -> bool:
+    """Whether leaps in these rows are answers: each is beside a jump of a command, and so are most
+    jumps as large."""
+    jumps = np.abs(np.diff(command))
+    beside = [jumps[max(k - AFTER, 0) : k + BEFORE + 1].max(initial=0.0) for k in where]
+    least = min(beside)
+    return bool(least > JUMP * np.ptp(command) and len(where) > 0.5 * np.sum(jumps >= least))
+
+
+def _held(log: Log, name: str, values: Array) -> Iterator[str]:
+    """A reading whose noise vanishes at an end of its range, or for good."""
+    starts, stops = _runs(np.abs(np.diff(values)) <= EQUAL * np.ptp(values))
+    lengths = stops - starts
+    long = lengths >= HELD_ROWS
+    if not long.any():
+        return
+    noisy = _repeats(values) - lengths[long].sum() / len(values) < REPEATS
+    ends = np.isin(values[starts], (np.min(values), np.max(values))) & long
+    rows = int(lengths[ends].sum())
+    if noisy and rows > HELD_SHARE * len(values) and ends.sum() > 1:
+        yield (
+            f"'{name}' is clipped: it stays at an end of its range, without noise, in {rows} rows;"
+            " log smaller moves, or with a wider range"
+        )
+        return
+    longest, others = int(np.argmax(lengths)), np.sort(lengths)[:-1]
+    begin, end = int(starts[longest]), int(stops[longest])
+    alone = noisy or end - begin > LONGER * others.max(initial=0)
+    moving = any(np.ptp(it[begin:end]) > 0.0 for it in log.inputs.values())
+    if end - begin > STUCK_SHARE * len(values) and moving and alone:
+        yield (
+            f"'{name}' is stuck at the same value for {end - begin + 1} rows from row"
+            f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before"
+        )
+
+
+def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+    """A reading that stands at the end of a log, though its command goes on as before."""
+    begin = len(values) - int(STANDS * len(values))
+    still = STILL * difference_noise(values)
+    if _width(values[begin:]) > still or _width(values) < LONGER * still:
+        return
+    for other, command in log.inputs.items():
+        far = AS_FAR * np.ptp(command)
+        if plant.wire[other].unit in LOADS or not far or np.ptp(command[begin:]) < far:
+            continue
+        yield (
+            f"'{name}' stands from row {log.rows[begin]} on at the latest, while '{other}' goes on:"
+            " the drive was switched off; end the log before"
+        )
+
+
+def _width(values: Array) -> float:
+    """Of most readings."""
+    low, high = np.percentile(values, INNER)
+    return float(high - low)
+
+
+def _runs(flags: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where runs of True begin, and the row after each."""
+    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def _straight(name: str, values: Array) -> Iterator[str]:
+    """A reading that runs in straight lines: it was put between others."""
+    bends = np.abs(np.diff(values, 2))
+    moving = np.abs(values[2:] - values[:-2]) > 4.0 * STRAIGHT * np.ptp(values)
+    if moving.sum() < LEAST_ROWS:
+        return
+    straight = bends[moving] <= STRAIGHT * np.ptp(values)
+    bent = bends[moving][~straight]
+    if np.mean(straight) > STRAIGHT_SHARE and np.median(bent, axis=0) > 20.0 * STRAIGHT * np.ptp(
+        values
+    ):
+        every = round(1.0 / max(1.0 - float(np.mean(straight)), 1e-9))
+        yield (
+            f"'{name}' runs in straight lines, with a bend about every {every} rows: it was read"
+            " less often and resampled; log the rows that were read"
+        )
+
+
+def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+    """A reading that moves before its command jumps."""
+    for other, command in log.inputs.items():
+        rows, many = _before_jumps(command, values)
+        if plant.wire[other].unit in LOADS or not rows:
+            continue
+        what = (
+            "the reading was filtered forwards and backwards, or averaged over rows to come; log it"
+            " as it was read"
+            if _is_smooth(values)
+            else "the command was logged late, or by another clock; log it as it is sent"
+        )
+        yield f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: {what}"
+
+
+def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
+    """In how many rows a reading moves before its command jumps, 0 for none, and in how many
+    jumps."""
+    steps = np.diff(command)
+    jumps = np.flatnonzero(np.abs(steps) > JUMP * np.ptp(command)) + 1
+    noise = difference_noise(values)
+    for rows in AHEAD_ROWS:
+        alone = [
+            k
+            for k in jumps
+            if QUIET * rows + BEFORE <= k < len(values) - 2 * rows
+            and not np.any(steps[k - BEFORE - QUIET * rows : k - 1])
+        ]
+        if len(alone) < LEAST_JUMPS:
+            continue
+        at = np.array(alone)
+        ways = np.sign(steps[at - 1])
+        # stamps may be late by a row or two
+        places = [values[at - BEFORE - k * rows] for k in range(QUIET, -1, -1)]
+        places.append(values[at + 2 * rows])
+        *earlier, ahead, answer = (ways * (b - a) for a, b in pairwise(places))
+        if np.median(answer) < 0.0:
+            ahead, answer = -ahead, -answer
+        before = max(float(np.median(np.abs(it))) for it in earlier)
+        usual = max(before, 1.5 * noise / np.sqrt(len(at)))
+        sudden = np.median(ahead) > max(SUDDEN * usual, AHEAD_SHARE * float(np.median(answer)))
+        if sudden and np.mean(ahead > 0.0) > LIKE_SIGNED:
+            return rows, len(at)
+    return 0, 0
+
+
+def _is_smooth(values: Array) -> bool:
+    """Whether differences of a reading go together from row to row, as those of noise do not."""
+    if not difference_noise(values):
+        return True
+    third = np.diff(values, 3)
+    quiet = np.abs(third) <= np.percentile(np.abs(third), 90.0)
+    pairs = quiet[1:] & quiet[:-1]
+    a, b = third[1:][pairs], third[:-1][pairs]
+    return bool(np.mean(a * b) > SMOOTH * np.sqrt(np.mean(a**2) * np.mean(b**2)))
