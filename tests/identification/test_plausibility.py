@@ -39,6 +39,18 @@ SUBJECTS = [
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
+def test_a_log_that_cannot_be_simulated_in_another_unit_is_not_told_to_take_it() -> None:
+    """In microseconds it would be over before the first internal step."""
+    nominal = model("second_order_servo", "pulse")
+    times = np.arange(0.0, 2.3, 1.6e-3)
+    random = np.random.default_rng(8)
+    pulse = 1.5e-3 + 2e-4 * np.sin(np.outer(times, [3.0, 11.0, 17.0])).sum(axis=1)
+    measured = simulate(nominal, times, {"pulse_width": pulse})["angle_reading"]
+    late = np.roll(measured, 60) + 1e-3 * random.standard_normal(len(times))
+    log = log_of(times, {"pulse_width": pulse}, {"angle_reading": late})
+    assert not any("'time'" in text for text in doubts(nominal, log))
+
+
 @pytest.mark.parametrize(
     ("effect", "size"), [("constant_load.torque", 1e-3), ("command_offset.value", 0.05)]
 )

@@ -1,0 +1,150 @@
+"""Mistakes of logging are named; a log as it should be is not accused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from servo_models.core.plant import Plant
+from servo_models.core.simulate import model
+from servo_models.core.types import Array
+from servo_models.data.log import Log
+from servo_models.data.mistakes import mistakes
+from tests.support.logs import log_of
+
+ROWS, INTERVAL = 1200, 2e-3
+NOISE = 2e-3
+"""Of a range of 1 rad."""
+PLANT: Plant = model("smart_servo", "sts3215").plant
+
+
+def record(seed: int = 0) -> tuple[Array, Array, Array]:
+    """Times, a goal that steps, and the angle of a second-order lag that follows it, with noise."""
+    random = np.random.default_rng(seed)
+    times = INTERVAL * np.arange(ROWS)
+    goal = np.repeat(random.uniform(-0.5, 0.5, 6), ROWS // 6)
+    angle, rate = np.empty(ROWS), 0.0
+    angle[0] = place = goal[0]
+    for k in range(1, ROWS):
+        rate += INTERVAL * (900.0 * (goal[k - 1] - place) - 42.0 * rate)
+        place += INTERVAL * rate
+        angle[k] = place
+    return times, goal, angle + NOISE * random.standard_normal(ROWS)
+
+
+def said(times: Array, goal: Array, angle: Array) -> list[str]:
+    log: Log = log_of(times, {"goal": goal}, {"angle": angle})
+    return list(mistakes(log, PLANT))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**31))
+def test_a_log_as_it_should_be_is_not_accused(seed: int) -> None:
+    assert said(*record(seed)) == []
+
+
+def clipped(angle: Array) -> Array:
+    low, high = np.quantile(angle, [0.3, 0.7])
+    return np.clip(angle, low, high)
+
+
+def dead(angle: Array) -> Array:
+    return np.where(np.arange(ROWS) < ROWS // 3, angle, angle[ROWS // 3])
+
+
+def with_placeholders(angle: Array) -> Array:
+    found = angle.copy()
+    found[[100, 350, 351, 900]] = -999.0
+    return found
+
+
+def overflowing(angle: Array) -> Array:
+    half = 0.8 * np.max(np.abs(angle - np.mean(angle)))
+    return (angle - np.mean(angle) + half) % (2.0 * half) - half
+
+
+def resampled(angle: Array) -> Array:
+    rows = np.arange(ROWS)
+    return np.interp(rows, rows[::6], angle[::6])
+
+
+def wrapped(angle: Array) -> Array:
+    return (8.0 * angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (clipped, "'angle' is clipped"),
+        (dead, "'angle' is stuck"),
+        (with_placeholders, "it stands for no reading"),
+        (overflowing, "overflows, or it wraps"),
+        (resampled, "runs in straight lines"),
+        (wrapped, "wraps"),
+    ],
+)
+def test_what_a_reading_cannot_do_is_named(
+    spoil: Callable[[Array], Array], words: str, seed: int
+) -> None:
+    times, goal, angle = record(seed)
+    (text,) = said(times, goal, spoil(angle))
+    assert words in text
+
+
+def test_a_copy_of_the_command_is_named() -> None:
+    times, goal, _ = record()
+    (text,) = said(times, goal, 0.3 + 2.0 * goal)
+    assert "'angle' is a copy of 'goal'" in text
+
+
+def test_columns_that_are_swapped_are_named() -> None:
+    times, goal, angle = record()
+    (text,) = said(times, angle, goal)
+    assert "their columns are swapped" in text
+
+
+def test_rows_that_are_there_twice_are_named() -> None:
+    _, goal, angle = record()
+    twice = INTERVAL * np.arange(2 * ROWS)
+    assert said(twice, np.repeat(goal, 2), np.repeat(angle, 2)) == [
+        "every row is there twice: keep one of each"
+    ]
+
+
+def test_two_runs_in_one_file_are_named_where_the_second_begins() -> None:
+    _, goal, angle = record()
+    cut, count = 1_100, 1_100 + ROWS
+    joined = [np.concatenate([it[:cut], it]) for it in (goal, angle)]
+    (text,) = said(INTERVAL * np.arange(count), *joined)
+    assert "two runs were joined" in text
+    assert f"in row {cut}," in text
+
+
+@pytest.mark.parametrize("rows", [20, 40])
+def test_an_answer_before_its_command_is_named(rows: int) -> None:
+    times, goal, angle = record(4)
+    late = np.concatenate([np.full(rows, goal[0]), goal[:-rows]])
+    (text,) = said(times, late, angle)
+    assert "before 'goal' jumps" in text
+    assert "the command was logged late" in text
+
+
+def test_a_drive_that_was_switched_off_is_named() -> None:
+    times, goal, angle = record(5)
+    off = 2 * ROWS // 3
+    noise = NOISE * np.random.default_rng(6).standard_normal(ROWS)
+    stands = np.where(np.arange(ROWS) < off, angle, angle[off] + noise)
+    goal[off:] = np.where(np.arange(ROWS - off) % 200 < 100, -0.6, 0.6)
+    (text,) = said(times, goal, stands)
+    assert "the drive was switched off" in text
+
+
+def test_an_answer_within_one_row_is_no_second_run() -> None:
+    times, goal, _ = record()
+    noise = NOISE * np.random.default_rng(7).standard_normal(ROWS)
+    assert said(times, goal, goal + noise) == []
