@@ -117,10 +117,6 @@ RULES = {
     "half jumps": Rule(
         [(joint_fits, "_half_jumps", lambda *_: iter(()))], [joint_fits._half_jumps]
     ),
-    "reach moved on": Rule(
-        [(joint_fits, "_followed", same)], [joint_fits._followed, joint_fits._opened]
-    ),
-    "grids polished": Rule([(joint_fits, "_polished", same)], [joint_fits._polished]),
     "thorough starts": Rule(
         [
             (
@@ -135,7 +131,6 @@ RULES = {
     ),
     "delay by samples": Rule([(fitting, "shifted", nothing)], [fitting.shifted, fitting._periods]),
     "past an edge": Rule([(fitting, "past_an_edge", nothing)], [fitting.past_an_edge]),
-    "phase turned": Rule([(fitting, "turned", nothing)], [fitting.turned]),
     "smooth twin": Rule(
         [(fitting.Fitter, "_switched_off", lambda _: {})],
         [fitting.Fitter._switched_off, fitting.Fitter._twin],
@@ -151,10 +146,7 @@ RULES = {
         [(selection, "leave_one_condition_out", lambda *_: 0.0)],
         [fitting.leave_one_condition_out, fitting.conditions, Search.carries_over],
     ),
-    "entry: blocks agree": Rule(settings=Settings(entry_probability=2.0)),
     "entry: advantage": Rule(settings=Settings(entry_advantage=0.0)),
-    "entry: part of the gap": Rule(settings=Settings(entry_gap_share=0.0)),
-    "entry: third effect": Rule(settings=Settings(entry_share_of_third=Settings.entry_share)),
     "fits alone: ten": Rule(settings=Settings(fits_alone=5)),
     "fits beside: four": Rule(settings=Settings(fits_beside=2)),
     "fifth effect": Rule(settings=Settings(most_effects=3)),

@@ -285,11 +285,6 @@ class Hints:
     learnt: bool = False
 
     @property
-    def phases(self) -> tuple[str, ...]:
-        """Parameters that turn a sine."""
-        return tuple(it for it in (self.phase, *(one.phase for one in self.harmonics)) if it)
-
-    @property
     def counts(self) -> tuple[str, ...]:
         """Parameters that say how many periods a sine has in a turn."""
         return tuple(it for it in (self.count, *(one.count for one in self.harmonics)) if it)

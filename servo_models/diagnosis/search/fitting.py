@@ -184,19 +184,6 @@ def shifted(problem: Problem, vector: Array) -> Array | None:
     return trials[int(np.argmin(costs))] if min(costs) < MOVED_COST_OVER_COST * before else None
 
 
-def turned(problem: Problem, vector: Array) -> Array | None:
-    """Return a vector with the phases that lie on a bound moved a turn on, None if there are none.
-
-    The response is the same there, and the search may go on where the bound has stopped it.
-    """
-    sides, found = problem.sides(vector), vector.copy()
-    for i, free, parameter, hints in _of_effects(problem):
-        if sides[i] and parameter.key in hints.phases:
-            found[i] += (2.0 if sides[i] == "low" else -2.0) * np.pi / free.scale
-    found = np.clip(found, *problem.bounds)
-    return None if np.array_equal(found, vector) else found
-
-
 def delays_of(problem: Problem) -> list[int]:
     """Which free parameters are times of a transport delay."""
     return [
@@ -547,9 +534,6 @@ class Fitter:
             if moved is None:
                 break
             vector, met, slopes = descend(problem, moved, tolerance, limit, widths, enough=enough)
-        onward = turned(problem, vector)
-        if onward is not None:
-            vector, met, slopes = descend(problem, onward, tolerance, limit, widths, enough=enough)
         if stepwise:
             return sharpened(problem, vector, stepwise, widths, NARROW_RELATIVE_CHANGES), met, None
         return vector, met, slopes

@@ -11,13 +11,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
-from servo_models.diagnosis.search.candidates import Candidate
 from servo_models.diagnosis.search.fitting import HOPELESS_RATIO, FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
 
 MOST_REFITS = 4
-"""Of a discontinuous effect or a resonance."""
+"""Of a discontinuous effect."""
 REFIT_COST = 0.5
 """Cost of a discontinuous effect over that without it, below which it is fitted again."""
 SLOW_COST_RATIO = 0.98
@@ -38,8 +37,6 @@ def beside(
     result = min(glances, key=lambda start: start.cost).result
     begin, slopes = best_start(result), result.linearised.slopes
     best = fitter.fit(effects, [*kept, *begin.free], begin.values, slopes, enough=enough)
-    if best.cost < first.cost:
-        best = _followed(fitter, best, kept, result.candidate)
     best = _polished(fitter, best, first) if result.candidate.discontinuous else best
     further = [(it.free, it.values) for it in _other_shapes(glances, result)]
     further += _half_jumps(begin, best) if result.candidate.jump else ()
@@ -77,29 +74,6 @@ def _half_jumps(
     size = min(max(lost / (1.0 - half), switch.low), switch.high)
     own = {switch.name: size, one.jump.name: half}
     yield one.at(own), {**found.values, **own}
-
-
-def _followed(
-    fitter: Fitter, found: FittedModel, kept: Sequence[Free], one: Candidate
-) -> FittedModel:
-    """Fit on where an effect stopped at the end of its reach, and can be reached from there."""
-    for _ in range(MOST_REFITS):
-        further = [*kept, *one.at(found.values)]
-        own = slice(-len(further), None)
-        sides = found.problem.sides(found.evidence.vector)[own]
-        if not any(map(_opened, sides, found.problem.free[own], further)):
-            break
-        before, found = found, fitter.fit(found.effects, further, found.values)
-        if found.cost > SLOW_COST_RATIO * before.cost:
-            break
-    return found
-
-
-def _opened(side: str, before: Free, after: Free) -> bool:
-    """Whether the bound on which a parameter lies has moved."""
-    if side == "low":
-        return after.low < before.low
-    return side == "high" and after.high > before.high
 
 
 def _polished(fitter: Fitter, found: FittedModel, first: FittedModel) -> FittedModel:
