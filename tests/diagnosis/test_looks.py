@@ -140,16 +140,6 @@ def test_the_best_of_many_sizes_has_to_do_more_than_one() -> None:
     assert not passes_entry_test(replace(found, chance=0.6 * beyond), retuned)
 
 
-def test_a_phase_goes_on_beyond_half_a_turn() -> None:
-    """A ripple sought from the other side of half a turn: the way there leads over the bound."""
-    true = {"cogging.torque": 3e-4, "cogging.phase": -2.97}
-    fitter, every = made(true)
-    best = fitter.fit(("cogging",), every["cogging"].at(true))
-    found = fitter.fit(("cogging",), every["cogging"].at({**true, "cogging.phase": 2.9}))
-    assert found.values["cogging.phase"] < 0.0
-    assert found.cost == pytest.approx(best.cost, rel=1e-3)
-
-
 def test_a_hold_is_seen_though_the_delay_has_made_up_for_it() -> None:
     """A hold is late by half its period, so the delay of a fit without it is too long."""
     nominal = model("sg90", "linear", {"transport_delay.time": 0.02})
