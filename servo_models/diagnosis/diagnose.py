@@ -140,6 +140,7 @@ def _diagnose(
     # what does not follow the command is no curve of what the actuator does
     shaped = verdict.kind == OUTSIDE and verdict.locked.follows
     learns = shaped and not stop.passed
+    calibrated = not selection.unfinished and not any(it.mistakes for it in audited)
     lacking = ["the shape of what is left"] if shaped and not learns else []
     if tell and learns:
         tell("learning the shape of what is left")
@@ -154,7 +155,7 @@ def _diagnose(
         verdict=verdict,
         gap=whole_gap(selection, seed),
         gaps=gaps(selection, floors, origins, seed),
-        ranking=ranked_effects(selection, verdict),
+        ranking=ranked_effects(selection, verdict, calibrated),
         moved=estimates(selection.retuned),
         residual_map=learn(selection.taken, selection.retuned) if learns else None,
         tolerance=tolerance,

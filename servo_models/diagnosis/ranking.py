@@ -36,8 +36,8 @@ class RankedEffect:
         model_weight: share of the fitted models of as many effects as were taken that have it,
             each with its weight; None where none of them has. It ranks.
         probability: that it is among the causes, None where nothing is known of that: without a
-            model weight, where the search was stopped, and outside the catalogue, where none of the
-            effects explains all.
+            model weight, where the search was stopped, in logs that are not what was measured, and
+            outside the catalogue, where none of the effects explains all.
         in_set: whether it is in the set that cannot be told apart.
         taken: whether the after figures are with it.
         parameters: of the effect, in the best fitted model that has it.
@@ -66,20 +66,30 @@ class RankedEffect:
     detected: Signature | None = None
 
 
-def ranked_effects(selection: Selection, verdict: Verdict) -> tuple[RankedEffect, ...]:
-    """Return every effect that was fitted, most likely first, then by the gap it leaves."""
+def ranked_effects(
+    selection: Selection, verdict: Verdict, calibrated: bool = True
+) -> tuple[RankedEffect, ...]:
+    """Return every effect that was fitted, most likely first, then by the gap it leaves.
+
+    Probabilities were learnt from whole searches in logs as they should be; where such a one is not
+    ``calibrated``, they are not told.
+    """
     found: dict[str, RankedEffect] = {}
     for fitted_model in (selection.taken, *verdict.rivals, *selection.fitted.values()):
         for name in fitted_model.effects:
             if name not in found:
-                found[name] = _ranked_effect(name, fitted_model, selection, verdict)
+                found[name] = _ranked_effect(name, fitted_model, selection, verdict, calibrated)
     place = {name: i for i, name in enumerate(verdict.weights)}
     others = len(place)
     return tuple(sorted(found.values(), key=lambda it: (place.get(it.name, others), it.gap_after)))
 
 
 def _ranked_effect(
-    name: str, fitted_model: FittedModel, selection: Selection, verdict: Verdict
+    name: str,
+    fitted_model: FittedModel,
+    selection: Selection,
+    verdict: Verdict,
+    calibrated: bool,
 ) -> RankedEffect:
     model = fitted_model.problem.model
     matters = fitted_model is selection.taken or fitted_model in verdict.rivals
@@ -89,8 +99,7 @@ def _ranked_effect(
         name=name,
         wire=model.plant.main_wire(name),
         model_weight=verdict.weights.get(name),
-        # learnt from whole searches
-        probability=None if selection.unfinished else verdict.probabilities.get(name),
+        probability=verdict.probabilities.get(name) if calibrated else None,
         in_set=name in verdict.members,
         taken=name in selection.taken.effects,
         parameters=tuple(v for v in values if v.name.startswith(f"{name}.")),

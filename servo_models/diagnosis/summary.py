@@ -115,9 +115,17 @@ def missed(diagnosis: Diagnosis) -> list[HeldOut]:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """Return the verdict in a clause, without figures and rivals; first that it was stopped."""
+    """Return the verdict in a clause, without figures and rivals; first what is wrong with a log,
+    and that it was stopped."""
     so_far = f"Stopped {diagnosis.stopped}, best so far: " if diagnosis.stopped else ""
-    return f"{so_far}{_headline(diagnosis)}"
+    return f"{mistaken(diagnosis)}{so_far}{_headline(diagnosis)}"
+
+
+def mistaken(diagnosis: Diagnosis) -> str:
+    """Return a clause on the first log that is not what was measured, "" for none."""
+    wrong = (f"{it.log.name}': {it.mistakes[0]}" for it in diagnosis.audits if it.mistakes)
+    first = next(wrong, "")
+    return f"Correct log '{first}. As it stands: " if first else ""
 
 
 def untried(diagnosis: Diagnosis) -> str:
@@ -170,6 +178,8 @@ def not_asserted(diagnosis: Diagnosis) -> str:
     worse = [one.log for one in diagnosis.held_out if one.worse]
     if worse:
         return f"log '{worse[0]}', held out, gets worse"
+    if mistaken(diagnosis):
+        return "the log is not what was measured"
     return "" if taken.converged else "the fit did not converge"
 
 
