@@ -87,7 +87,7 @@ def mistakes(log: Log, plant: Plant) -> Iterator[str]:
 
     Example:
         >>> list(mistakes(log, plant))
-        ["'angle' reads -999 deg in 12 rows: it stands for no reading; leave these rows out"]
+        ["'angle' reads -999 deg in 12 rows: it stands for no reading; ..."]
     """
     yield from _doubled(log)
     for name, values in log.outputs.items():
@@ -131,7 +131,7 @@ def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[str]:
             yield (
                 f"'{wire.name}' reads {_shown(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
-                " reading; leave these rows out of the file"
+                " reading; say so by missing, with this number of the file"
             )
 
 

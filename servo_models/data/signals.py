@@ -74,6 +74,7 @@ class Signal(Table):
         offset = "2 deg"
         sign = -1
         shift = "2 ms"
+        missing = -999
         table = "joint_states"
     """
 
@@ -83,6 +84,7 @@ class Signal(Table):
     offset: Quantity = 0.0
     sign: Number = 1.0
     shift: Seconds = Seconds(0.0)
+    missing: Number | None = None
     table: str = ""
 
 
@@ -214,6 +216,11 @@ def read_log(
         for name, m in inputs.items()
     }
     measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
+    skipped = _skipped(section, entry.judged, times, fed) if entry.judged else None
+    for m in outputs.values():
+        if m.missing is not None:
+            lost = _moved(m.shift, times, _missing(m, clock).astype(float), hold=False) > 0.0
+            skipped = lost if skipped is None else skipped | lost
     constants = _constants(section.section("constants"), chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
     time = Channel("time", str(clock.column), clock.unit, clock.scale, origin)
@@ -229,7 +236,7 @@ def read_log(
         held_out=_held_out(section, entry.held_out, clock.since, fed),
         constants=constants,
         settle=_settle(section, entry, chosen, fed, constants, float(times[-1])),
-        skipped=_skipped(section, entry.judged, times, fed) if entry.judged else None,
+        skipped=skipped,
         begin=float(clock.since[0]),
         notes=tuple(notes),
         start=_start(section, entry.start, chosen),
@@ -349,12 +356,14 @@ def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Mode
 
 
 class Mapped(NamedTuple):
-    """A signal with the column and the table it is in; ``shift`` [s] is added to its times."""
+    """A signal with the column and the table it is in; ``shift`` [s] is added to its times, and
+    the number ``missing`` in the file is no reading."""
 
     channel: Channel
     column: str | int
     table: str | None
     shift: float = 0.0
+    missing: float | None = None
 
 
 def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
@@ -381,7 +390,8 @@ def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Ma
     words = unit if given.scale == 1.0 else f"{given.scale:g} {unit}"
     scale = given.sign * given.scale * to_si
     channel = Channel(name, str(given.column), words, scale, offset * to_si)
-    return Mapped(channel, given.column, given.table or table, float(given.shift))
+    shift = float(given.shift)
+    return Mapped(channel, given.column, given.table or table, shift, given.missing)
 
 
 def in_si(mapped: Mapped, numbers: Array) -> Array:
@@ -413,7 +423,11 @@ def _mapped(
     for name in section:
         if name not in wires:
             section.fail(name, unknown(kind, name, wires))
-    return {name: map_signal(section, name, wires[name], table) for name in section}
+    mapped = {name: map_signal(section, name, wires[name], table) for name in section}
+    for name, one in mapped.items():
+        if kind == "input" and one.missing is not None:
+            section.fail(f"{name}.missing", "an input has a value in every row; leave missing out")
+    return mapped
 
 
 def _outputs(section: Section, readings: Mapping[str, Wire], main: str | None) -> dict[str, Mapped]:
@@ -464,8 +478,13 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
-    """An output in SI at the times of the log."""
-    values = in_si(mapped, clock.numbers(mapped.column))
+    """An output in SI at the times of the log; over rows that are missing it is a line."""
+    values, lost = in_si(mapped, clock.numbers(mapped.column)), _missing(mapped, clock)
+    if lost.all():
+        place = clock.columns.where(mapped.column)
+        raise UserError(f"{place} is {mapped.missing:g} in every row: correct missing")
+    if lost.any():
+        values = np.interp(times, times[~lost], values[~lost])
     check_size(mapped, clock.columns, clock.rows, values, wire)
     moved = _moved(mapped.shift, times, values, wire.flag)
     if not wire.flag and np.ptp(moved) < LEAST:
@@ -475,6 +494,11 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
             f" '{wire.name}' says nothing; leave it out or record one that moves"
         )
     return moved
+
+
+def _missing(mapped: Mapped, clock: Clock) -> Mask:
+    """Mark rows in which a column is no reading, shape (n,)."""
+    return np.asarray(clock.numbers(mapped.column) == mapped.missing)
 
 
 def _check_shift(section: Section, key: str, shift: float, times: Array) -> None:

@@ -173,3 +173,31 @@ def test_a_shift_that_leaves_an_output_constant(tmp_path: Path) -> None:
     log = LOG.replace('unit = "deg"', 'unit = "deg", shift = "15 ms"')
     message = complaint(tmp_path, log=log, data=text_of(rows))
     assert "column 'angle_deg' is constant over the log, in what a shift of 0.015 s" in message
+
+
+MISSING = """
+[[logs]]
+file = "log.csv"
+time = { column = 1, unit = "ms" }
+inputs.voltage = { column = 2, unit = "V" }
+outputs.angle = { column = 3, unit = "deg", missing = -999 }
+"""
+
+
+def test_a_number_that_stands_for_no_reading_is_not_seen(tmp_path: Path) -> None:
+    lost = (4, 5, 11)
+    rows = [(t, u, -999 if k in lost else y) for k, (t, u, y) in enumerate(TABLE)]
+    (whole,) = describe(tmp_path, LOG).logs
+    (log,) = describe(tmp_path, MISSING, data=text_of(rows)).logs
+    assert list(np.flatnonzero(~log.fitted)) == list(lost)
+    kept = np.delete(np.arange(len(TABLE)), lost)
+    assert np.array_equal(log.outputs["angle"][kept], whole.outputs["angle"][kept])
+    line = np.interp(whole.times, whole.times[kept], whole.outputs["angle"][kept])
+    assert log.outputs["angle"] == pytest.approx(line)
+
+
+def test_missing_is_for_outputs_and_not_for_every_row(tmp_path: Path) -> None:
+    entry = MISSING.replace('unit = "V"', 'unit = "V", missing = 0')
+    assert "an input has a value in every row" in complaint(tmp_path, log=entry)
+    rows = [(t, u, -999) for t, u, _ in TABLE]
+    assert "is -999 in every row" in complaint(tmp_path, log=MISSING, data=text_of(rows))
