@@ -153,7 +153,8 @@ def _audit(log: Log, plant: Plant, steps: Mapping[str, Step]) -> Audit:
     readings = tuple(_reading(log, plant.wire[name], steps[name]) for name in log.outputs)
     commands = tuple(_command(log, plant.wire[name], clock.step, readings) for name in log.inputs)
     rest = _at_rest(log, plant, readings)
-    return Audit(log, clock, commands, readings, rest, mistakes=tuple(mistakes(log, plant)))
+    wrong = tuple(mistakes(log, plant, {name: step.size for name, step in steps.items()}))
+    return Audit(log, clock, commands, readings, rest, mistakes=wrong)
 
 
 def noise_floors(audits: Iterable[Audit]) -> dict[str, float]:

@@ -7,7 +7,7 @@ vanishes, a position that leaps, an answer that comes before its command.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +30,8 @@ REPEATS = 0.1
 """Share of rows that repeat the one before, up to which noise is seen in a reading."""
 HELD_ROWS = 12
 """Rows in which a reading with noise does not repeat itself by chance."""
+STEPS_OF_NOISE = 2.0
+"""Noise over the step of a reading, from which it changes from row to row even at rest."""
 HELD_SHARE = 0.02
 """Share of all rows at one value, from which it is no accident."""
 STUCK_SHARE = 0.1
@@ -75,18 +77,23 @@ STANDS = 0.15
 STILL = 8.0
 """Range in noise floors of a reading that stands."""
 LONGER = 5.0
-"""A stretch over the next longest, or a width over that at rest, that is no accident."""
+"""Width of a reading over that at rest, from which it has moved before."""
 INNER = (1.0, 99.0)
 """Percentiles between which readings count."""
 AS_FAR = 0.5
 """Range of its command meanwhile, over that of the whole log."""
 
 
-def mistakes(log: Log, plant: Plant) -> Iterator[str]:
+def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[str]:
     """Yield what is wrong with the columns of a log, one sentence each with its cure.
 
+    Args:
+        log: with its outputs in SI.
+        plant: says what they are.
+        steps: of readings [SI] by name of the output, 0 where there are none.
+
     Example:
-        >>> list(mistakes(log, plant))
+        >>> list(mistakes(log, plant, {}))
         ["'angle' reads -999 deg in 12 rows: it stands for no reading; ..."]
     """
     yield from _doubled(log)
@@ -96,7 +103,7 @@ def mistakes(log: Log, plant: Plant) -> Iterator[str]:
             continue
         told = [*_copied(log, name, values)] or [*_swapped(log, name, values)]
         told = told or [*_placeholders(log, wire, values)]
-        told = told or [*_leaps(log, wire, values), *_held(log, name, values)]
+        told = told or [*_leaps(log, wire, values), *_held(log, name, values, steps.get(name, 0.0))]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
         yield from told or (
             _ahead(log, plant, name, values) if name == next(iter(log.outputs)) else ()
@@ -215,27 +222,34 @@ def _answers(command: Array, where: NDArray[np.int64]) -> bool:
     return bool(least > JUMP * np.ptp(command) and len(where) > 0.5 * np.sum(jumps >= least))
 
 
-def _held(log: Log, name: str, values: Array) -> Iterator[str]:
-    """A reading whose noise vanishes at an end of its range, or for good."""
+def _held(log: Log, name: str, values: Array, step: float) -> Iterator[str]:
+    """A reading whose noise vanishes at an end of its range, or for good.
+
+    One in steps rests without noise anyway, as on a shaft that sticks.
+    """
     starts, stops = _runs(np.abs(np.diff(values)) <= EQUAL * np.ptp(values))
     lengths = stops - starts
     long = lengths >= HELD_ROWS
-    if not long.any():
+    held = np.zeros(len(values), dtype=bool)
+    for begin, end in zip(starts[long], stops[long]):
+        held[begin + 1 : end + 1] = True
+    others = values[~held]
+    if not long.any() or len(others) < HELD_ROWS or _repeats(others) > REPEATS:
         return
-    noisy = _repeats(values) - lengths[long].sum() / len(values) < REPEATS
+    if difference_noise(others) < STEPS_OF_NOISE * step:
+        return
     ends = np.isin(values[starts], (np.min(values), np.max(values))) & long
     rows = int(lengths[ends].sum())
-    if noisy and rows > HELD_SHARE * len(values) and ends.sum() > 1:
+    if rows > HELD_SHARE * len(values) and ends.sum() > 1:
         yield (
             f"'{name}' is clipped: it stays at an end of its range, without noise, in {rows} rows;"
             " log smaller moves, or with a wider range"
         )
         return
-    longest, others = int(np.argmax(lengths)), np.sort(lengths)[:-1]
+    longest = int(np.argmax(lengths))
     begin, end = int(starts[longest]), int(stops[longest])
-    alone = noisy or end - begin > LONGER * others.max(initial=0)
     moving = any(np.ptp(it[begin:end]) > 0.0 for it in log.inputs.values())
-    if end - begin > STUCK_SHARE * len(values) and moving and alone:
+    if end - begin > STUCK_SHARE * len(values) and moving:
         yield (
             f"'{name}' is stuck at the same value for {end - begin + 1} rows from row"
             f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before"

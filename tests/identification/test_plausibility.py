@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from servo_models.core.simulate import model, simulate
+from servo_models.data.audit import audits
 from servo_models.data.description import read_description
 from servo_models.data.outliers import outliers, outliers_of
 from servo_models.errors import UserError
@@ -176,6 +177,7 @@ def test_a_load_is_judged_by_a_full_scale_that_somebody_declared(
 def test_examples_make_sense(name: str) -> None:
     told = read_description(EXAMPLES / name / "description.toml")
     assert (*implausible_clocks(told), *implausible(told)) == ()
+    assert not any(it.mistakes for it in audits(told.logs, told.model.plant))
 
 
 @pytest.mark.parametrize(
