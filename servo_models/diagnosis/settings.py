@@ -41,9 +41,12 @@ class Settings:
             joins it, unless the tolerance is less.
         entry_advantage: twice the log likelihood ratio by which an effect has to predict unseen
             blocks better, beyond what the best of so many trials does by chance.
+        entry_probability: that so many blocks favour it by chance.
         entry_share: share of the mean square error left that an effect has to take away.
         entry_share_on_bound: the same where a bound holds it back: what it imitates may be another
             effect.
+        entry_share_of_third: the same for a third effect and each after it, and for each further
+            sine of a ripple: many together imitate what is none of them.
         loss_factor_on_bound: factor on the unseen errors of a model that a bound holds back.
         bound_advantage: squared errors beyond a bound over their dispersion, from which it holds a
             model back.
@@ -96,8 +99,10 @@ class Settings:
     as_good_share: float = 0.5
     enough_floors: float = 1.1
     entry_advantage: float = 20.0
+    entry_probability: float = 0.05
     entry_share: float = 0.02
     entry_share_on_bound: float = 0.2
+    entry_share_of_third: float = 0.2
     loss_factor_on_bound: float = 1.25
     bound_advantage: float = 9.0
     least_conditions: int = 3

@@ -20,7 +20,7 @@ import numpy as np
 
 from servo_models.core.stop import AT_FIRST_ANSWER, Stop
 from servo_models.diagnosis.search.candidates import Candidate, candidates
-from servo_models.diagnosis.search.crossval import CrossValidation, advantage
+from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
 from servo_models.diagnosis.search.fitting import (
     FittedModel,
     Fitter,
@@ -339,7 +339,7 @@ class SubsetSelection:
                 if taken.settled:
                     break
                 more = with_sines(self.fitter, taken, one, number)
-                if more and passes_entry_test(more, taken):
+                if more and passes_entry_test(more, taken, self.settings.entry_share_of_third):
                     taken = more
                     self.keep(taken)
         return taken
@@ -361,8 +361,8 @@ class SubsetSelection:
             self.grow_alone(pool)
         elif self.best(size - 1):
             settings, many = self.settings, size == 2 and not self.settled(1)
-            least = size > 2 or self.settled(size - 1)
-            share = 1.0 - settings.entry_share if least else settings.promised_cost
+            share = settings.promised_cost if size == 2 else 1.0 - settings.entry_share_of_third
+            share = 1.0 - settings.entry_share if self.settled(size - 1) else share
             for base in self.bases(size - 1)[: settings.bases if many else 1]:
                 self.grow_beside(base, pool, share)
         self.finish_best(size)
@@ -479,7 +479,10 @@ class SubsetSelection:
         """Whether each effect of a model earns its place, also under conditions left out."""
         if fewer.evidence.rms < self.enough:
             return False
-        if not passes_entry_test(model, fewer):
+        settings = self.settings
+        many = len(model.effects) >= 3
+        share = settings.entry_share_of_third if many else settings.entry_share
+        if not passes_entry_test(model, fewer, share):
             return False
         if len(model.effects) == 1:
             return True
@@ -565,12 +568,20 @@ def same(one: Screened, other: Screened) -> bool:
     return abs(float(a @ b)) > SAME_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
-def passes_entry_test(one: FittedModel, other: FittedModel) -> bool:
-    """Return whether ``one`` predicts what is held out of its fit surely better than ``other``."""
+def passes_entry_test(one: FittedModel, other: FittedModel, share: float | None = None) -> bool:
+    """Return whether ``one`` predicts what is held out of its fit surely better than ``other``.
+
+    ``share`` is that of the squared errors that it has to take away, by default ``entry_share``.
+    """
     settings = one.settings
-    caught = one.held_by_bound and not other.held_by_bound
-    share = settings.entry_share_on_bound if caught else settings.entry_share
+    share = settings.entry_share if share is None else share
+    if one.held_by_bound and not other.held_by_bound:
+        share = max(share, settings.entry_share_on_bound)
     least = settings.entry_advantage + 2.0 * max(one.chance - other.chance, 0.0)
     by_chance = not sure(other.left, settings)
     saved = 1.0 - one.loss / other.loss if other.loss > 0.0 else 0.0
-    return saved > share and advantage(one.evidence, other.evidence, by_chance) > least
+    return (
+        saved > share
+        and advantage(one.evidence, other.evidence, by_chance) > least
+        and consistency(one.evidence, other.evidence) < settings.entry_probability
+    )
