@@ -148,6 +148,7 @@ RULES = {
     ),
     "entry: blocks agree": Rule(settings=Settings(entry_probability=2.0)),
     "entry: advantage": Rule(settings=Settings(entry_advantage=0.0)),
+    "entry: part of the gap": Rule(settings=Settings(entry_gap_share=0.0)),
     "entry: third effect": Rule(settings=Settings(entry_share_of_third=Settings.entry_share)),
     "fits alone: ten": Rule(settings=Settings(fits_alone=5)),
     "fits beside: four": Rule(settings=Settings(fits_beside=2)),

@@ -39,6 +39,8 @@ class Settings:
             promise.
         enough_floors: held-out error [noise floors] below which a model is enough, and no effect
             joins it, unless the tolerance is less.
+        entry_gap_share: part of what re-tuned parameters leave above the noise floor [RMS] that a
+            first effect has to take away.
         entry_advantage: twice the log likelihood ratio by which an effect has to predict unseen
             blocks better, beyond what the best of so many trials does by chance.
         entry_probability: that so many blocks favour it by chance.
@@ -98,6 +100,7 @@ class Settings:
     rival_cost: float = 1.1
     as_good_share: float = 0.5
     enough_floors: float = 1.1
+    entry_gap_share: float = 0.1
     entry_advantage: float = 20.0
     entry_probability: float = 0.05
     entry_share: float = 0.02

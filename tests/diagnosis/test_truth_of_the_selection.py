@@ -102,6 +102,17 @@ def test_no_effect_joins_a_model_that_leaves_noise() -> None:
     assert set(select_effects(fitter).taken.effects) == {"coulomb_friction", "sensor_offset"}
 
 
+@pytest.mark.parametrize(("offset_in_floors", "effects"), [(1.75, 0), (3.5, 1)])
+def test_a_first_effect_takes_a_tenth_of_what_parameters_leave(
+    offset_in_floors: float, effects: int
+) -> None:
+    """Noise of five floors and an offset leave hypot(5, offset) floors, and without it five."""
+    floor = 1e-5
+    fitter, _ = made({"sensor_offset.value": offset_in_floors * floor}, 5.0 * floor)
+    selected = select_effects(replace(fitter, floors={"angle": floor}))
+    assert len(selected.taken.effects) == effects
+
+
 @pytest.mark.parametrize("ticks", [-1.0, 1.0])
 def test_a_delay_one_tick_off_before_a_hold_is_found(ticks: float) -> None:
     """Commands wait for the next tick, so that no slope leads from one tick to another."""

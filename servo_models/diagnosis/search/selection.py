@@ -482,6 +482,9 @@ class SubsetSelection:
         settings = self.settings
         many = len(model.effects) >= 3
         share = settings.entry_share_of_third if many else settings.entry_share
+        least = settings.entry_gap_share * (self.retuned.evidence.rms - 1.0)
+        if not fewer.effects and fewer.evidence.rms - model.evidence.rms < least:
+            return False
         if not passes_entry_test(model, fewer, share):
             return False
         if len(model.effects) == 1:
