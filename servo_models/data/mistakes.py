@@ -193,7 +193,11 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
         row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
         yield f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it"
         return
-    if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < LEAST_LEAP * np.ptp(values):
+    if (
+        _repeats(values) > REPEATS
+        or ratios[count - 1] < LEAP_RATIO
+        or sizes[count - 1] < LEAST_LEAP * np.ptp(values)
+    ):
         return
     where = np.flatnonzero(np.abs(steps) >= sizes[count - 1])
     if any(_answers(command, where) for command in log.inputs.values()):

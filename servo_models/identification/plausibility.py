@@ -50,12 +50,6 @@ DRIFT_DEGREE = 2
 """Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
 ELSEWHERE = 0.5
 """Distance to the model over its range, from which the zero of a reading is elsewhere."""
-CLOCKS = (-0.05, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.05)
-"""By which a clock may go faster than another one, relative."""
-DELAYS = (-0.5, -0.35, -0.25, -0.15, 0.15, 0.25, 0.35, 0.5)
-"""By which a command may act sooner, over the time of an answer, instead of a clock that drifts."""
-DRIFTS = 0.4
-"""Share of the misfit that is left by the right clock, at most."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
 LONGEST = 5e6
@@ -107,7 +101,7 @@ def implausible(described: Description) -> tuple[str, ...]:
         texts = [*_about_held_inputs(model, log), *_about_signs(model, log, against)]
         turned = _turned(model, log, against)
         texts += [*_about_rates(model, turned)] or _about_units(model, turned, answer)
-        texts += [*_about_zeros(model, turned), *_about_clocks(model, turned, answer)]
+        texts += _about_zeros(model, turned)
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
 
@@ -306,29 +300,6 @@ def _about_zeros(model: Model, log: Log) -> Iterator[str]:
             )
 
 
-def _about_clocks(model: Model, log: Log, answer: float) -> Iterator[str]:
-    """Commands by another clock than that of the readings, which no delay makes."""
-    now = _mean(_misfits(model, log) or {"": 0.0})
-    if now < SEEN:
-        return
-    others = [(rate, 0.0) for rate in CLOCKS] + [(0.0, part * answer) for part in DELAYS]
-    misfits = {one: _mean(_misfits(model, _by_clock(log, *one))) for one in others}
-    rate, sooner = min(misfits, key=lambda it: misfits[it])
-    if rate and misfits[rate, sooner] < DRIFTS * now:
-        yield (
-            f"the commands fit the readings far better if their clock goes {abs(rate):.0%}"
-            f" {'faster' if rate > 0.0 else 'slower'}: they were logged by two clocks that drift"
-            " apart; log both by one"
-        )
-
-
-def _by_clock(log: Log, rate: float, sooner: float) -> Log:
-    """The log with commands as of a clock that goes faster by a share, and sooner by a time [s]."""
-    rows = np.searchsorted(log.times, (1.0 + rate) * log.times + sooner, "right") - 1
-    rows = np.clip(rows, 0, len(log.times) - 1)
-    return replace(log, inputs={name: values[rows] for name, values in log.inputs.items()})
-
-
 # Units of columns
 
 
@@ -419,21 +390,21 @@ def _corrections(
         for unit, ratio in every[name]:
             yield Correction((name,), ratio, unit)
     yield from _unscaled(model, log, unlike)
-    yield from _together(every, unlike or _beyond(model, log, answer))
+    yield from _together(model.plant, every, unlike or _beyond(model, log, answer))
     yield from _other_times(model, log, now, answer)
 
 
 def _together(
-    every: Mapping[str, Sequence[tuple[str, float]]], wanted: Iterable[str]
+    plant: Plant, every: Mapping[str, Sequence[tuple[str, float]]], wanted: Iterable[str]
 ) -> Iterator[Correction]:
     """Columns of one quantity that could all be in another unit, such as degrees."""
     if not list(wanted):
         return
-    sharing: dict[float, list[tuple[str, str]]] = {}
+    sharing: dict[tuple[str, float], list[tuple[str, str]]] = {}
     for name, units in every.items():
         for unit, ratio in units:
-            sharing.setdefault(ratio, []).append((name, unit))
-    for ratio, columns in sharing.items():
+            sharing.setdefault((plant.wire[name].unit, ratio), []).append((name, unit))
+    for (_, ratio), columns in sharing.items():
         if len(columns) > 1:
             shared = '" and "'.join(dict.fromkeys(unit for _, unit in columns))
             yield Correction(tuple(name for name, _ in columns), ratio, shared)
