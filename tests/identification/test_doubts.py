@@ -95,14 +95,15 @@ def test_hundreds_of_noise_floors_are_not_believed(run: Run, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "odd",
     [
-        dict.fromkeys(range(150, 1400, 97), 1.5),
-        {150: 0.3, 260: 0.5, 370: 0.8, 480: 1.2, 590: 1.8, 675: 2.5, 777: 3.5, 888: 5.0, 999: 7.0},
+        {**dict.fromkeys(range(150, 1400, 47), 1.5), 620: 2.0},
+        {150 + 53 * k: 0.3 * 1.15**k for k in range(22)},
     ],
     ids=["many", "of all sizes"],
 )
 def test_wild_readings_that_move_the_fit_are_not_believed(
     run: Run, tmp_path: Path, odd: dict[int, float]
 ) -> None:
+    """More of them than are left out."""
     code, out, _ = run("identify", described(tmp_path, odd=odd))
     assert code == 1
     assert DISBELIEVED in first_lines(out)
