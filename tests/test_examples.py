@@ -224,7 +224,7 @@ def test_scripts_make_the_files_beside_them(
         np.testing.assert_allclose(again, kept, rtol=1e-3, atol=digit)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_xl330(copy: Copy, logs_folder: Path) -> None:
     """Load-dependent friction is beyond doubt; a gain held out is met four times as well.
 
