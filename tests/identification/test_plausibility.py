@@ -14,7 +14,11 @@ from servo_models.data.description import read_description
 from servo_models.data.outliers import outliers, outliers_of
 from servo_models.errors import UserError
 from servo_models.identification.identify import identify
-from servo_models.identification.plausibility import implausible, implausible_clocks
+from servo_models.identification.plausibility import (
+    _together,
+    implausible,
+    implausible_clocks,
+)
 from servo_models.identification.starts import with_starts
 from tests.conftest import Run
 from tests.support.logs import log_of
@@ -38,6 +42,13 @@ SUBJECTS = [
     ("second_order_servo", "pulse"),
 ]
 EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_columns_of_two_quantities_are_not_in_another_unit_together() -> None:
+    """Milli-units share a ratio, and a linear model does not tell them from the right ones."""
+    plant = model("torque_motor", "identified").plant
+    every = {"voltage": [("mV", 1e-3)], "angle": [("mrad", 1e-3)], "current": [("mA", 1e-3)]}
+    assert list(_together(plant, every, ["angle"])) == []
 
 
 def test_a_log_that_cannot_be_simulated_in_another_unit_is_not_told_to_take_it() -> None:
