@@ -46,6 +46,7 @@ LEAP_RATIO = 6.0
 """A leap over the largest step between two rows that is none."""
 LEAST_LEAP = 0.1  # of the range
 MOST_LEAPS = 40
+"""Of a log; more of them are how it moves."""
 SAME_LEAP = 0.15
 """By which leaps of a counter that begins anew may differ, relative."""
 WRAPPED = 0.6
@@ -60,6 +61,7 @@ FAR_JUMP = 0.2  # of its range
 AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)
 """Before a jump, in which an answer would come too early."""
 LEAST_JUMPS = 2
+"""Of a command, by which an answer before it is no accident."""
 QUIET = 3
 """Times as many rows in which the command has stood before."""
 LIKE_SIGNED = 0.8
@@ -158,21 +160,18 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[str]:
 
 def _swapped(log: Log, name: str, values: Array) -> Iterator[str]:
     """A reading that jumps and stays, as commands do, beside a command with noise."""
-    if _repeats(values) < 1.0 - REPEATS or np.max(np.abs(np.diff(values))) < FAR_JUMP * np.ptp(
-        values
-    ):
+    if _repeats(values) < 1.0 - REPEATS or not _jumps_far(values):
         return
     for other, command in log.inputs.items():
-        steps = np.abs(np.diff(command))
-        if (
-            np.ptp(command)
-            and _repeats(command) < REPEATS
-            and np.max(steps) < FAR_JUMP * np.ptp(command)
-        ):
+        if np.ptp(command) and _repeats(command) < REPEATS and not _jumps_far(command):
             yield (
                 f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
                 " reading has: their columns are swapped"
             )
+
+
+def _jumps_far(values: Array) -> bool:
+    return bool(np.max(np.abs(np.diff(values))) >= FAR_JUMP * np.ptp(values))
 
 
 def _repeats(values: Array) -> float:

@@ -19,9 +19,10 @@ WINDOW = 5
 APART = 5.0
 """An outlier is this many times as far from its neighbours as any other reading, or step."""
 LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
-MOST, FEW = 0.01, 5
-"""Share of the readings, and their number in a short log, that may be outliers: more of them belong
-to the signal."""
+MOST = 0.01
+"""Share of the readings that may be outliers: more of them belong to the signal."""
+FEW = 5
+"""Readings that may be outliers in a log however short."""
 JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
 SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
 BEFORE, AFTER = 2, 5
