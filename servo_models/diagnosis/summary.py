@@ -123,7 +123,11 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def mistaken(diagnosis: Diagnosis) -> str:
     """Return a clause on the first log that is not what was measured, "" for none."""
-    wrong = (f"{it.log.name}': {it.mistakes[0]}" for it in diagnosis.audits if it.mistakes)
+    wrong = (
+        f"{it.log.name}': {it.mistakes[0].partition(';')[0]}"  # the cure is among the warnings
+        for it in diagnosis.audits
+        if it.mistakes
+    )
     first = next(wrong, "")
     return f"Correct log '{first}. As it stands: " if first else ""
 
