@@ -76,6 +76,7 @@ COMMAND: tuple[Block | Placement, ...] = (
     *effects_on(
         "reference",
         "transport_delay",
+        "command_lag",
         "sample_hold",
         "dead_band",
         "command_quantisation",

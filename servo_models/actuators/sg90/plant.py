@@ -62,7 +62,7 @@ COMMAND: tuple[Block | Placement, ...] = (
     place("gear_compliance", resonance_step, "internal_step", params={"compliance": COMPLIANCE}),
     *effects_on("travel", "end_stops"),
     input_scale("load_gain", "load_torque"),
-    *effects_on("pulse_width", "transport_delay", "sample_hold", "dead_band"),
+    *effects_on("pulse_width", "transport_delay", "command_lag", "sample_hold", "dead_band"),
     servo.command_voltage,
     *effects_on(
         "command_voltage",

@@ -85,7 +85,7 @@ GOAL: tuple[Block | Placement, ...] = (
     *effects_on("travel", "end_stops", half_range={"typical": 0.05}),
     input_scale("command_gain", "goal"),
     input_scale("load_gain", "load_torque"),
-    *effects_on("goal", "transport_delay", "motion_profile"),
+    *effects_on("goal", "transport_delay", "command_lag", "motion_profile"),
 )
 LOOP: tuple[Block | Placement, ...] = (
     *residual_curves("goal"),

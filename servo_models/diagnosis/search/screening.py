@@ -39,10 +39,8 @@ LARGEST_RIPPLE_SHARE = 10.0
 """The same of a ripple, which is tried at one amplitude."""
 LEAST_SHARE = 0.5
 """The same of a limit, at least: a small part of what a tight one does is what none does."""
-VALUES_BESIDE_NOMINAL = 3
-"""Of an effect, screened beside the nominal parameters."""
 VALUES_BESIDE = 6
-"""Trial values at which an effect is screened beside others."""
+"""Trial values at which an effect is screened beside others, and beside nominal parameters."""
 VALUES_SIMULATED = 5
 """Of an effect before a fit of it, where screening puts the other parameters."""
 NEAR_RELATIVE_CHANGES = tuple(k * 4e-4 for k in range(-6, 7))
@@ -137,7 +135,7 @@ def survey(
     by_left = sorted(results, key=lambda it: it.left)
     known = [_at_best(one, by_left) for one in preselect(every, by_left)]
     for linear in others:
-        likely = [_at_likely_sizes(linear, it, VALUES_BESIDE_NOMINAL) for it in known]
+        likely = [_at_likely_sizes(linear, it) for it in known]
         results += screening_results((linear,), likely)
     return results
 
@@ -148,7 +146,7 @@ def _at_best(one: Candidate, results: Iterable[Screened]) -> Candidate:
     if not one.discontinuous:
         return one
     own = [it.settings for it in results if it.candidate.name == one.name]
-    return replace(one, trial_values=tuple(own[:VALUES_BESIDE_NOMINAL]))
+    return replace(one, trial_values=tuple(own[:VALUES_BESIDE]))
 
 
 def _results(
@@ -427,19 +425,17 @@ def likeliest(own: Sequence[Screened]) -> list[Screened]:
     return [*first, *(it for it in own if it not in first)][:VALUES_SIMULATED]
 
 
-def _at_likely_sizes(
-    linear: Linearisation, one: Candidate, count: int = VALUES_BESIDE, most: float = np.inf
-) -> Candidate:
+def _at_likely_sizes(linear: Linearisation, one: Candidate, most: float = np.inf) -> Candidate:
     """An effect at the sizes that would leave least from there, and less than ``most``, if changes
     add up.
 
     A size that does nothing alone, as a wide limit, says nothing of what it does there.
     """
-    if not one.alone or (len(one.alone) <= count and most == np.inf):
+    if not one.alone or (len(one.alone) <= VALUES_BESIDE and most == np.inf):
         return one
     left, _ = best_scales(linear, [one] * len(one.alone), one.alone)
     left = np.where([change.any() for change in one.alone], left, np.inf)
-    best = np.argsort(left, kind="stable")[:count]
+    best = np.argsort(left, kind="stable")[:VALUES_BESIDE]
     sizes = tuple(one.trial_values[i] for i in sorted(best) if left[i] <= most)
     return replace(one, trial_values=sizes, alone=())
 

@@ -119,6 +119,7 @@ class Command(NamedTuple):
     zero: float = 0.0  # command of no drive
     input_gain: float = 0.0  # before all else
     delay: float = 0.0  # s
+    filter_time: float = 0.0  # s
     hold: float = 0.0  # s
     dead_band: float = 0.0
     scale: float = 1.0  # drive per command
@@ -186,6 +187,19 @@ def coded(value: float, step: float) -> float:
 
 
 @compiled
+def filtered(command: Array, time: float, h: float) -> Array:
+    """Return a command behind a first-order filter of this time constant [s], 0 for none."""
+    if time <= 0.0:
+        return command
+    share = -math.expm1(-h / time)
+    smooth = np.empty_like(command)
+    smooth[0] = command[0]
+    for n in range(1, len(command)):
+        smooth[n] = smooth[n - 1] + share * (command[n] - smooth[n - 1])
+    return smooth
+
+
+@compiled
 def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
     """Return what of a command arrives at the drive.
 
@@ -196,7 +210,7 @@ def travelled(command: Array, lost: Array, c: Command, h: float) -> Array:
         h: step [s].
     """
     late, frame = round(c.delay / h), round(c.hold / h)
-    command = (1.0 + c.input_gain) * (command - c.zero)
+    command = filtered((1.0 + c.input_gain) * (command - c.zero), c.filter_time, h)
     received = kept = held = command[0]
     arrived = np.empty_like(command)
     last = np.nan
