@@ -7,9 +7,13 @@ Least squares are those of Levenberg and Marquardt on the normal equations, insi
 are not taken anew at every step: Broyden's rule corrects them by what the step has shown, and only
 where they mispredict, or a step fails, are they simulated.  A diagnosis makes hundreds of such
 fits, each of a few dozen simulations.
+Where data show parameters only together, damped steps stop short of what priors say of each: that
+valley bends, and slopes across it are millions of times those along it.  So a search ends with
+whole steps by factors, along which products stay what they are, and steps back across the valley.
 Sources: Marquardt, J. SIAM 11 (1963); Nocedal, Wright, Numerical Optimization, 2nd ed., secs. 10.3
-and 16.7 (projection on a box); Broyden, Mathematics of Computation 19 (1965); Hansen, The CMA
-evolution strategy: a tutorial (2016).
+and 16.7 (projection on a box); Broyden, Mathematics of Computation 19 (1965); Allgower, Georg,
+Numerical Continuation Methods (1990) (predictor and corrector); Hansen, The CMA evolution strategy:
+a tutorial (2016).
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
-from servo_models.identification.linear_inference import information, moved, units
+from servo_models.identification.linear_inference import ROUNDING, information, moved, units
 from servo_models.identification.problem import DIFFERENCE, Problem
 
 Progress = Callable[[str], None]
@@ -48,8 +52,18 @@ POLISH_WIDTH = 0.1
 POLISH_REACH = 3.0
 """First step of such a run, in standard errors."""
 WORTHWHILE = 0.1
-"""Decrease of the squared errors, in their mean, below which a polish ends: less is within the
-noise."""
+"""Decrease of the squared errors, in their mean, below which a polish or a valley ends: less is
+within the noise."""
+VALLEY_STEPS = 12
+VALLEY_PARTS = (1.0, 0.5, 0.25, 0.1)
+"""Of a whole step, the first that leaves less is taken."""
+LARGEST_FACTOR_LOG = 0.7
+"""Natural logarithm of the factor by which such a step moves a value at most."""
+STEEP_OVER_PRIOR = 30.0
+"""Slopes of the data over those of the priors, along a combination, from which it leads across a
+valley."""
+STEPS_BACK = 3
+"""Into the valley, with the slopes of where a step began."""
 MISPREDICTED_SHARE = 0.4
 """Part of a change that slopes may miss and still be corrected."""
 FIRST_DAMPING = 1e-3  # of the diagonal of the normal equations
@@ -193,8 +207,9 @@ def _starts(problem: Problem, count: int, seed: int) -> Iterator[Array]:
 def _local(problem: Problem, start: Array, widths: Array | None) -> tuple[float, Array, bool]:
     """Cost, vector and success of one least-squares search."""
     vector, met, _ = descend(problem, start, TOLERANCE, LIMIT, widths)
+    vector, ended, _ = along_valley(problem, vector, widths)
     errors = problem.latest(vector)
-    return 0.5 * float(errors @ errors), vector, met
+    return 0.5 * float(errors @ errors), vector, met or ended
 
 
 @dataclass
@@ -243,6 +258,55 @@ def descend(
         if met or at.cost > ROUND_COST_RATIO * before:
             break
     return at.vector, met, at.slopes if at.fresh else None
+
+
+def along_valley(
+    problem: Problem, vector: Array, widths: Array | None = None
+) -> tuple[Array, bool, Array]:
+    """Return where whole steps lead along what the data hardly show, whether nothing is left to
+    gain there, and the slopes there.
+
+    Args:
+        problem: with the priors that say what is best there.
+        vector: where a search has ended [scales], shape (p,).
+        widths: over which slopes are taken [scales], shape (p,); None for small ones.
+    """
+    slopes = problem.jacobian(vector, widths)
+    for _ in range(VALLEY_STEPS):
+        found, worth = _whole_step(problem, vector, slopes)
+        if found is None:
+            return vector, not worth, slopes
+        vector, slopes = found, problem.jacobian(found, widths)
+    return vector, False, slopes
+
+
+def _whole_step(problem: Problem, vector: Array, slopes: Array) -> tuple[Array | None, bool]:
+    """A vector after one undamped step, None where it leaves no less, and whether such a step
+    promises more than it costs.
+
+    Values on a bound stay there.
+    """
+    errors, n = problem.latest(vector), problem.samples
+    inner = np.array([not side for side in problem.sides(vector)], dtype=bool)
+    relative = np.where(inner, slopes * units(problem, vector), 0.0)
+    step = np.linalg.lstsq(relative, -errors, rcond=ROUNDING)[0]
+    squared = float(errors @ errors)
+    promised = squared - float(np.sum((errors + relative @ step) ** 2))
+    if promised <= WORTHWHILE * squared / max(n, 1):
+        return None, False
+    left, steepness, ways = np.linalg.svd(relative[:n], full_matrices=False)
+    prior = np.linalg.norm(relative[n:] @ ways.T, axis=0)
+    steep = steepness > np.maximum(STEEP_OVER_PRIOR * prior, ROUNDING * steepness.max(initial=0.0))
+    across = (ways[steep].T / steepness[steep]) @ left[:, steep].T
+    for part in VALLEY_PARTS:
+        move = np.clip(part * step, -LARGEST_FACTOR_LOG, LARGEST_FACTOR_LOG)
+        found = moved(problem, vector, move * units(problem, vector))
+        for _ in range(STEPS_BACK):
+            back = across @ problem.residuals(found)[:n]
+            found = moved(problem, found, -back * units(problem, found))
+        if 2.0 * problem.costs([found])[0] < squared:
+            return found, True
+    return None, True
 
 
 def _round(

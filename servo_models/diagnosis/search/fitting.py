@@ -35,7 +35,7 @@ from servo_models.identification.linear_inference import (
     linearised,
     spread,
 )
-from servo_models.identification.optimise import descend, steps
+from servo_models.identification.optimise import along_valley, descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
 from servo_models.identification.simulation import Steps, with_lost_rows
 
@@ -461,18 +461,21 @@ class Fitter:
             (), problem, linear, evidence, converged=True, chance=0.0, settings=self.settings
         )
 
-    def again(
-        self, found: FittedModel, tolerance: float | None = None, limit: int | None = None
-    ) -> FittedModel:
+    def again(self, found: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""
         problem, settings = found.problem, self.settings
-        tolerance, limit = tolerance or settings.fit_tolerance, limit or settings.fit_steps
-        ended = self._descend(problem, found.evidence.vector, tolerance, limit)
+        begin, limit = found.evidence.vector, settings.fit_steps
+        ended = self._descend(problem, begin, settings.fit_tolerance, limit)
         return self._judged(found.effects, problem, *ended)
 
     def finish(self, found: FittedModel) -> FittedModel:
         """Fit to the end: what the logs leave open goes back to its prior."""
-        return self.again(found, FINAL_TOLERANCE, FINAL_STEPS) if found.problem.free else found
+        problem, begin = found.problem, found.evidence.vector
+        if not problem.free:
+            return found
+        vector, met, _ = self._descend(problem, begin, FINAL_TOLERANCE, FINAL_STEPS)
+        vector, ended, slopes = along_valley(problem, vector, self.widths(problem))
+        return self._judged(found.effects, problem, vector, met or ended, slopes)
 
     def told(self, found: FittedModel, fit: bool = True) -> FittedModel:
         """Fit to the end with the model's own internal step, so that no value or error that is told
