@@ -77,6 +77,8 @@ SAME_SIZE = 1e-6
 """Relative difference of two sizes that counts as none, where they have no standard error."""
 SHOWN = 40
 """Differences that are printed."""
+NORMAL_95 = 1.96
+"""Standard errors to each side that hold 95 % of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -447,6 +449,38 @@ def paired(
         )
 
 
+def intervals(rows: Mapping[str, Row], truth: Mapping[str, Row]) -> Iterator[str]:
+    """Lines of a table of how often intervals of 95 % hold the truth, in right diagnoses of causes
+    that the catalogue has.
+
+    Values without a standard error, on a bound or not determined, are counted apart.
+    """
+    held: dict[str, list[bool]] = {"parameters": [], "sizes of effects": []}
+    unknown = dict.fromkeys(held, 0)
+    for name, case in ((it, truth[it]) for it in rows if it in truth):
+        if case["kind"] == "foreign" or not right(case, rows[name]["answer"]):
+            continue
+        sizes = {key: v for it in case["effects"] for key, v in it["parameters"].items()}
+        known = {**case["parameters"], **sizes}
+        for key, (value, error) in rows[name]["answer"].get("values", {}).items():
+            what = "sizes of effects" if key in sizes else "parameters"
+            if key not in known:
+                continue
+            if not math.isfinite(error):
+                unknown[what] += 1
+                continue
+            inside = abs(value - known[key]) <= NORMAL_95 * error
+            for title in (what, key.partition(".")[0] if key in sizes else ""):
+                held.setdefault(title, []).append(inside)
+    yield "\n| 95 % intervals of right diagnoses | of | hold the truth | without |"
+    yield "|---|---|---|---|"
+    for title, inside in held.items():
+        if title and inside:
+            it = share(inside)
+            told = f"{it.value:.2f} ({it.low:.2f} to {it.high:.2f})"
+            yield f"| {title} | {len(inside)} | {told} | {unknown.get(title, '')} |"
+
+
 def read_rows(path: Path) -> dict[str, Row]:
     """Return the rows of a file of answers by their case."""
     rows = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
@@ -565,6 +599,8 @@ def run(given: argparse.Namespace, folder: Path) -> int:
     if given.write:
         write(rows, hashes)
         return 0
+    if given.cases:
+        print(*intervals(rows, truths(source)), sep="\n")
     if given.cases and not given.against:
         return 0
     return compare(given, rows, truths(source))
