@@ -30,9 +30,9 @@ from servo_models.analysis.experiment import display
 from servo_models.data.description import read_description
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
-from servo_models.diagnosis.held_out import held_out_squares
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.selection import TOLERANCE
+from servo_models.diagnosis.stretches import held_out_squares
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.files import write_whole
 

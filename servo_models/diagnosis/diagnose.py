@@ -22,6 +22,7 @@ from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
+from servo_models.diagnosis.stretches import unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.internal_step import InternalSteps
@@ -137,8 +138,10 @@ def _diagnose(
     )
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
+    outside = verdict.kind == OUTSIDE
+    parts = unlike_parts(fitter, selection) if outside and not stop.passed else ()
     # what does not follow the command is no curve of what the actuator does
-    shaped = verdict.kind == OUTSIDE and verdict.locked.follows
+    shaped = outside and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
     calibrated = not selection.unfinished and not any(it.mistakes for it in audited)
     lacking = ["the shape of what is left"] if shaped and not learns else []
@@ -160,5 +163,6 @@ def _diagnose(
         residual_map=learn(selection.taken, selection.retuned) if learns else None,
         tolerance=tolerance,
         seed=seed,
+        parts=parts,
         unfinished=(*selection.unfinished, *lacking),
     )

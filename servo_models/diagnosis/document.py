@@ -21,6 +21,7 @@ from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
+from servo_models.diagnosis.stretches import Part
 from servo_models.diagnosis.verdict import weights_by_effects
 from servo_models.errors import UserError
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
@@ -53,6 +54,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "masked": [_masked_effect(diagnosis, one) for one in diagnosis.masked],
         "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
         "residual_map": _residual_map(diagnosis),
+        "parts": [_part(one) for one in diagnosis.parts],
         "held_out": [asdict(one) for one in diagnosis.held_out],
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
         "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
@@ -184,6 +186,17 @@ def _confidence_set(diagnosis: Diagnosis) -> dict[str, Any]:
 def _masked_effect(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
     wire = diagnosis.model.plant.main_wire(one.name)
     return {"name": one.name, "block": wire, "up_to": one.moved}
+
+
+def _part(one: Part) -> dict[str, Any]:
+    return {
+        "log": one.log,
+        "half": one.half or None,
+        "parameter": one.value.name,
+        "value": one.value.value,
+        "standard_error": one.value.standard_error,
+        "left": one.left,
+    }
 
 
 def _detected(seen: Signature) -> dict[str, Any]:

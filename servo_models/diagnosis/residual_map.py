@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from servo_models.core.plant import Plant
 from servo_models.core.types import Array
-from servo_models.diagnosis.held_out import held_out_squares
 from servo_models.diagnosis.search.crossval import Judged, blocks, consistency, cross_validate
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
+from servo_models.diagnosis.stretches import held_out_squares
 from servo_models.effects.residual_map import CURVES, KNOTS
 from servo_models.identification.linear_inference import linearised
 from servo_models.identification.optimise import descend

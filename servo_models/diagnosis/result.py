@@ -16,13 +16,13 @@ from servo_models.data.audit import Audit
 from servo_models.data.log import Log
 from servo_models.diagnosis.ambiguity import Slot, alternatives
 from servo_models.diagnosis.gap import Gap, GapSummary
-from servo_models.diagnosis.held_out import HeldOut, held_out_scores
 from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
 from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.settings import Settings
+from servo_models.diagnosis.stretches import HeldOut, Part, held_out_scores
 from servo_models.diagnosis.verdict import (
     NO_GAP,
     PARAMETERS,
@@ -67,6 +67,8 @@ class Diagnosis(Result):
         tolerance: gap [noise floors] that counts as none.
         residual_map: what is left outside the catalogue, learnt as a shape; None where nothing is,
             or no shape holds on unseen blocks.
+        parts: logs, or halves of one, each of which is explained by parameters of its own where
+            together they are not; none otherwise.
         flags: outputs of the logs that say yes or no, which are not judged.
         seed: of intervals and random commands.
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
@@ -90,6 +92,7 @@ class Diagnosis(Result):
     moved: tuple[Value, ...]
     tolerance: float
     residual_map: ResidualMap | None = None
+    parts: tuple[Part, ...] = ()
     flags: tuple[str, ...] = ()
     seed: int = 0
     confirmation: Confirmation | None = None

@@ -9,13 +9,13 @@ import numpy as np
 from servo_models.analysis.experiment import display
 from servo_models.data.audit import EXACT, REPEATS
 from servo_models.diagnosis.gap import GapSummary, not_followed
-from servo_models.diagnosis.held_out import HeldOut
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.search.residuals import LEAST_SAMPLES
 from servo_models.diagnosis.search.screening import Detectability
 from servo_models.diagnosis.search.selection import RETUNING
+from servo_models.diagnosis.stretches import HeldOut
 from servo_models.diagnosis.verdict import (
     EFFECT,
     EFFECTS,
@@ -24,7 +24,7 @@ from servo_models.diagnosis.verdict import (
     OUTSIDE,
     PARAMETERS,
 )
-from servo_models.identification.doubts import doubt, surprise, together
+from servo_models.identification.doubts import doubt, surprise, together, with_display
 from servo_models.identification.simulation import false_starts
 
 SEEN = 1.0
@@ -157,12 +157,35 @@ def _headline(diagnosis: Diagnosis) -> str:
         best = f"with the nearest, {placed(diagnosis, taken)}" if taken else alone
         if unfinished:
             return f"{best}, something is left"
+        if diagnosis.parts:
+            return _apart(diagnosis)
         return f"Outside the catalogue: {best}, something is left{none_explains(diagnosis)}"
     beside = "".join(f", and {text}" for text in surprises(diagnosis))
     comes, explains = ("comes", "explains") if kind == EFFECT else ("come", "explain")
     if why := not_asserted(diagnosis):
         return f"{placed(diagnosis, taken)} {comes} nearest, but {why}{beside}"
     return f"{placed(diagnosis, taken)} {explains} {whole}{beside}"
+
+
+def _apart(diagnosis: Diagnosis) -> str:
+    """What differs between parts that are explained each by itself."""
+    parts = sorted(diagnosis.parts, key=lambda one: one.value.value)
+    least, most = parts[0], parts[-1]
+    parameter = diagnosis.model.plant.parameters[least.value.name]
+    low, high = (with_display(parameter, one.value.value) for one in (least, most))
+    if least.half:
+        said = (
+            f"The actuator was changed midway, it seems: each half of log '{least.log}' alone is"
+            f" explained, with '{parameter.name}' {low} in the {least.half} and {high} in the"
+            f" {most.half}"
+        )
+    else:
+        said = (
+            "These logs are not of one actuator, or it was changed between them: each alone is"
+            f" explained, with '{parameter.name}' {low} in log '{least.log}' and {high} in log"
+            f" '{most.log}'"
+        )
+    return f"{said}. An effect that acts differently in each may look the same"
 
 
 def not_asserted(diagnosis: Diagnosis) -> str:

@@ -125,9 +125,13 @@ def is_far(free: Free, value: float) -> bool:
 
 def surprise(parameter: Parameter, nominal: float, value: float) -> str:
     """Return "'a' is 30 ms, not 5 ms", of values in SI."""
-    scale, unit = display_scale(parameter), display_unit(parameter)
-    now, was = (with_unit(number(scale * it, 3), unit) for it in (value, nominal))
+    now, was = (with_display(parameter, it) for it in (value, nominal))
     return f"'{parameter.name}' is {now}, not {was}"
+
+
+def with_display(parameter: Parameter, value: float) -> str:
+    """Return "30 ms" of a value in SI."""
+    return with_unit(number(display_scale(parameter) * value, 3), display_unit(parameter))
 
 
 def doubt(free: Free, value: float, error: float) -> str:

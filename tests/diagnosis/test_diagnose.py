@@ -26,10 +26,10 @@ from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation, confirm
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.held_out import HeldOut
 from servo_models.diagnosis.preconditions import slowest_time_constant
 from servo_models.diagnosis.search.crossval import CrossValidation, blocks
 from servo_models.diagnosis.search.selection import FIRST_ANSWER
+from servo_models.diagnosis.stretches import HeldOut
 from servo_models.diagnosis.verdict import Verdict, decide
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem

@@ -9,7 +9,6 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.diagnosis.held_out import held_out_scores
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.joint_fits import best_start
@@ -17,6 +16,7 @@ from servo_models.diagnosis.search.limit_cycle import unrepeatable
 from servo_models.diagnosis.search.residuals import Residuals
 from servo_models.diagnosis.search.screening import screen
 from servo_models.diagnosis.search.selection import select_effects
+from servo_models.diagnosis.stretches import held_out_scores
 from servo_models.diagnosis.verdict import EFFECTS, decide
 from servo_models.identification.problem import free_parameter
 from tests.support.diagnoses import made

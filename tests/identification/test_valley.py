@@ -1,4 +1,4 @@
-"""Among parameters that data show only together, a fit ends where priors say, not where it began."""
+"""Where data show parameters only together, a fit ends where priors say, not where it began."""
 
 from __future__ import annotations
 

@@ -1,0 +1,78 @@
+"""Two servos in one description, and one that was changed midway, are told as that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.data.description import Description
+from servo_models.data.log import Log
+from servo_models.data.schema import Section
+from servo_models.diagnosis import summary
+from servo_models.diagnosis.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.verdict import OUTSIDE, PARAMETERS
+from tests.support.bus_servo import BELIEVED, NOISE, TIMES, goals
+from tests.support.logs import changed, log_of
+
+ONE = {"natural_frequency": 22.0, "damping_ratio": 0.62, "transport_delay.time": 0.01}
+OTHER = {"natural_frequency": 27.0, "damping_ratio": 0.7, "transport_delay.time": 0.01}
+"""Two servos [SI]."""
+
+
+def angle(true: dict[str, float], goal: Array, seed: int) -> Array:
+    servo = changed(model("second_order_servo", "bus"), true)
+    noise = NOISE * np.random.default_rng(seed).standard_normal(len(TIMES))
+    return simulate(servo, TIMES, {"goal": goal})["angle"] + noise
+
+
+def diagnosed(*logs: Log) -> Diagnosis:
+    nominal, path = model("second_order_servo", "bus"), Path("rig.toml")
+    return diagnose(Description(path, Section(path, "", {}), nominal, {}, BELIEVED, logs), jobs=1)
+
+
+def moves(seed: int) -> Array:
+    """Other goals than those of another seed."""
+    goal = np.roll((-1.0) ** seed * goals(), 300 * seed)
+    goal[:20] = 0.0
+    return goal
+
+
+def told(true: dict[str, float], seed: int) -> Log:
+    log = log_of(TIMES, {"goal": moves(seed)}, {"angle": angle(true, moves(seed), seed)})
+    return replace(log, name=f"run {seed}")
+
+
+@pytest.mark.thorough
+def test_logs_of_two_servos_are_told_apart() -> None:
+    found = diagnosed(told(ONE, 0), told(OTHER, 1))
+    assert found.verdict.kind == OUTSIDE
+    assert "not of one actuator" in summary.sentence(found)
+    assert [one.log for one in found.parts] == ["run 0", "run 1"]
+    assert [one.value.name for one in found.parts] == ["natural_frequency"] * 2
+    for one, true in zip(found.parts, (ONE, OTHER)):
+        assert abs(one.value.value - true[one.value.name]) < 4.0 * one.value.standard_error
+    assert found.document()["parts"][1]["log"] == "run 1"
+
+
+@pytest.mark.thorough
+def test_a_change_midway_is_told() -> None:
+    goal, half = moves(0), np.arange(len(TIMES)) < len(TIMES) // 2
+    reading = np.where(half, angle(ONE, goal, 0), angle(OTHER, goal, 1))
+    found = diagnosed(log_of(TIMES, {"goal": goal}, {"angle": reading}))
+    assert found.verdict.kind == OUTSIDE
+    assert "changed midway" in summary.sentence(found)
+    assert [one.half for one in found.parts] == ["first", "second"]
+    for one, true in zip(found.parts, (ONE, OTHER)):
+        assert abs(one.value.value - true[one.value.name]) < 4.0 * one.value.standard_error
+
+
+@pytest.mark.thorough
+def test_two_logs_of_one_servo_are_of_one() -> None:
+    found = diagnosed(told(ONE, 0), told(ONE, 1))
+    assert found.verdict.kind == PARAMETERS
+    assert not found.parts
