@@ -25,8 +25,8 @@ from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
-from servo_models.identification.internal_step import InternalSteps
 from servo_models.identification.preconditions import checked_logs
+from servo_models.identification.simulation import InternalSteps
 
 __all__ = ["Diagnosis", "diagnose"]
 

@@ -25,12 +25,14 @@ from servo_models.diagnosis.settings import Settings
 from servo_models.diagnosis.stretches import HeldOut, Part, held_out_scores
 from servo_models.diagnosis.verdict import (
     NO_GAP,
+    OUTSIDE,
     PARAMETERS,
     Verdict,
     parameters_explain,
     weights_by_effects,
 )
 from servo_models.identification.readings import Reading, reading
+from servo_models.identification.resolution import Blur, blurs
 from servo_models.report.result import Result
 from servo_models.report.sections import Report
 
@@ -166,6 +168,16 @@ class Diagnosis(Result):
         if any(one.effects not in weights for one in self.undecided):
             return (1.0,) * len(self.undecided)
         return tuple(weights[one.effects] for one in self.undecided)
+
+    @cached_property
+    def blurs(self) -> tuple[Blur, ...]:
+        """What the resolution of the inputs' columns may do, where something is left that no effect
+        explains."""
+        if self.verdict.kind != OUTSIDE or self.unfinished:
+            return ()
+        taken = self.selection.taken
+        with taken.problem.workers as workers:
+            return blurs(self.model, taken.problem.logs, self.floors, taken.values, workers)
 
     @cached_property
     def held_out(self) -> tuple[HeldOut, ...]:

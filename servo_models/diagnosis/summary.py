@@ -25,6 +25,7 @@ from servo_models.diagnosis.verdict import (
     PARAMETERS,
 )
 from servo_models.identification.doubts import doubt, surprise, together, with_display
+from servo_models.identification.resolution import supposed
 from servo_models.identification.simulation import false_starts
 
 SEEN = 1.0
@@ -387,6 +388,7 @@ def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
         *_about_logs(diagnosis),
         *_about_repeats(diagnosis),
         *_about_motion(diagnosis),
+        *_about_columns(diagnosis),
         *_about_fits(diagnosis),
         *_about_held_out(diagnosis),
         *_about_parameters(diagnosis),
@@ -446,6 +448,19 @@ def _about_motion(diagnosis: Diagnosis) -> Iterator[str]:
 def _sought(diagnosis: Diagnosis) -> str:
     """What to do about a floor that is too high: nothing where a gap shows above it."""
     return "; give a smaller --tolerance to look for it" if diagnosis.verdict.kind == NO_GAP else ""
+
+
+def _about_columns(diagnosis: Diagnosis) -> Iterator[str]:
+    """Columns of inputs whose resolution alone may be what is left."""
+    for blur in diagnosis.blurs:
+        output = max(blur.moves, key=lambda name: blur.moves[name])
+        if blur.largest >= diagnosis.gap.rms["after"]:
+            yield (
+                f"log '{blur.log}': if '{blur.column}' was"
+                f" {supposed(blur, diagnosis.model.plant)}, that alone moves '{output}' by"
+                f" {blur.largest:.2g} noise floors, and so much is left: log it as it is sent, with"
+                " the time at which it is"
+            )
 
 
 def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:

@@ -22,6 +22,7 @@ from servo_models.identification.identifiability import (
 )
 from servo_models.identification.plausibility import implausible, implausible_clocks
 from servo_models.identification.problem import free_names
+from servo_models.identification.resolution import Blur, blurs
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts
 from servo_models.report.result import Result
@@ -40,7 +41,8 @@ class Check(Result):
 
     ``asked`` are the parameters that the description frees or gives an uncertainty;
     ``implausible`` says what makes no sense beside the actuator, one sentence each; where that is
-    the time, nothing was simulated and ``identifiability`` is empty.
+    the time, nothing was simulated and ``identifiability`` is empty.  ``blurs`` are what the
+    resolution of the inputs' columns may hide.
     """
 
     description: Description
@@ -49,6 +51,7 @@ class Check(Result):
     identifiability: Identifiability
     asked: tuple[str, ...]
     implausible: tuple[str, ...] = ()
+    blurs: tuple[Blur, ...] = ()
 
     @property
     def plant(self) -> Plant:
@@ -110,6 +113,16 @@ class Check(Result):
                 for reach in seen.effects
             },
             "ambiguity_groups": [list(group.names) for group in seen.groups],
+            "resolution": [
+                {
+                    "log": blur.log,
+                    "input": blur.column,
+                    "why": blur.why,
+                    "size": blur.size,
+                    "moves_noise_floors": dict(blur.moves),
+                }
+                for blur in self.blurs
+            ],
         }
 
 
@@ -165,7 +178,8 @@ def check(described: Description | str | Path, jobs: int | None = None) -> Check
         raise UserError("; ".join([str(error), *odd])) from error
     runs = [prepared(description.model, log) for log in description.logs]
     beyond = [text for run in runs for text in run.notices({})]
-    return Check(description, audited, floors, found, asked, (*odd, *beyond))
+    hidden = blurs(description.model, description.logs, floors, {})
+    return Check(description, audited, floors, found, asked, (*odd, *beyond), hidden)
 
 
 def _odd(description: Description, false: Mapping[str, tuple[str, Log]]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from servo_models.data.log import Log
 from servo_models.data.outliers import without_outliers
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.identification.simulation import with_lost_rows
+from servo_models.identification.resolution import with_lost_rows
 from servo_models.identification.starts import with_starts
 
 

@@ -19,7 +19,8 @@ from servo_models.core.types import Array
 from servo_models.core.workers import ALONE, Workers
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.simulation import Run, Steps, nuisances, prepared
+from servo_models.identification.resolution import nuisances
+from servo_models.identification.simulation import InternalSteps, Run, prepared
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
@@ -160,7 +161,7 @@ class Problem:
     sigma: Mapping[str, float] = field(default_factory=dict)
     workers: Workers = ALONE
     start: Array = None  # type: ignore[assignment]  # set from ``free`` below
-    steps: Steps | None = None
+    steps: InternalSteps | None = None
     runs: list[Run] = field(init=False, repr=False)
     memory: Memory = field(init=False, repr=False)
 

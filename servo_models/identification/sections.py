@@ -41,6 +41,7 @@ from servo_models.identification.readings import (
     reading,
     words,
 )
+from servo_models.identification.resolution import supposed
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
@@ -57,6 +58,8 @@ AT_FLOOR = 1.5
 """Error over the noise floor up to which the model leaves nothing that a diagnosis could name."""
 MANY = 12
 """Largest number of parameters whose correlations are drawn."""
+LEAST_BLUR = 0.1
+"""Movement [noise floors] by the resolution of a column, from which it is listed."""
 BINS = 41
 NUMBERS = 5
 """Numbers on an axis of long ones."""
@@ -574,6 +577,7 @@ def check_report(found: Check, date: str = "") -> Report:
             Section(NOTES, items=log_notes(told.logs)),
             first,
             *(replace(section, folded=True) for section in others),
+            Section("What the columns may hide", tables=(_blur_table(found),), folded=True),
             Section("Parameters", tables=(_reach_table(found),), folded=True),
             Section("Effects", tables=(_effect_table(found),), folded=True),
         ),
@@ -746,6 +750,25 @@ def _effects(found: Check) -> Iterator[tuple[str, str]]:
         yield "show only together", _names(names)
     for group in found.identifiability.groups:
         yield "look alike", _alike(group, found.plant)
+
+
+def _blur_table(found: Check) -> Table:
+    """What an input's column leaves open, and how far that alone moves an output."""
+    return Table(
+        "What the columns of inputs leave open: below these movements nothing can be told",
+        ("log", "input", "if it was", "that alone moves", "by [noise floors]"),
+        tuple(
+            (
+                blur.log,
+                blur.column,
+                supposed(blur, found.plant),
+                max(blur.moves, key=lambda name: blur.moves[name]),
+                number(blur.largest, 2),
+            )
+            for blur in found.blurs
+            if blur.largest >= LEAST_BLUR
+        ),
+    )
 
 
 def _names(names: Iterable[str]) -> str:

@@ -1,21 +1,24 @@
 """A log as a simulation takes it: from its own inputs, after its settling time.
 
-A command is held from its row on.  Where rows are missing, it may have changed any time before the
-next row, and what follows is another motion, an open loop's for good.  The difference that it makes
-if it changed at once is simulated, one for each change; how much of it is there is anything from
-none to all.  Errors are weighed by the inverse of the covariance that this gives them.
-Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.7 (linear
-nuisance terms as part of the covariance).
+Its internal step is, in a search, as long as the noise of the readings allows.  A search simulates
+the same logs thousands of times, and a plant that is fine enough for any use is finer than noise
+can show: a time constant of 0.8 s read every 20 ms does not need steps of 2 ms.  So an interval of
+the log, its half, its quarter and so on are tried, and the first is taken that gives the outputs of
+the model's own step as far as the log can tell.  Each effect is tried on at its typical size, since
+a lag or a limit cycle may need what the plant does not, and a run takes the least of what its
+effects need.
+
+A step hangs on the names of parameters, not on their values: along a search it stays, or slopes
+would be differences between two steps.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
-from typing import Protocol
 from weakref import ref
 
 import numpy as np
@@ -28,7 +31,6 @@ from servo_models.core.plant import Plant
 from servo_models.core.simulate import Model, check_grid, with_output
 from servo_models.core.stop import Stop
 from servo_models.core.types import Array
-from servo_models.data.audit import lost_rows
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
@@ -56,25 +58,13 @@ MOST_SUBSTEPS_OVER_USUAL = 8.0
 trial value so stiff that it takes more acts as none does, and costs as much as many others."""
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
-MOST_LOST_SHARE = 0.1
-"""Of the rows: where more are far apart, rows are uneven, and none is known to be lost."""
-MOST_CHANGES = 60
-"""In a log: of more only the largest, since each is a simulation."""
-MEAN_SQUARE_SHARE = 1.0 / 3.0
-"""Of a share that is anything from 0 to 1."""
-
-
-class Steps(Protocol):
-    """Says how long the internal step of a run may be, see ``internal_step.InternalSteps``.
-
-    Attributes:
-        stop: is asked before each simulation whether the search has to end.
-    """
-
-    stop: Stop
-
-    def longest(self, run: Run, names: Iterable[str]) -> float:
-        """Return the step [s] for a run in which these parameters may be anything."""
+SHARE = 0.05
+"""Error [noise floors, RMS] that a longer step may make."""
+VISIBLE = 1.0
+"""Sum of the squares of these errors in a log: the noise has a standard deviation of that size
+along any course of errors, so what is less cannot be told from noise."""
+MOST_ROWS = 0.9
+"""Share of the rows that follow the one before within what is called an interval: clocks jitter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +79,7 @@ class Run:
     times: Array
     inputs: Array
     columns: tuple[int, ...]
-    steps: Steps | None = None
+    steps: InternalSteps | None = None
     _chosen: dict[tuple[str, ...], float] = field(default_factory=dict, init=False, repr=False)
     _usual: dict[float, float] = field(default_factory=dict, init=False, repr=False)
 
@@ -175,7 +165,7 @@ class Run:
                 vector[self._places[name]] = value
         return vector
 
-    def _step(self, steps: Steps, names: tuple[str, ...]) -> float:
+    def _step(self, steps: InternalSteps, names: tuple[str, ...]) -> float:
         """The internal step while these parameters change."""
         if names not in self._chosen:
             self._chosen[names] = steps.longest(self, names)
@@ -253,7 +243,7 @@ def _simulated(run: Run, vector: Array) -> Array:
     return found
 
 
-def prepared(model: Model, log: Log, steps: Steps | None = None) -> Run:
+def prepared(model: Model, log: Log, steps: InternalSteps | None = None) -> Run:
     """Return a log as a simulation takes it; what its constants name is set for it alone.
 
     Raises:
@@ -425,60 +415,70 @@ def _rms(errors: Array) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-# Commands between lost rows
+# The internal step of a search
 
 
-def with_lost_rows(
-    model: Model, logs: Sequence[Log], values: Mapping[str, float]
-) -> tuple[Log, ...]:
-    """Return logs that know what commands between lost rows may have done to their outputs.
+@dataclass(eq=False)
+class InternalSteps:
+    """The longest internal step [s] that the noise allows, by log and effects.
 
-    Args:
-        model: simulated with these ``values`` [SI].
-        logs: those without lost rows stay as they are.
-        values: of parameters.
+    Attributes:
+        model: about which it is measured; it says which effects are on anyway.
+        noise: standard deviation [SI] of each output.
+        stop: ends the search.
     """
-    return tuple(_with_lost_rows(model, log, values) for log in logs)
+
+    model: Model
+    noise: Mapping[str, float]
+    stop: Stop = field(default_factory=Stop)
+    _found: dict[tuple[Log, str], float] = field(default_factory=dict, init=False, repr=False)
+
+    def longest(self, run: Run, names: Iterable[str]) -> float:
+        """Return the step for a run in which these parameters may be anything."""
+        plant = self.model.plant
+        others = (name for name, value in run.model.values.items() if value != self._own(name))
+        owners = {plant.parameters[name].owner for name in (*names, *others)}
+        return min(self._of(run.log, owner) for owner in {"", *owners})
+
+    def _own(self, name: str) -> float:
+        return self.model.values[name]
+
+    def _of(self, log: Log, effect: str) -> float:
+        key = (log, effect)
+        if key not in self._found:
+            self._found[key] = self._measured(prepared(self.model, log), self._typical(effect))
+        return self._found[key]
+
+    def _typical(self, effect: str) -> dict[str, float]:
+        """Switches of an effect that are off, at their typical size."""
+        return {
+            name: parameter.param.typical
+            for name, parameter in self.model.plant.parameters.items()
+            if parameter.owner == effect and parameter.param.switch and self._own(name) == 0.0
+        }
+
+    def _measured(self, run: Run, values: Mapping[str, float]) -> float:
+        own = run.model.values["internal_step"]
+        noise = np.array([self.noise[name] for name in run.log.outputs])
+        try:
+            fine = run.outputs(values)
+        except UserError:
+            return own
+        for step in _longer(run.log.times, own):
+            if _hidden((run.outputs_or_nan({**values, "internal_step": step}) - fine) / noise):
+                return step
+        return own
 
 
-def _with_lost_rows(model: Model, log: Log, values: Mapping[str, float]) -> Log:
-    before = lost_rows(log)
-    if not 0 < len(before) <= MOST_LOST_SHARE * len(log.times):
-        return log
-    sizes = np.zeros(len(before))
-    for held in log.inputs.values():
-        sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
-    changed = before[np.argsort(-sizes)[: min(MOST_CHANGES, np.count_nonzero(sizes))]]
-    try:
-        usual = prepared(model, log).outputs(values)
-        moved = [prepared(model, _at_once(log, k)).outputs(values) - usual for k in changed]
-    except UserError:
-        return log
-    if not moved:
-        return log
-    unsure = np.stack(moved, axis=-1)
-    return replace(log, unsure={name: unsure[:, i] for i, name in enumerate(log.outputs)})
+def _longer(times: Array, own: float) -> Iterator[float]:
+    """Yield the interval of a log, its half and so on, as long as they are longer than a step."""
+    step = float(np.quantile(np.diff(times), MOST_ROWS)) if len(times) > 1 else 0.0
+    while step > own:
+        yield step
+        step *= 0.5
 
 
-def _at_once(log: Log, row: int) -> Log:
-    """The log with its next commands in this row already."""
-    inputs = {name: values.copy() for name, values in log.inputs.items()}
-    for values in inputs.values():
-        values[row] = values[row + 1]
-    return replace(log, inputs=inputs)
-
-
-@cached(LRUCache(64), key=lambda log, sigma: (ref(log), sigma), lock=Lock())
-def nuisances(log: Log, sigma: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return directions of weighted errors in which lost rows may have moved them, shape (m, k),
-    and by which share the covariance takes each away, shape (k,).
-
-    Args:
-        log: with ``unsure``.
-        sigma: weight [SI] of each of its outputs.
-    """
-    assert log.unsure
-    parts = [log.unsure[name][log.fitted] / size for name, size in zip(log.outputs, sigma)]
-    spread = np.sqrt(MEAN_SQUARE_SHARE) * np.concatenate(parts)
-    left, singular, _ = np.linalg.svd(spread, full_matrices=False)
-    return left, 1.0 - 1.0 / np.sqrt(1.0 + singular**2)
+def _hidden(errors: Array) -> bool:
+    """Whether noise hides errors [noise floors], shape (n, outputs); NaN are seen."""
+    total = float(np.sum(errors**2))
+    return total <= min(VISIBLE, SHARE**2 * errors.size)

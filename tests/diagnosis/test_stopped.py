@@ -21,7 +21,7 @@ from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.search.selection import STAGES, Selection, select_effects
 from servo_models.errors import UserError
-from servo_models.identification.internal_step import InternalSteps
+from servo_models.identification.simulation import InternalSteps
 from tests.conftest import Run
 from tests.support.delayed_motor import check_schema, describe
 from tests.support.diagnoses import made

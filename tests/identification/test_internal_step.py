@@ -14,9 +14,8 @@ from servo_models.core.simulate import Model, model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.internal_step import SHARE, VISIBLE, InternalSteps
 from servo_models.identification.problem import Problem, free_parameter
-from servo_models.identification.simulation import prepared
+from servo_models.identification.simulation import SHARE, VISIBLE, InternalSteps, prepared
 from tests.support.bench import step_constant
 from tests.support.logs import log_of
 

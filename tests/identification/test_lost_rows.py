@@ -13,7 +13,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
-from servo_models.identification.simulation import nuisances, with_lost_rows
+from servo_models.identification.resolution import nuisances, with_lost_rows
 from tests.support.logs import log_of
 
 PERIOD, NOISE = 2e-3, 1e-3

@@ -37,7 +37,8 @@ from servo_models.identification.linear_inference import (
 )
 from servo_models.identification.optimise import along_valley, descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.simulation import Steps, with_lost_rows
+from servo_models.identification.resolution import with_lost_rows
+from servo_models.identification.simulation import InternalSteps
 
 FINAL_TOLERANCE = 1e-7  # of the cost
 """Of a fit that is reported."""
@@ -338,7 +339,7 @@ class Fitter:
     smooth: dict[str, float] = field(default_factory=dict)
     smooth_rough: dict[str, float] = field(default_factory=dict)
     trials: dict[str, float] = field(default_factory=dict)
-    steps: Steps | None = None
+    steps: InternalSteps | None = None
     settings: Settings = DEFAULT
     wide: tuple[Free, ...] = ()
 

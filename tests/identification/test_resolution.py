@@ -1,0 +1,74 @@
+"""What the resolution of a column may hide is what it hides in logs that were rounded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from servo_models.core.simulate import model, simulate
+from servo_models.core.types import Array
+from servo_models.identification.resolution import ROW, STEP, Blur, blurs
+from tests.support.logs import log_of
+
+PERIOD, NOISE, VOLTS = 2e-3, 1e-3, 0.01
+TIMES: Array = PERIOD * np.arange(2000)
+
+
+def volts(seed: int) -> Array:
+    """A command that is another one in every row, about 0 [V]."""
+    random = np.random.default_rng(seed)
+    phases = random.uniform(0.0, 2.0 * np.pi, 3)
+    waves = [np.sin(2.0 * np.pi * f * TIMES + p) for f, p in zip((0.7, 1.3, 2.9), phases)]
+    return np.asarray(2.0 * np.sum(waves, axis=0))
+
+
+def angle(given: Array) -> Array:
+    return simulate(model("dc_motor", "direct"), TIMES, {"voltage": given})["encoder_angle"]
+
+
+def found(given: Array) -> dict[str, Blur]:
+    log = log_of(TIMES, {"voltage": given}, {"encoder_angle": angle(given)})
+    told = blurs(model("dc_motor", "direct"), [log], {"encoder_angle": NOISE}, {})
+    return {one.why: one for one in told}
+
+
+def test_a_step_moves_an_open_loop_as_far_as_rounding_does() -> None:
+    """An angle keeps every error of the volts: its RMS over many logs that were rounded."""
+    off = [angle(np.round(volts(k) / VOLTS) * VOLTS) - angle(volts(k)) for k in range(30)]
+    told = [found(np.round(volts(k) / VOLTS) * VOLTS)[STEP] for k in range(5)]
+    assert all(one.size == pytest.approx(VOLTS, rel=1e-6) for one in told)
+    moves = np.sqrt(np.mean([one.moves["encoder_angle"] ** 2 for one in told]))
+    assert moves == pytest.approx(np.sqrt(np.mean(np.square(off))) / NOISE, rel=0.35)
+
+
+def test_a_row_moves_it_as_far_as_commands_between_rows_do() -> None:
+    """The same command, each of its steps sent anywhere before its row, on a tenth of the rows."""
+    fine = np.repeat(volts(0)[::20], 20)
+    log = log_of(TIMES, {"voltage": fine}, {"encoder_angle": angle(fine)})
+    rows = slice(None, None, 10)
+    coarse = log_of(TIMES[rows], {"voltage": fine[rows]}, {"encoder_angle": angle(fine)[rows]})
+    (told,) = (
+        one
+        for one in blurs(model("dc_motor", "direct"), [coarse], {"encoder_angle": NOISE}, {})
+        if one.why == ROW
+    )
+    random, ends = np.random.default_rng(5), []
+    changes = np.flatnonzero(np.diff(fine)) + 1
+    for _ in range(40):
+        sent = fine.copy()
+        for row, early in zip(changes, random.integers(0, 11, len(changes))):
+            sent[row - early : row] = fine[row]
+        ends.append(angle(sent)[rows])
+    off = np.array(ends) - np.mean(ends, axis=0)
+    assert told.moves["encoder_angle"] == pytest.approx(
+        float(np.sqrt(np.mean(off**2))) / NOISE, rel=0.4
+    )
+    assert log.duration == pytest.approx(coarse.duration, rel=0.01)
+
+
+def test_levels_that_were_commanded_are_no_steps_of_a_column() -> None:
+    assert STEP not in found(np.repeat([0.0, 3.0, -3.0, 1.5], 500))
+
+
+def test_an_input_that_rests_hides_nothing() -> None:
+    assert not found(np.full(len(TIMES), 2.0))
