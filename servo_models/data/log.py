@@ -74,8 +74,9 @@ class Log:
         notes: what reading has changed of the file, one sentence each.
         start: how the run begins; None for at rest, or settled where there is a ``settle`` time.
         assumed: nobody said how it begins, so that it may be found from its first samples.
-        unsure: changes [SI] of each output by commands that were sent while no row was logged,
-            shape (n, changes): any share of each may be there; None where nothing was lost.
+        unsure: changes [SI] of each output by what nobody knows of its inputs, commands between
+            lost rows and digits that were not written: each one standard deviation, shape (n,
+            changes); None where all is known.
     """
 
     name: str

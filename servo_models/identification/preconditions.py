@@ -11,12 +11,12 @@ import numpy as np
 
 from servo_models.core.plant import unknown
 from servo_models.core.simulate import Model
-from servo_models.data.audit import show_motion
+from servo_models.data.audit import audits, noise_floors, show_motion
 from servo_models.data.log import Log
 from servo_models.data.outliers import without_outliers
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.identification.resolution import with_lost_rows
+from servo_models.identification.resolution import with_unsure_inputs
 from servo_models.identification.starts import with_starts
 
 
@@ -63,7 +63,7 @@ def checked_logs(
             "no input ever changes, neither in a log nor from one to another, and nothing moves: a"
             " single standstill tells nothing of a motion; record a command that moves"
         )
-    return with_lost_rows(model, begun, {})
+    return with_unsure_inputs(model, begun, {}, noise_floors(audits(begun, model.plant)))
 
 
 def _check_simulated(model: Model, log: Log, told: str) -> None:

@@ -6,8 +6,9 @@ they differ from each other is what no log like it can tell.  An open loop adds 
 step to a large angle.
 Where rows are missing, a command may have changed any time before the next row, and what follows is
 another motion.  The difference that it makes if it changed at once is simulated, one for each
-change; how much of it is there is anything from none to all.  Errors are weighed by the inverse of
-the covariance that this gives them.
+change; how much of it is there is anything from none to all.  So is what the steps of a column do,
+block by block, where that is more than noise.  Errors are weighed by the inverse of the covariance
+that both give them.
 Sources: JCGM 101 (2008), Supplement 1 to the GUM (uncertainty of inputs carried to outputs by
 simulation of draws); Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), sec. 2.7
 (linear nuisance terms as part of the covariance).
@@ -47,6 +48,15 @@ MOST_CHANGES = 60
 """In a log: of more only the largest, since each is a simulation."""
 MEAN_SQUARE_SHARE = 1.0 / 3.0
 """Of a share that is anything from 0 to 1."""
+LOOKS = 2
+"""Copies by which it is asked whether the step of a column matters."""
+MATTERS = 0.3
+"""Movement by it [noise floors] from which it does."""
+BLOCKS_PER_FLOOR, LEAST_BLOCKS, MOST_BLOCKS = 6.0, 20, 400
+"""Of rows, in each of which values are off by their steps on average, for each noise floor of that
+movement: what they are off within a block is noise then."""
+LEAST_SINGULAR = 0.3
+"""Weighted errors by one standard deviation of a direction, below which it is noise."""
 
 
 @dataclass(frozen=True)
@@ -130,11 +140,16 @@ def _copies(log: Log, random: np.random.Generator) -> Iterator[tuple[str, str, f
         changes = np.flatnonzero(np.diff(values)) + 1
         if not len(changes):
             continue
-        step = reading_step(values).size
-        if step and np.ptp(values) > STEPS_IN_RANGE * step:
+        if step := _column_step(values):
             yield name, STEP, step, [_finer(log, name, step, random) for _ in range(COPIES)]
         interval = float(np.median(np.diff(log.times)))
         yield name, ROW, interval, [_earlier(log, name, changes, random) for _ in range(COPIES)]
+
+
+def _column_step(column: Array) -> float:
+    """The step in which an input's column is written, 0 for none."""
+    step = reading_step(column).size if np.ptp(column) else 0.0
+    return step if np.ptp(column) > STEPS_IN_RANGE * step else 0.0
 
 
 def _finer(log: Log, name: str, step: float, random: np.random.Generator) -> Log:
@@ -158,60 +173,89 @@ def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.
     return replace(log, times=times, inputs=inputs)
 
 
-# Commands between lost rows
+# What they leave open, as part of the covariance
 
 
-def with_lost_rows(
-    model: Model, logs: Sequence[Log], values: Mapping[str, float]
+def with_unsure_inputs(
+    model: Model, logs: Sequence[Log], values: Mapping[str, float], floors: Mapping[str, float]
 ) -> tuple[Log, ...]:
-    """Return logs that know what commands between lost rows may have done to their outputs.
+    """Return logs that know what lost rows and steps of their inputs' columns may have done.
 
     Args:
         model: simulated with these ``values`` [SI].
-        logs: those without lost rows stay as they are.
+        logs: those of which all is known stay as they are.
         values: of parameters.
+        floors: noise floor [SI] of each output.
     """
-    return tuple(_with_lost_rows(model, log, values) for log in logs)
+    return tuple(_with_unsure_inputs(model, log, values, floors) for log in logs)
 
 
-def _with_lost_rows(model: Model, log: Log, values: Mapping[str, float]) -> Log:
-    before = lost_rows(log)
-    if not 0 < len(before) <= MOST_LOST_SHARE * len(log.times):
-        return log
-    sizes = np.zeros(len(before))
-    for held in log.inputs.values():
-        sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
-    changed = before[np.argsort(-sizes)[: min(MOST_CHANGES, np.count_nonzero(sizes))]]
+def _with_unsure_inputs(
+    model: Model, log: Log, values: Mapping[str, float], floors: Mapping[str, float]
+) -> Log:
+    sigma = np.array([floors[name] for name in log.outputs])
     try:
         usual = prepared(model, log).outputs(values)
-        moved = [prepared(model, _at_once(log, k)).outputs(values) - usual for k in changed]
+
+        def moved(copy: Log) -> Array:
+            return prepared(model, copy).outputs(values) - usual
+
+        changes = [np.sqrt(MEAN_SQUARE_SHARE) * moved(copy) for copy in _after_lost_rows(log)]
+        for name, column in log.inputs.items():
+            if not (step := _column_step(column)):
+                continue
+            copies = [_finer(log, name, step, np.random.default_rng(k)) for k in range(LOOKS)]
+            squares = np.mean([moved(copy) ** 2 for copy in copies], axis=(0, 1))
+            far = float(np.sqrt(np.max(squares / sigma**2)))
+            if far > MATTERS:
+                count = int(np.clip(BLOCKS_PER_FLOOR * far, LEAST_BLOCKS, MOST_BLOCKS))
+                blocks = _block_by_block(log, name, step, count)
+                changes += [share * moved(copy) for copy, share in blocks]
     except UserError:
         return log
-    if not moved:
+    if not changes:
         return log
-    unsure = np.stack(moved, axis=-1)
+    unsure = np.stack(changes, axis=-1)
     return replace(log, unsure={name: unsure[:, i] for i, name in enumerate(log.outputs)})
 
 
-def _at_once(log: Log, row: int) -> Log:
-    """The log with its next commands in this row already."""
-    inputs = {name: values.copy() for name, values in log.inputs.items()}
-    for values in inputs.values():
-        values[row] = values[row + 1]
-    return replace(log, inputs=inputs)
+def _after_lost_rows(log: Log) -> Iterator[Log]:
+    """Logs whose command after lost rows has come at once, those of the largest changes."""
+    before = lost_rows(log)
+    if len(before) > MOST_LOST_SHARE * len(log.times):
+        return
+    sizes = np.zeros(len(before))
+    for held in log.inputs.values():
+        sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
+    for row in before[np.argsort(-sizes)[: min(MOST_CHANGES, np.count_nonzero(sizes))]]:
+        inputs = {name: values.copy() for name, values in log.inputs.items()}
+        for values in inputs.values():
+            values[row] = values[row + 1]
+        yield replace(log, inputs=inputs)
+
+
+def _block_by_block(log: Log, name: str, step: float, count: int) -> Iterator[tuple[Log, float]]:
+    """Logs with an input off by its step in one block of rows, and how much of that is a standard
+    deviation of what the values of the block are off on average."""
+    column = log.inputs[name]
+    for rows in np.array_split(np.arange(len(column)), count):
+        off = column.copy()
+        off[rows] += step
+        held = 1 + np.count_nonzero(np.diff(column[rows]))
+        yield replace(log, inputs={**log.inputs, name: off}), 1.0 / np.sqrt(12.0 * held)
 
 
 @cached(LRUCache(64), key=lambda log, sigma: (ref(log), sigma), lock=Lock())
 def nuisances(log: Log, sigma: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return directions of weighted errors in which lost rows may have moved them, shape (m, k),
-    and by which share the covariance takes each away, shape (k,).
+    """Return directions of weighted errors in which unsure inputs may have moved them, shape
+    (m, k), and by which share the covariance takes each away, shape (k,).
 
     Args:
         log: with ``unsure``.
         sigma: weight [SI] of each of its outputs.
     """
     assert log.unsure
-    parts = [log.unsure[name][log.fitted] / size for name, size in zip(log.outputs, sigma)]
-    spread = np.sqrt(MEAN_SQUARE_SHARE) * np.concatenate(parts)
-    left, singular, _ = np.linalg.svd(spread, full_matrices=False)
-    return left, 1.0 - 1.0 / np.sqrt(1.0 + singular**2)
+    spread = [log.unsure[name][log.fitted] / size for name, size in zip(log.outputs, sigma)]
+    left, singular, _ = np.linalg.svd(np.concatenate(spread), full_matrices=False)
+    seen = singular > LEAST_SINGULAR
+    return left[:, seen], 1.0 - 1.0 / np.sqrt(1.0 + singular[seen] ** 2)

@@ -13,7 +13,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.identification.fit import fit
 from servo_models.identification.problem import Problem
-from servo_models.identification.resolution import nuisances, with_lost_rows
+from servo_models.identification.resolution import nuisances, with_unsure_inputs
 from tests.support.logs import log_of
 
 PERIOD, NOISE = 2e-3, 1e-3
@@ -45,14 +45,14 @@ def floors_left(log: Log) -> float:
 
 def test_the_true_model_leaves_noise_where_rows_are_lost() -> None:
     log = recorded(LOST)
-    (known,) = with_lost_rows(model("dc_motor", "direct"), [log], {})
+    (known,) = with_unsure_inputs(model("dc_motor", "direct"), [log], {}, {"encoder_angle": NOISE})
     assert floors_left(log) > 50.0
     assert floors_left(known) < 2.0
 
 
 def test_a_log_that_has_lost_nothing_stays_as_it_is() -> None:
     log = recorded(())
-    (known,) = with_lost_rows(model("dc_motor", "direct"), [log], {})
+    (known,) = with_unsure_inputs(model("dc_motor", "direct"), [log], {}, {"encoder_angle": NOISE})
     assert known is log
 
 
@@ -68,20 +68,22 @@ def test_uneven_rows_are_none_that_are_lost(seed: int) -> None:
         {"voltage": volts()[rows]},
         {"encoder_angle": log.outputs["encoder_angle"][rows]},
     )
-    (known,) = with_lost_rows(model("dc_motor", "direct"), [uneven], {})
+    (known,) = with_unsure_inputs(
+        model("dc_motor", "direct"), [uneven], {}, {"encoder_angle": NOISE}
+    )
     assert known.unsure is None
 
 
 def test_weighted_errors_are_those_of_the_covariance() -> None:
-    """r' (I + S S'/3)^-1 r, by a solver."""
+    """r' (I + S S')^-1 r, by a solver."""
     log = recorded(LOST)
-    (known,) = with_lost_rows(model("dc_motor", "direct"), [log], {})
+    (known,) = with_unsure_inputs(model("dc_motor", "direct"), [log], {}, {"encoder_angle": NOISE})
     assert known.unsure
     along, share = nuisances(known, (NOISE,))
     changes = known.unsure["encoder_angle"] / NOISE
     errors = np.random.default_rng(1).standard_normal(len(changes))
     left = errors - along @ (share * (along.T @ errors))
-    covariance = np.eye(len(errors)) + changes @ changes.T / 3.0
+    covariance = np.eye(len(errors)) + changes @ changes.T
     assert left @ left == pytest.approx(errors @ np.linalg.solve(covariance, errors), rel=1e-6)
 
 

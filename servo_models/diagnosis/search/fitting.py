@@ -37,7 +37,7 @@ from servo_models.identification.linear_inference import (
 )
 from servo_models.identification.optimise import along_valley, descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.resolution import with_lost_rows
+from servo_models.identification.resolution import with_unsure_inputs
 from servo_models.identification.simulation import InternalSteps
 
 FINAL_TOLERANCE = 1e-7  # of the cost
@@ -365,10 +365,11 @@ class Fitter:
         )
         return None if nominal in ((), self.nominal) else replace(self, nominal=nominal)
 
-    def with_lost_rows(self, found: FittedModel) -> Fitter:
-        """Return a fitter whose logs know what a fitted model makes of commands between lost
-        rows."""
-        return replace(self, logs=with_lost_rows(self.model, self.logs, found.values))
+    def with_unsure_inputs(self, found: FittedModel) -> Fitter:
+        """Return a fitter whose logs know what a fitted model makes of what nobody knows of their
+        inputs."""
+        logs = with_unsure_inputs(self.model, self.logs, found.values, self.floors)
+        return replace(self, logs=logs)
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""

@@ -148,7 +148,7 @@ def select_effects(
         retuned = taken = fitter.fit((), ())
         retuned = taken = fitter.finish(retuned)
         if any(log.unsure for log in fitter.logs):
-            fitter = fitter.with_lost_rows(retuned)
+            fitter = fitter.with_unsure_inputs(retuned)
             retuned = taken = fitter.finish(fitter.fit((), (), retuned.values))
         ahead.remove(RETUNING)
         search = begun(fitter, retuned, every, say, enough, ahead)
