@@ -440,6 +440,15 @@ REACHES = np.geomspace(1e-5, 0.3, 10)
 """Distances in scales at which that is looked at."""
 
 
+PROFILED_ERRORS = 2.0
+"""Standard errors to each side at which the rise of the squared errors is compared with that of
+slopes."""
+FLAT = 0.5
+"""Share of it from which an interval is as wide as slopes say."""
+MOST_WIDER = 256.0
+"""Factor up to which an interval is widened."""
+
+
 @dataclass(frozen=True)
 class Spread:
     """Uncertainty at the best point, in SI.
@@ -478,7 +487,41 @@ def spread(problem: Problem, vector: Array) -> Spread:
                 errors[i] = along.tread(errors[i], found.slopes[i])
             else:
                 errors[i] = along.needle(dent=_dent(told, i))
+    for i in inner:
+        if 0.0 < errors[i] < np.inf:
+            errors[i] *= _wider(problem, vector, told.slopes, i, errors[i])
     return replace(found, standard_errors=errors * problem.scales)
+
+
+def _wider(problem: Problem, vector: Array, slopes: Array, which: int, error: float) -> float:
+    """Return how much wider the interval of an estimate is than slopes say, by its profile: others
+    follow along their slopes.
+
+    A limit that is met for moments, and a jump, are told from one side only.
+
+    Args:
+        problem, vector, slopes: about which.
+        which: of the estimates.
+        error: its standard error by slopes [scales].
+    """
+    others, unit = factors(np.delete(slopes, which, axis=1)), np.eye(len(vector))[which]
+
+    def left(errors: Array) -> float:
+        return float(np.sum(others.without(errors) ** 2))
+
+    base = left(problem.latest(vector))
+    wanted = left(PROFILED_ERRORS * error * slopes[:, which])
+    widest = 1.0
+    for side in (-1.0, 1.0):
+        by, least = 1.0, FLAT * wanted
+        while by < MOST_WIDER:
+            point = moved(problem, vector, side * by * PROFILED_ERRORS * error * unit)
+            values = problem.values(point)
+            if left(problem.errors_with(values)) - base >= least or point[which] == vector[which]:
+                break
+            by, least = 2.0 * by, wanted
+        widest = max(widest, by)
+    return widest
 
 
 def _by_half_a_step(problem: Problem, vector: Array) -> Array:
