@@ -504,23 +504,27 @@ def _wider(problem: Problem, vector: Array, slopes: Array, which: int, error: fl
         which: of the estimates.
         error: its standard error by slopes [scales].
     """
-    others, unit = factors(np.delete(slopes, which, axis=1)), np.eye(len(vector))[which]
+    others, (low, high) = factors(np.delete(slopes, which, axis=1)), problem.bounds
+    end = PROFILED_ERRORS * error
 
     def left(errors: Array) -> float:
         return float(np.sum(others.without(errors) ** 2))
 
     base = left(problem.latest(vector))
-    wanted = left(PROFILED_ERRORS * error * slopes[:, which])
+    wanted = left(end * slopes[:, which])
     widest = 1.0
     for side in (-1.0, 1.0):
-        by, least = 1.0, FLAT * wanted
-        while by < MOST_WIDER:
-            point = moved(problem, vector, side * by * PROFILED_ERRORS * error * unit)
-            values = problem.values(point)
-            if left(problem.errors_with(values)) - base >= least or point[which] == vector[which]:
+        room = (high if side > 0.0 else low)[which] - vector[which]
+        by, before, least = 1.0, (0.0, 0.0), FLAT * wanted
+        while by < min(MOST_WIDER, abs(room) / end):
+            point = vector.copy()
+            point[which] += side * by * end
+            risen = left(problem.errors_with(problem.values(point))) - base
+            if risen >= least:
+                by = before[0] + (by - before[0]) * (least - before[1]) / (risen - before[1])
                 break
-            by, least = 2.0 * by, wanted
-        widest = max(widest, by)
+            by, before, least = 2.0 * by, (by, risen), wanted
+        widest = max(widest, min(by, abs(room) / end))
     return widest
 
 
