@@ -1,0 +1,43 @@
+"""A limit that is met for moments, or not at all, is told from below only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from servo_models.core.simulate import model
+from servo_models.core.types import Array
+from servo_models.identification.linear_inference import spread
+from servo_models.identification.optimise import along_valley, descend
+from servo_models.identification.problem import Problem, free_parameter
+from tests.support.logs import changed, measured
+
+TIMES: Array = 0.01 * np.arange(1000)
+NOISE = 2e-3  # rad
+PRIORS = {"natural_frequency": 0.3, "damping_ratio": 0.3, "acceleration_limit": 0.5}
+"""Standard deviations, of the nominal value."""
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("limit", [1.3, 2.0])
+def test_the_interval_of_a_limit_holds_the_true_one(seed: int, limit: float) -> None:
+    """The prior draws it down to where it just does no harm; by slopes it is known there."""
+    nominal = model("second_order_servo", "bus")
+    values = nominal.values
+    rig = changed(nominal, {"acceleration_limit": limit * values["acceleration_limit"]})
+    levels = np.random.default_rng(seed).uniform(-0.5, 0.5, 10)
+    levels[0] = 0.0
+    log = measured(rig, TIMES, {"goal": np.repeat(levels, 100)}, {"angle": NOISE}, seed)
+    free = [
+        free_parameter(nominal.plant.parameters[name], values[name], share * values[name])
+        for name, share in PRIORS.items()
+    ]
+    problem = Problem(nominal, [log], free, {"angle": NOISE})
+    end, _, _ = descend(problem, problem.start, 1e-8, 60)
+    vector, _, _ = along_valley(problem, end)
+    errors = spread(problem, vector).standard_errors
+    found = problem.values(vector)
+    for free_one, error in zip(free, errors):
+        true = rig.values[free_one.name]
+        assert abs(found[free_one.name] - true) < 3.0 * error, free_one.name
+    assert errors[0] < 0.01 * found["natural_frequency"]  # known from both sides, and well
