@@ -18,6 +18,7 @@ from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.clock import Grid, dithered, regular
 from servo_models.data.log import Channel, Log, Start
+from servo_models.data.outliers import off_neighbours
 from servo_models.data.readers import Columns
 from servo_models.data.schema import (
     Column,
@@ -75,6 +76,7 @@ class Signal(Table):
         sign = -1
         shift = "2 ms"
         missing = -999
+        outliers = "30 deg"
         table = "joint_states"
     """
 
@@ -85,6 +87,7 @@ class Signal(Table):
     sign: Number = 1.0
     shift: Seconds = Seconds(0.0)
     missing: Number | None = None
+    outliers: Quantity | None = None
     table: str = ""
 
 
@@ -218,8 +221,8 @@ def read_log(
     measured = {name: _output(m, clock, times, readings[name]) for name, m in outputs.items()}
     skipped = _skipped(section, entry.judged, times, fed) if entry.judged else None
     for m in outputs.values():
-        if m.missing is not None:
-            lost = _moved(m.shift, times, _missing(m, clock).astype(float), hold=False) > 0.0
+        if m.missing is not None or m.farthest is not None:
+            lost = _moved(m.shift, times, _unread(m, clock).astype(float), hold=False) > 0.0
             skipped = lost if skipped is None else skipped | lost
     constants = _constants(section.section("constants"), chosen, inputs)
     origin = -float(clock.stamps[0]) * clock.scale
@@ -356,14 +359,16 @@ def _start(section: Section, given: str | Mapping[str, Any] | None, chosen: Mode
 
 
 class Mapped(NamedTuple):
-    """A signal with the column and the table it is in; ``shift`` [s] is added to its times, and
-    the number ``missing`` in the file is no reading."""
+    """A signal with the column and the table it is in; ``shift`` [s] is added to its times; the
+    number ``missing`` in the file is no reading, nor is what lies further than ``farthest`` [SI]
+    from its neighbours."""
 
     channel: Channel
     column: str | int
     table: str | None
     shift: float = 0.0
     missing: float | None = None
+    farthest: float | None = None
 
 
 def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Mapped:
@@ -390,8 +395,11 @@ def map_signal(section: Section, name: str, wire: Wire, table: str | None) -> Ma
     words = unit if given.scale == 1.0 else f"{given.scale:g} {unit}"
     scale = given.sign * given.scale * to_si
     channel = Channel(name, str(given.column), words, scale, offset * to_si)
-    shift = float(given.shift)
-    return Mapped(channel, given.column, given.table or table, shift, given.missing)
+    farthest = to_si * quantity(at, "outliers", unit) if "outliers" in at else None
+    if farthest is not None and not farthest > 0.0:
+        section.fail(f"{name}.outliers", f"{given.outliers} is no distance; give one above 0")
+    shift, where = float(given.shift), given.table or table
+    return Mapped(channel, given.column, where, shift, given.missing, farthest)
 
 
 def in_si(mapped: Mapped, numbers: Array) -> Array:
@@ -425,8 +433,9 @@ def _mapped(
             section.fail(name, unknown(kind, name, wires))
     mapped = {name: map_signal(section, name, wires[name], table) for name in section}
     for name, one in mapped.items():
-        if kind == "input" and one.missing is not None:
-            section.fail(f"{name}.missing", "an input has a value in every row; leave missing out")
+        for key, said in (("missing", one.missing), ("outliers", one.farthest)):
+            if kind == "input" and said is not None:
+                section.fail(f"{name}.{key}", f"an input has a value in every row; leave {key} out")
     return mapped
 
 
@@ -479,10 +488,10 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     """An output in SI at the times of the log; over rows that are missing it is a line."""
-    values, lost = in_si(mapped, clock.numbers(mapped.column)), _missing(mapped, clock)
+    values, lost = in_si(mapped, clock.numbers(mapped.column)), _unread(mapped, clock)
     if lost.all():
         place = clock.columns.where(mapped.column)
-        raise UserError(f"{place} is {mapped.missing:g} in every row: correct missing")
+        raise UserError(f"{place} is no reading in any row: correct missing, or outliers")
     if lost.any():
         values = np.interp(times, times[~lost], values[~lost])
     check_size(mapped, clock.columns, clock.rows, values, wire)
@@ -496,9 +505,15 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
     return moved
 
 
-def _missing(mapped: Mapped, clock: Clock) -> Mask:
+def _unread(mapped: Mapped, clock: Clock) -> Mask:
     """Mark rows in which a column is no reading, shape (n,)."""
-    return np.asarray(clock.numbers(mapped.column) == mapped.missing)
+    numbers = clock.numbers(mapped.column)
+    lost = np.asarray(numbers == mapped.missing)
+    if mapped.farthest is not None and not lost.all():
+        off = np.zeros(len(numbers))
+        off[~lost] = mapped.channel.scale * off_neighbours(numbers[~lost])
+        lost |= np.abs(off) > mapped.farthest
+    return lost
 
 
 def _check_shift(section: Section, key: str, shift: float, times: Array) -> None:

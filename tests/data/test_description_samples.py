@@ -200,4 +200,21 @@ def test_missing_is_for_outputs_and_not_for_every_row(tmp_path: Path) -> None:
     entry = MISSING.replace('unit = "V"', 'unit = "V", missing = 0')
     assert "an input has a value in every row" in complaint(tmp_path, log=entry)
     rows = [(t, u, -999) for t, u, _ in TABLE]
-    assert "is -999 in every row" in complaint(tmp_path, log=MISSING, data=text_of(rows))
+    assert "is no reading in any row" in complaint(tmp_path, log=MISSING, data=text_of(rows))
+
+
+def test_readings_further_from_their_neighbours_than_said_are_not_seen(tmp_path: Path) -> None:
+    wild = (4, 11, 12)
+    rows = [(t, u, y + 40.0 if k in wild else y) for k, (t, u, y) in enumerate(TABLE)]
+    entry = MISSING.replace("missing = -999", 'outliers = "30 deg"')
+    (whole,) = describe(tmp_path, LOG).logs
+    (log,) = describe(tmp_path, entry, data=text_of(rows)).logs
+    assert list(np.flatnonzero(~log.fitted)) == list(wild)
+    kept = np.delete(np.arange(len(TABLE)), wild)
+    assert np.array_equal(log.outputs["angle"][kept], whole.outputs["angle"][kept])
+    wrong = entry.replace('"30 deg"', "0")
+    assert "is no distance; give one above 0" in complaint(tmp_path, log=wrong)
+    for_input = entry.replace('unit = "V"', 'unit = "V", outliers = 1')
+    assert "an input has a value in every row; leave outliers out" in complaint(
+        tmp_path, log=for_input
+    )
