@@ -25,7 +25,7 @@ from servo_models.diagnosis.verdict import (
     PARAMETERS,
 )
 from servo_models.identification.doubts import doubt, surprise, together, with_display
-from servo_models.identification.resolution import supposed
+from servo_models.identification.resolution import shifted_outputs, supposed
 from servo_models.identification.simulation import false_starts
 
 SEEN = 1.0
@@ -405,6 +405,7 @@ def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
     taken = diagnosis.selection.taken
     yield from false_starts(taken.problem.runs, taken.values)
+    yield from shifted_outputs(taken.problem.runs, taken.values, diagnosis.floors)
     for run in taken.problem.runs:
         yield from run.notices(taken.values)
     yield from (

@@ -16,7 +16,7 @@ simulation of draws); Rasmussen, Williams, Gaussian Processes for Machine Learni
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
 from weakref import ref
@@ -34,7 +34,7 @@ from servo_models.data.audit import lost_rows
 from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
 from servo_models.errors import UserError
-from servo_models.identification.simulation import prepared
+from servo_models.identification.simulation import Run, prepared
 from servo_models.report.numbers import number, with_unit
 
 COPIES = 8
@@ -171,6 +171,54 @@ def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.
     last = np.concatenate([log.inputs[name][:1], log.inputs[name][changes]])
     inputs[name] = last[changed + 1]
     return replace(log, times=times, inputs=inputs)
+
+
+# Outputs that were read at another time than the first one
+
+MUCH_LESS = 0.25
+"""Squared errors in another row over those in its own, below which a reading is of that one."""
+SEEN_FLOORS = 2.0
+"""Error in its own row [RMS, noise floors] from which that matters."""
+LEAST_ROWS = 50
+"""Of a log, below which chance may prefer another row."""
+
+
+def shifted_outputs(
+    runs: Iterable[Run], values: Mapping[str, float], floors: Mapping[str, float]
+) -> Iterator[str]:
+    """Yield which outputs of a log are those of the row before or after, while the first output is
+    that of its own, one sentence each with its cure.
+
+    Args:
+        runs: logs with their model.
+        values: of parameters [SI], by name.
+        floors: noise floor [SI] of each output.
+    """
+    for run in runs:
+        log, simulated = run.log, run.outputs_or_nan(values).T
+        step = float(np.median(np.diff(log.times))) if len(log.times) > LEAST_ROWS else 0.0
+        rows = [_best_row(*pair) for pair in zip(log.outputs.values(), simulated)]
+        for (name, measured), response, row in zip(log.outputs.items(), simulated, rows):
+            left = float(np.sqrt(np.mean((measured - response) ** 2)))
+            if not step or rows[0] or not row or left < SEEN_FLOORS * floors[name]:
+                continue
+            where, shift = ("before", -step) if row < 0 else ("after", step)
+            yield (
+                f"log '{log.name}': '{name}' is that of the row {where}, while"
+                f" '{next(iter(log.outputs))}' is that of its own; say so by"
+                f' shift = "{1e3 * shift:.4g} ms"'
+            )
+
+
+def _best_row(measured: Array, simulated: Array) -> int:
+    """By how many rows a simulation has to be read later, -1 to 1, to be much nearer; else 0."""
+    inner = measured[1:-1]
+    errors = {
+        row: float(np.sum((simulated[1 + row : len(simulated) - 1 + row] - inner) ** 2))
+        for row in (-1, 0, 1)
+    }
+    best = min(errors, key=lambda row: errors[row])
+    return best if errors[best] < MUCH_LESS * errors[0] else 0
 
 
 # What they leave open, as part of the covariance
