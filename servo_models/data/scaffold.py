@@ -27,6 +27,8 @@ from servo_models.files import write_whole
 from servo_models.units import WRITTEN_IN, exponents, factor
 
 CHECK = "# guessed"
+HEAD_BYTES = 4096
+"""Of a file, in which it may name the motor."""
 LONGEST_SENTENCE = 4000
 """Characters of a sentence about columns, whose names are anybody's."""
 
@@ -38,7 +40,8 @@ class Draft:
     Attributes:
         path: the log.
         actuator: what is thought to have made it, ``given`` if that was told.
-        variant: of the actuator, the default one unless the command is that of another.
+        variant: of the actuator, the default one unless the file names another, or the command is
+            that of one.
         time: its column and unit, None if no column rises.
         matches: columns and their signals, all in the table of the time or an input's.
         unused: columns left over, of all tables.
@@ -184,9 +187,22 @@ def _draft(path: Path, columns: Sequence[Column], actuator: Actuator, given: boo
     """The draft of the variant and table that fit best as outputs; inputs may be in others."""
     tables = list(dict.fromkeys(column.table for column in columns))
     variants = [actuator.variants[0], *(it for it in actuator.variants if it.command)]
+    variants = [it for it in actuator.variants if it.name in _motors_in(path)] or variants
     blank = [Draft(path, actuator, variant, given, None, (), ()) for variant in variants]
     made = [_filled(draft, columns, table) for draft in blank for table in tables]
     return max(made, key=_score)
+
+
+def _motors_in(path: Path) -> set[str]:
+    """Words with a letter and a digit in the name of a file and at its beginning, as those of
+    motors are."""
+    try:
+        with path.open("rb") as stream:
+            text = stream.read(HEAD_BYTES).decode("utf-8", "ignore")
+    except OSError:  # such as a folder
+        text = ""
+    words = set(re.findall(r"[a-z0-9_]+", f"{path.stem} {text}".lower()))
+    return {it for it in words if re.search("[a-z]", it) and re.search("[0-9]", it)}
 
 
 def _filled(blank: Draft, columns: Sequence[Column], table: str | None) -> Draft:
@@ -231,6 +247,8 @@ def _lines(made: Draft, folder: Path) -> Iterator[str]:
     variant = f"variant = {_quoted(made.variant.name)}"
     if made.variant.command:
         yield f"{variant}  {CHECK}: the one whose command is {made.main}"
+    elif made.variant is not made.actuator.variants[0]:
+        yield f"{variant}  {CHECK}: the file names it"
     else:
         yield f"# {variant}  # others: servo-models list"
     yield '# free = ["..."]  # parameters to be estimated, see servo-models explain'

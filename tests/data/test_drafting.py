@@ -557,3 +557,19 @@ def test_the_variant_is_the_one_of_the_command(
     target.write_text(text)
     assert read_description(target).variant == variant
     assert entry in text
+
+
+@pytest.mark.parametrize(("name", "volts"), [("sts3215", "7.4 V"), ("sts3215_12v", "12 V")])
+def test_the_motor_that_a_file_names_gives_variant_and_supply(
+    tmp_path: Path, name: str, volts: str
+) -> None:
+    entries = [
+        {"timestamp": time, "goal_position": goal, "position": angle}
+        for time, goal, angle in zip(0.02 * np.arange(len(STEP)), STEP, LATER)
+    ]
+    log = {"motor": name.upper(), "entries": entries}
+    (tmp_path / "arm.json").write_text(json.dumps(log))
+    text = draft(tmp_path / "arm.json", "smart_servo").text(tmp_path)
+    (tmp_path / "log.toml").write_text(text)
+    assert read_description(tmp_path / "log.toml").variant == name
+    assert f'supply = "{volts}"' in text
