@@ -6,6 +6,7 @@ Other words go to pytest, which then runs them in one process.
 import os
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -31,13 +32,22 @@ def compiled(name: str) -> str:
     return name
 
 
+def generated(folder: str) -> str:
+    """Make a few withheld cases, so that their simulation is compiled into the cache of numba."""
+    words = ["-m", "servo_models.withheld.generator", folder, "--cases", "4", "--seed", "1"]
+    subprocess.run([sys.executable, *words], check=True, capture_output=True)
+    return "the generator of withheld cases"
+
+
 def compile_all() -> None:
     """Compile every actuator once: else each worker would do it beside the others."""
     from servo_models.core.catalogue import actuators
 
-    with ProcessPoolExecutor(CORES) as pool:
+    with ProcessPoolExecutor(CORES) as pool, tempfile.TemporaryDirectory() as folder:
+        cases = pool.submit(generated, str(Path(folder) / "cases"))
         for name in pool.map(compiled, actuators()):
             print(f"compiled {name}", flush=True)
+        print(f"compiled {cases.result()}", flush=True)
 
 
 def run(words: list[str]) -> int:
