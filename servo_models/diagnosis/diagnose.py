@@ -138,6 +138,13 @@ def _diagnose(
     )
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
+    if verdict.kind == OUTSIDE and not stop.passed:
+        unsure = fitter.unsure_between_rows((selection.retuned, selection.taken))
+        # beside what commands may have done, two noise floors are much
+        enough = min(tolerance, settings.enough_floors)
+        again = select_effects(unsure, left_out, tell, enough) if unsure else selection
+        if unsure and (said := decide(again, enough)).kind != OUTSIDE:
+            fitter, selection, verdict = unsure, again, said
     outside = verdict.kind == OUTSIDE
     parts = unlike_parts(fitter, selection) if outside and not stop.passed else ()
     # what does not follow the command is no curve of what the actuator does
@@ -164,5 +171,6 @@ def _diagnose(
         tolerance=tolerance,
         seed=seed,
         parts=parts,
+        between_rows=fitter.between_rows,
         unfinished=(*selection.unfinished, *lacking),
     )

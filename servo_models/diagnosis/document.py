@@ -54,6 +54,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "masked": [_masked_effect(diagnosis, one) for one in diagnosis.masked],
         "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
         "residual_map": _residual_map(diagnosis),
+        "between_rows": diagnosis.between_rows,
         "parts": [_part(one) for one in diagnosis.parts],
         "held_out": [asdict(one) for one in diagnosis.held_out],
         "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],

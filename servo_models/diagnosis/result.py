@@ -71,6 +71,8 @@ class Diagnosis(Result):
             or no shape holds on unseen blocks.
         parts: logs, or halves of one, each of which is explained by parameters of its own where
             together they are not; none otherwise.
+        between_rows: commands may have been sent any time before the rows that have them: then, and
+            not else, the verdict explains the logs.
         flags: outputs of the logs that say yes or no, which are not judged.
         seed: of intervals and random commands.
         confirmation: the diagnosed model run as an FMU, None where nobody asked or it cannot be.
@@ -95,6 +97,7 @@ class Diagnosis(Result):
     tolerance: float
     residual_map: ResidualMap | None = None
     parts: tuple[Part, ...] = ()
+    between_rows: bool = False
     flags: tuple[str, ...] = ()
     seed: int = 0
     confirmation: Confirmation | None = None

@@ -119,7 +119,10 @@ def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in a clause, without figures and rivals; first what is wrong with a log,
     and that it was stopped."""
     so_far = f"Stopped {diagnosis.stopped}, best so far: " if diagnosis.stopped else ""
-    return f"{mistaken(diagnosis)}{so_far}{_headline(diagnosis)}"
+    rows = (
+        "If commands were sent between the rows that have them: " if diagnosis.between_rows else ""
+    )
+    return f"{mistaken(diagnosis)}{so_far}{rows}{_headline(diagnosis)}"
 
 
 def mistaken(diagnosis: Diagnosis) -> str:
@@ -453,6 +456,11 @@ def _sought(diagnosis: Diagnosis) -> str:
 
 def _about_columns(diagnosis: Diagnosis) -> Iterator[str]:
     """Columns of inputs whose resolution alone may be what is left."""
+    if diagnosis.between_rows:
+        yield (
+            "these logs are explained only if commands were sent some time before the rows that"
+            " have them: log each with the time at which it is sent, and diagnose again"
+        )
     for blur in diagnosis.blurs:
         output = max(blur.moves, key=lambda name: blur.moves[name])
         if blur.largest >= diagnosis.gap.rms["after"]:

@@ -44,8 +44,10 @@ STEPS_IN_RANGE = 50.0
 STEP, ROW = "step", "row"
 MOST_LOST_SHARE = 0.1
 """Of the rows: where more are far apart, rows are uneven, and none is known to be lost."""
-MOST_CHANGES = 60
+MOST_CHANGES = 300
 """In a log: of more only the largest, since each is a simulation."""
+SAMPLES_PER_CHANGE = 4
+"""At least: with as many changes as samples, what they may have done is anything."""
 MEAN_SQUARE_SHARE = 1.0 / 3.0
 """Of a share that is anything from 0 to 1."""
 LOOKS = 2
@@ -225,7 +227,11 @@ def _best_row(measured: Array, simulated: Array) -> int:
 
 
 def with_unsure_inputs(
-    model: Model, logs: Sequence[Log], values: Mapping[str, float], floors: Mapping[str, float]
+    model: Model,
+    logs: Sequence[Log],
+    values: Mapping[str, float],
+    floors: Mapping[str, float],
+    between_rows: bool = False,
 ) -> tuple[Log, ...]:
     """Return logs that know what lost rows and steps of their inputs' columns may have done.
 
@@ -234,12 +240,17 @@ def with_unsure_inputs(
         logs: those of which all is known stay as they are.
         values: of parameters.
         floors: noise floor [SI] of each output.
+        between_rows: whether commands may have changed any time before the row that has them.
     """
-    return tuple(_with_unsure_inputs(model, log, values, floors) for log in logs)
+    return tuple(_with_unsure_inputs(model, log, values, floors, between_rows) for log in logs)
 
 
 def _with_unsure_inputs(
-    model: Model, log: Log, values: Mapping[str, float], floors: Mapping[str, float]
+    model: Model,
+    log: Log,
+    values: Mapping[str, float],
+    floors: Mapping[str, float],
+    between_rows: bool,
 ) -> Log:
     sigma = np.array([floors[name] for name in log.outputs])
     try:
@@ -248,7 +259,8 @@ def _with_unsure_inputs(
         def moved(copy: Log) -> Array:
             return prepared(model, copy).outputs(values) - usual
 
-        changes = [np.sqrt(MEAN_SQUARE_SHARE) * moved(copy) for copy in _after_lost_rows(log)]
+        at_once = _after_lost_rows(log, between_rows)
+        changes = [np.sqrt(MEAN_SQUARE_SHARE) * moved(copy) for copy in at_once]
         for name, column in log.inputs.items():
             if not (step := _column_step(column)):
                 continue
@@ -267,15 +279,17 @@ def _with_unsure_inputs(
     return replace(log, unsure={name: unsure[:, i] for i, name in enumerate(log.outputs)})
 
 
-def _after_lost_rows(log: Log) -> Iterator[Log]:
-    """Logs whose command after lost rows has come at once, those of the largest changes."""
-    before = lost_rows(log)
-    if len(before) > MOST_LOST_SHARE * len(log.times):
+def _after_lost_rows(log: Log, every: bool) -> Iterator[Log]:
+    """Logs whose command after lost rows, or after ``every`` row, has come at once, those of the
+    largest changes."""
+    before = np.arange(len(log.times) - 1) if every else lost_rows(log)
+    if not every and len(before) > MOST_LOST_SHARE * len(log.times):
         return
     sizes = np.zeros(len(before))
     for held in log.inputs.values():
         sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
-    for row in before[np.argsort(-sizes)[: min(MOST_CHANGES, np.count_nonzero(sizes))]]:
+    most = min(MOST_CHANGES, int(log.fitted.sum()) // SAMPLES_PER_CHANGE)
+    for row in before[np.argsort(-sizes)[: min(most, np.count_nonzero(sizes))]]:
         inputs = {name: values.copy() for name, values in log.inputs.items()}
         for values in inputs.values():
             values[row] = values[row + 1]
@@ -291,6 +305,13 @@ def _block_by_block(log: Log, name: str, step: float, count: int) -> Iterator[tu
         off[rows] += step
         held = 1 + np.count_nonzero(np.diff(column[rows]))
         yield replace(log, inputs={**log.inputs, name: off}), 1.0 / np.sqrt(12.0 * held)
+
+
+def log_determinant(logs: Iterable[Log], sigma: Mapping[str, float]) -> float:
+    """Return the logarithm of the determinant of the covariance of all weighted errors: what it
+    costs to be unsure."""
+    pairs = ((log, tuple(sigma[name] for name in log.outputs)) for log in logs if log.unsure)
+    return float(sum(-2.0 * np.sum(np.log1p(-nuisances(*pair)[1])) for pair in pairs))
 
 
 @cached(LRUCache(64), key=lambda log, sigma: (ref(log), sigma), lock=Lock())

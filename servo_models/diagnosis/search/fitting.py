@@ -37,7 +37,7 @@ from servo_models.identification.linear_inference import (
 )
 from servo_models.identification.optimise import along_valley, descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.resolution import with_unsure_inputs
+from servo_models.identification.resolution import log_determinant, with_unsure_inputs
 from servo_models.identification.simulation import InternalSteps
 
 FINAL_TOLERANCE = 1e-7  # of the cost
@@ -328,6 +328,7 @@ class Fitter:
         trials: natural logarithm of the sizes and shapes that each effect may have.
         steps: choose the internal step of every run; None for the model's own.
         settings: those of the diagnosis.
+        between_rows: commands may have come any time before the rows that have them.
     """
 
     model: Model
@@ -342,6 +343,7 @@ class Fitter:
     steps: InternalSteps | None = None
     settings: Settings = DEFAULT
     wide: tuple[Free, ...] = ()
+    between_rows: bool = False
 
     def problem(self, extra: Iterable[Free] = ()) -> Problem:
         """Return the question with further free parameters."""
@@ -368,8 +370,22 @@ class Fitter:
     def with_unsure_inputs(self, found: FittedModel) -> Fitter:
         """Return a fitter whose logs know what a fitted model makes of what nobody knows of their
         inputs."""
-        logs = with_unsure_inputs(self.model, self.logs, found.values, self.floors)
-        return replace(self, logs=logs)
+        told = (self.model, self.logs, found.values, self.floors)
+        return replace(self, logs=with_unsure_inputs(*told, self.between_rows))
+
+    def unsure_between_rows(self, models: Iterable[FittedModel]) -> Fitter | None:
+        """Return a fitter by which commands may have come any time before the rows that have them,
+        if one of some fitted models then leaves noise only and is surely likelier; None else."""
+        for model in models:
+            unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
+            extra = [free for free in model.problem.free if free.prior is None]
+            found = unsure.finish(unsure.fit(model.effects, extra, model.values))
+            costs = [
+                one.cost + log_determinant(one.problem.logs, self.floors) for one in (model, found)
+            ]
+            if found.settled and costs[1] < costs[0] - self.settings.entry_advantage:
+                return unsure
+        return None
 
     def surveyed(self) -> Fitter:
         """Return a fitter that knows where the response of the nominal model is rough."""
