@@ -37,7 +37,12 @@ from servo_models.identification.linear_inference import (
 )
 from servo_models.identification.optimise import along_valley, descend, steps
 from servo_models.identification.problem import DIFFERENCE, Free, Problem
-from servo_models.identification.resolution import log_determinant, with_unsure_inputs
+from servo_models.identification.resolution import (
+    ROW,
+    blurs,
+    log_determinant,
+    with_unsure_inputs,
+)
 from servo_models.identification.simulation import InternalSteps
 
 FINAL_TOLERANCE = 1e-7  # of the cost
@@ -63,6 +68,9 @@ DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 MOVED_COST_OVER_COST = 0.98
 """From which a move is taken."""
 MOST_MOVES = 8
+LEAST_ROW_SHARE = 0.7
+"""Movement by commands between rows over the structured part of what is left, from which they may
+be it."""
 
 
 def discontinuous_of(problem: Problem) -> list[int]:
@@ -377,6 +385,10 @@ class Fitter:
         """Return a fitter by which commands may have come any time before the rows that have them,
         if one of some fitted models then leaves noise only and is surely likelier; None else."""
         for model in models:
+            told = (self.model, self.logs, self.floors, model.values)
+            far = max((it.largest for it in blurs(*told) if it.why == ROW), default=0.0)
+            if far < LEAST_ROW_SHARE * model.left.structured:
+                continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
             extra = [free for free in model.problem.free if free.prior is None]
             found = unsure.finish(unsure.fit(model.effects, extra, model.values))
