@@ -150,7 +150,8 @@ def _diagnose(
     # what does not follow the command is no curve of what the actuator does
     shaped = outside and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
-    calibrated = not selection.unfinished and not any(it.mistakes for it in audited)
+    usual = not any(it.mistakes for it in audited) and not fitter.between_rows
+    calibrated = usual and not selection.unfinished
     lacking = ["the shape of what is left"] if shaped and not learns else []
     if tell and learns:
         tell("learning the shape of what is left")

@@ -36,8 +36,8 @@ class RankedEffect:
         model_weight: share of the fitted models of as many effects as were taken that have it,
             each with its weight; None where none of them has. It ranks.
         probability: that it is among the causes, None where nothing is known of that: without a
-            model weight, where the search was stopped, in logs that are not what was measured, and
-            outside the catalogue, where none of the effects explains all.
+            model weight, where the search was stopped, in logs that are not what was measured or
+            sent, and outside the catalogue, where none of the effects explains all.
         in_set: whether it is in the set that cannot be told apart.
         taken: whether the after figures are with it.
         parameters: of the effect, in the best fitted model that has it.

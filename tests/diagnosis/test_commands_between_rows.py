@@ -63,6 +63,8 @@ def test_a_play_is_found_beside_them(row: float, uneven: float) -> None:
     found = diagnose(told({"backlash.half_width": 0.02}, row, uneven), jobs=1)
     assert found.verdict.kind == EFFECT
     assert found.selection.taken.effects == ("backlash",)
+    assert found.ranking[0].probability is None  # learnt from logs whose commands are known
+    assert "Log each command with the time at which it is sent" in str(found)
     value = next(it.value for it in found.found if it.name == "backlash.half_width")
     assert value == pytest.approx(0.02, rel=0.1)
 

@@ -145,6 +145,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
         return f"{_use(diagnosis, '--map')}; its residual map stands for what has no name yet."
     if diagnosis.verdict.kind == OUTSIDE:
         return "Look where the rest lies, below; no effect of the catalogue was found for it."
+    if diagnosis.between_rows:
+        return "Log each command with the time at which it is sent, and diagnose again."
     if diagnosis.verdict.kind == NOT_IDENTIFIABLE or summary.not_asserted(diagnosis):
         return "Record a log with other commands: more amplitudes, speeds and reversals."
     return f"{_use(diagnosis, '--out')}."
