@@ -187,7 +187,8 @@ def _draft(path: Path, columns: Sequence[Column], actuator: Actuator, given: boo
     """The draft of the variant and table that fit best as outputs; inputs may be in others."""
     tables = list(dict.fromkeys(column.table for column in columns))
     variants = [actuator.variants[0], *(it for it in actuator.variants if it.command)]
-    variants = [it for it in actuator.variants if it.name in _motors_in(path)] or variants
+    motors = _motors_in(path)
+    variants = [it for it in actuator.variants if it.name in motors] or variants
     blank = [Draft(path, actuator, variant, given, None, (), ()) for variant in variants]
     made = [_filled(draft, columns, table) for draft in blank for table in tables]
     return max(made, key=_score)

@@ -109,11 +109,13 @@ def unlike_parts(fitter: Fitter, selection: Selection) -> tuple[Part, ...]:
 
 
 def _parts(logs: Sequence[Log]) -> list[tuple[Log, str]]:
-    """Logs, or the halves of a single one."""
-    if len(logs) > 1:
-        return [(log, "") for log in logs if log.fitted.any()]
-    (log,) = logs
-    early = np.arange(len(log.times)) < len(log.times) // 2
+    """Logs that a fit sees, or the halves of what it sees of a single one."""
+    seen = [log for log in logs if log.fitted.any()]
+    if len(seen) > 1:
+        return [(log, "") for log in seen]
+    (log,) = seen
+    rows = np.flatnonzero(log.fitted)
+    early = np.arange(len(log.times)) < rows[len(rows) // 2]
     none = np.zeros_like(early) if log.skipped is None else log.skipped
     halves = ((~early, "first"), (early, "second"))
     return [(replace(log, skipped=none | unseen), name) for unseen, name in halves]
@@ -123,10 +125,8 @@ def _fitted(
     fitter: Fitter, parts: Sequence[tuple[Log, str]], model: FittedModel
 ) -> Iterator[FittedModel]:
     """The model fitted to each part, up to one that it does not explain."""
-    extra = [free for free in model.problem.free if free.prior is None]
     for log, _ in parts:
-        alone = replace(fitter, logs=(log,))
-        found = alone.finish(alone.fit(model.effects, extra, model.values))
+        found = replace(fitter, logs=(log,)).anew(model)
         if lacks(found, found) or found.evidence.rms > fitter.settings.enough_floors:
             return
         yield found

@@ -189,7 +189,7 @@ def _apart(diagnosis: Diagnosis) -> str:
             f" explained, with '{parameter.name}' {low} in log '{least.log}' and {high} in log"
             f" '{most.log}'"
         )
-    return f"{said}. An effect that acts differently in each may look the same"
+    return f"{said}, unless an effect acts differently in each"
 
 
 def not_asserted(diagnosis: Diagnosis) -> str:
@@ -532,7 +532,7 @@ def _about_parameters(diagnosis: Diagnosis) -> Iterator[str]:
             " these were too small, or the parameters stand in for an effect that is missing"
         )
     taken = diagnosis.selection.taken
-    own = [free.name for free in taken.problem.free if free.prior is None]
+    own = [free.name for free in taken.own]
     yield from (together(group, own) for group in taken.together)
     for name, doubtful in doubts(diagnosis).items():
         if name.rpartition(".")[0] in diagnosis.selection.taken.effects:

@@ -511,8 +511,9 @@ def _wider(problem: Problem, vector: Array, slopes: Array, which: int, error: fl
         return float(np.sum(others.without(errors) ** 2))
 
     base = left(problem.latest(vector))
-    wanted = left(end * slopes[:, which])
-    widest = 1.0
+    wanted, widest = left(end * slopes[:, which]), 1.0
+    if not wanted:  # where no slope tells it, another way has
+        return widest
     for side in (-1.0, 1.0):
         room = (high if side > 0.0 else low)[which] - vector[which]
         by, before, least = 1.0, (0.0, 0.0), FLAT * wanted

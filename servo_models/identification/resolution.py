@@ -259,7 +259,7 @@ def _with_unsure_inputs(
         def moved(copy: Log) -> Array:
             return prepared(model, copy).outputs(values) - usual
 
-        at_once = _after_lost_rows(log, between_rows)
+        at_once = _sent_at_once(log, between_rows)
         changes = [np.sqrt(MEAN_SQUARE_SHARE) * moved(copy) for copy in at_once]
         for name, column in log.inputs.items():
             if not (step := _column_step(column)):
@@ -279,7 +279,7 @@ def _with_unsure_inputs(
     return replace(log, unsure={name: unsure[:, i] for i, name in enumerate(log.outputs)})
 
 
-def _after_lost_rows(log: Log, every: bool) -> Iterator[Log]:
+def _sent_at_once(log: Log, every: bool) -> Iterator[Log]:
     """Logs whose command after lost rows, or after ``every`` row, has come at once, those of the
     largest changes."""
     before = np.arange(len(log.times) - 1) if every else lost_rows(log)

@@ -76,3 +76,13 @@ def test_two_logs_of_one_servo_are_of_one() -> None:
     found = diagnosed(told(ONE, 0), told(ONE, 1))
     assert found.verdict.kind == PARAMETERS
     assert not found.parts
+
+
+@pytest.mark.thorough
+def test_a_log_that_no_fit_sees_is_no_part() -> None:
+    """One of two logs is held out: the halves of the other one are compared."""
+    goal, half = moves(0), np.arange(len(TIMES)) < len(TIMES) // 2
+    reading = np.where(half, angle(ONE, goal, 0), angle(OTHER, goal, 1))
+    unseen = replace(told(ONE, 1), held_out=np.ones(len(TIMES), dtype=bool))
+    found = diagnosed(log_of(TIMES, {"goal": goal}, {"angle": reading}), unseen)
+    assert [one.half for one in found.parts] == ["first", "second"]

@@ -7,7 +7,7 @@ import pytest
 
 from servo_models.core.simulate import model
 from servo_models.core.types import Array
-from servo_models.identification.linear_inference import spread
+from servo_models.identification.linear_inference import _wider, spread
 from servo_models.identification.optimise import along_valley, descend
 from servo_models.identification.problem import Problem, free_parameter
 from tests.support.logs import changed, measured
@@ -41,3 +41,13 @@ def test_the_interval_of_a_limit_holds_the_true_one(seed: int, limit: float) -> 
         true = rig.values[free_one.name]
         assert abs(found[free_one.name] - true) < 3.0 * error, free_one.name
     assert errors[0] < 0.01 * found["natural_frequency"]  # known from both sides, and well
+
+
+def test_where_no_slope_tells_a_value_nothing_is_wider() -> None:
+    """The response does not depend on a limit far above what is asked for, which has no prior."""
+    nominal = model("second_order_servo", "bus")
+    goal = 0.1 * np.sin(TIMES)
+    log = measured(nominal, TIMES, {"goal": goal}, {"angle": NOISE})
+    limit = free_parameter(nominal.plant.parameters["acceleration_limit"], 200.0, None)
+    problem = Problem(nominal, [log], [limit], {"angle": NOISE})
+    assert _wider(problem, problem.start, np.zeros((len(TIMES), 1)), 0, 0.1) == 1.0

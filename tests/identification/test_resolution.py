@@ -45,7 +45,6 @@ def test_a_step_moves_an_open_loop_as_far_as_rounding_does() -> None:
 def test_a_row_moves_it_as_far_as_commands_between_rows_do() -> None:
     """The same command, each of its steps sent anywhere before its row, on a tenth of the rows."""
     fine = np.repeat(volts(0)[::20], 20)
-    log = log_of(TIMES, {"voltage": fine}, {"encoder_angle": angle(fine)})
     rows = slice(None, None, 10)
     coarse = log_of(TIMES[rows], {"voltage": fine[rows]}, {"encoder_angle": angle(fine)[rows]})
     (told,) = (
@@ -64,7 +63,6 @@ def test_a_row_moves_it_as_far_as_commands_between_rows_do() -> None:
     assert told.moves["encoder_angle"] == pytest.approx(
         float(np.sqrt(np.mean(off**2))) / NOISE, rel=0.4
     )
-    assert log.duration == pytest.approx(coarse.duration, rel=0.01)
 
 
 def test_levels_that_were_commanded_are_no_steps_of_a_column() -> None:

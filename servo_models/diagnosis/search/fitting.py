@@ -256,6 +256,11 @@ class FittedModel:
         """Free parameters [SI] by name."""
         return self.problem.values(self.evidence.vector)
 
+    @property
+    def own(self) -> list[Free]:
+        """Free parameters of its effects."""
+        return [free for free in self.problem.free if free.prior is None]
+
     @cached_property
     def held_by_bound(self) -> bool:
         """Whether a bound holds a parameter of an effect from a better fit: what it imitates may
@@ -390,8 +395,7 @@ class Fitter:
             if far < LEAST_ROW_SHARE * model.left.structured:
                 continue
             unsure = replace(self, between_rows=True).with_unsure_inputs(model).surveyed()
-            extra = [free for free in model.problem.free if free.prior is None]
-            found = unsure.finish(unsure.fit(model.effects, extra, model.values))
+            found = unsure.anew(model)
             costs = [
                 one.cost + log_determinant(one.problem.logs, self.floors) for one in (model, found)
             ]
@@ -490,6 +494,10 @@ class Fitter:
         return FittedModel(
             (), problem, linear, evidence, converged=True, chance=0.0, settings=self.settings
         )
+
+    def anew(self, found: FittedModel) -> FittedModel:
+        """Fit a model that another fitter made to the end, from its values."""
+        return self.finish(self.fit(found.effects, found.own, found.values))
 
     def again(self, found: FittedModel) -> FittedModel:
         """Fit once more from where a fit has ended."""
@@ -615,8 +623,7 @@ def leave_one_condition_out(fitter: Fitter, found: FittedModel) -> float:
     groups = conditions(fitter.logs)
     if len(groups) < fitter.settings.least_conditions:
         return 0.0
-    extra = [free for free in found.problem.free if free.prior is None]
-    lost = 0.0
+    extra, lost = found.own, 0.0
     for group in groups:
         rest = [log for other in groups if other is not group for log in other]
         fitted = replace(fitter, logs=rest).fit(found.effects, extra, found.values)

@@ -79,7 +79,7 @@ class _Part:
         self, fitter: Fitter, first: FittedModel, samples: int, smooth: Iterable[Screened] = ()
     ) -> None:
         brief = replace(fitter, logs=shortened(fitter.logs, samples))
-        problem = brief.problem([free for free in first.problem.free if free.prior is None])
+        problem = brief.problem(first.own)
         self.linearised = linearised(problem, first.evidence.vector, first.widths)
         self.candidates = {one.name: one for one in candidates(fitter.model, brief.logs)}
         rows = _rows(fitter.logs, brief.logs)

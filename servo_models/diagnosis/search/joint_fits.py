@@ -31,7 +31,7 @@ def beside(
     It begins where least is left, and while something is left to explain, with another shape and
     with half of a jump as well.  A fit that cannot leave ``enough`` squared errors ends early.
     """
-    kept = [free for free in first.problem.free if free.prior is None]
+    kept = first.own
     effects = (*first.effects, own[0].candidate.name)
     glances = [best_start(result, thorough=False) for result in own]
     result = min(glances, key=lambda start: start.cost).result

@@ -141,6 +141,8 @@ def _to_do(diagnosis: Diagnosis) -> str:
         return f"{planned[0].text.partition('. ')[0]}{file}{summary.not_shown(diagnosis)}."
     if diagnosis.repeats_wanted:
         return diagnosis.repeats_wanted
+    if diagnosis.parts:
+        return "Give each actuator, or each time between changes, a description of its own."
     if diagnosis.residual_map:
         return f"{_use(diagnosis, '--map')}; its residual map stands for what has no name yet."
     if diagnosis.verdict.kind == OUTSIDE:
