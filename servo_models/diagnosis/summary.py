@@ -178,18 +178,14 @@ def _apart(diagnosis: Diagnosis) -> str:
     parameter = diagnosis.model.plant.parameters[least.value.name]
     low, high = (with_display(parameter, one.value.value) for one in (least, most))
     if least.half:
-        said = (
-            f"The actuator was changed midway, it seems: each half of log '{least.log}' alone is"
-            f" explained, with '{parameter.name}' {low} in the {least.half} and {high} in the"
-            f" {most.half}"
+        return (
+            f"It changed midway, it seems: '{parameter.name}' is {low} in the {least.half} half of"
+            f" log '{least.log}' and {high} in the {most.half}"
         )
-    else:
-        said = (
-            "These logs are not of one actuator, or it was changed between them: each alone is"
-            f" explained, with '{parameter.name}' {low} in log '{least.log}' and {high} in log"
-            f" '{most.log}'"
-        )
-    return f"{said}, unless an effect acts differently in each"
+    return (
+        f"Not one actuator, it seems: '{parameter.name}' is {low} in log '{least.log}' and {high}"
+        f" in log '{most.log}'"
+    )
 
 
 def not_asserted(diagnosis: Diagnosis) -> str:
@@ -478,6 +474,12 @@ def _about_fits(diagnosis: Diagnosis) -> Iterator[str]:
         yield (
             f"the model explains hardly anything of '{name}': check scale and sign of its"
             f" column, and that the log is of '{diagnosis.model.actuator.name}'"
+        )
+    if diagnosis.parts:
+        each = "half" if diagnosis.parts[0].half else "log"
+        yield (
+            f"each {each} alone is explained by parameters of its own, and all together are not:"
+            " another actuator, or one that was changed, unless an effect acts differently in each"
         )
     if diagnosis.unconfirmed:
         yield f"the FMU of the diagnosed model {diagnosis.unconfirmed}"

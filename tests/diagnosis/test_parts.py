@@ -51,7 +51,7 @@ def told(true: dict[str, float], seed: int) -> Log:
 def test_logs_of_two_servos_are_told_apart() -> None:
     found = diagnosed(told(ONE, 0), told(OTHER, 1))
     assert found.verdict.kind == OUTSIDE
-    assert "not of one actuator" in summary.sentence(found)
+    assert "Not one actuator" in summary.sentence(found)
     assert [one.log for one in found.parts] == ["run 0", "run 1"]
     assert [one.value.name for one in found.parts] == ["natural_frequency"] * 2
     for one, true in zip(found.parts, (ONE, OTHER)):
@@ -66,6 +66,7 @@ def test_a_change_midway_is_told() -> None:
     found = diagnosed(log_of(TIMES, {"goal": goal}, {"angle": reading}))
     assert found.verdict.kind == OUTSIDE
     assert "changed midway" in summary.sentence(found)
+    assert any("each half alone is explained" in text for text in summary.warnings(found))
     assert [one.half for one in found.parts] == ["first", "second"]
     for one, true in zip(found.parts, (ONE, OTHER)):
         assert abs(one.value.value - true[one.value.name]) < 4.0 * one.value.standard_error
