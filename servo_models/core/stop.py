@@ -61,14 +61,14 @@ class Stop:
 
     @contextmanager
     def search(self) -> Iterator[None]:
-        """Let ``check`` end what is within."""
-        self._searching = True
+        """Let ``check`` end what is within; a search may be part of another one."""
+        before, self._searching = self._searching, True
         try:
             yield
         except StoppedError:
             pass
         finally:
-            self._searching = False
+            self._searching = before
 
     def __enter__(self) -> Stop:
         main = threading.current_thread() is threading.main_thread()

@@ -22,13 +22,16 @@ from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.search.selection import TOLERANCE, Tell, select_effects
 from servo_models.diagnosis.settings import DEFAULT, Settings
-from servo_models.diagnosis.stretches import unlike_parts
+from servo_models.diagnosis.stretches import Part, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
 from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.simulation import InternalSteps
 
 __all__ = ["Diagnosis", "diagnose"]
+
+BETWEEN_ROWS, PARTS = "commands between rows", "each part by itself"
+SHAPE = "the shape of what is left"
 
 
 def diagnose(
@@ -138,21 +141,26 @@ def _diagnose(
     )
     selection = select_effects(fitter, left_out, tell, tolerance)
     verdict = decide(selection, tolerance)
-    if verdict.kind == OUTSIDE and not stop.passed:
-        unsure = fitter.unsure_between_rows((selection.retuned, selection.taken))
-        # beside what commands may have done, two noise floors are much
-        enough = min(tolerance, settings.enough_floors)
-        again = select_effects(unsure, left_out, tell, enough) if unsure else selection
-        if unsure and (said := decide(again, enough)).kind != OUTSIDE:
-            fitter, selection, verdict = unsure, again, said
-    outside = verdict.kind == OUTSIDE
-    parts = unlike_parts(fitter, selection) if outside and not stop.passed else ()
+    parts: tuple[Part, ...] = ()
+    lacking = [BETWEEN_ROWS, PARTS] if verdict.kind == OUTSIDE else []
+    if lacking:
+        with stop.search():
+            stop.check()
+            unsure = fitter.unsure_between_rows((selection.retuned, selection.taken))
+            # beside what commands may have done, two noise floors are much
+            enough = min(tolerance, settings.enough_floors)
+            again = select_effects(unsure, left_out, tell, enough) if unsure else selection
+            if unsure and (said := decide(again, enough)).kind != OUTSIDE:
+                fitter, selection, verdict = unsure, again, said
+            lacking.remove(BETWEEN_ROWS)
+            parts = unlike_parts(fitter, selection) if verdict.kind == OUTSIDE else ()
+            lacking.remove(PARTS)
     # what does not follow the command is no curve of what the actuator does
-    shaped = outside and verdict.locked.follows and not parts
+    shaped = verdict.kind == OUTSIDE and verdict.locked.follows and not parts
     learns = shaped and not stop.passed
     usual = not any(it.mistakes for it in audited) and not fitter.between_rows
     calibrated = usual and not selection.unfinished
-    lacking = ["the shape of what is left"] if shaped and not learns else []
+    lacking += [SHAPE] if shaped and not learns else []
     if tell and learns:
         tell("learning the shape of what is left")
     return Diagnosis(

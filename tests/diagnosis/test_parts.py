@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +11,16 @@ import numpy as np
 import pytest
 
 from servo_models.core.simulate import model, simulate
+from servo_models.core.stop import BY_CTRL_C
 from servo_models.core.types import Array
 from servo_models.data.description import Description
 from servo_models.data.log import Log
 from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.search.fitting import Fitter
+from servo_models.diagnosis.search.selection import Selection
+from servo_models.diagnosis.stretches import Part, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, PARAMETERS
 from tests.support.bus_servo import BELIEVED, NOISE, TIMES, goals
 from tests.support.logs import changed, log_of
@@ -87,3 +93,22 @@ def test_a_log_that_no_fit_sees_is_no_part() -> None:
     unseen = replace(told(ONE, 1), held_out=np.ones(len(TIMES), dtype=bool))
     found = diagnosed(log_of(TIMES, {"goal": goal}, {"angle": reading}), unseen)
     assert [one.half for one in found.parts] == ["first", "second"]
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_while_parts_are_fitted_ends_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def interrupted(fitter: Fitter, selection: Selection) -> tuple[Part, ...]:
+        signal.raise_signal(signal.SIGINT)
+        return unlike_parts(fitter, selection)
+
+    monkeypatch.setattr("servo_models.diagnosis.diagnose.unlike_parts", interrupted)
+    try:
+        found = diagnosed(told(ONE, 0), told(OTHER, 1))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert found.parts == ()
+    assert found.stopped == BY_CTRL_C
+    assert "each part by itself" in found.unfinished
