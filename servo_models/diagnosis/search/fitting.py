@@ -45,6 +45,8 @@ from servo_models.identification.resolution import (
 )
 from servo_models.identification.simulation import InternalSteps
 
+WIDER = "wider priors"
+"""A cause beside the effects: what is believed of some parameters is wrong."""
 FINAL_TOLERANCE = 1e-7  # of the cost
 """Of a fit that is reported."""
 FINAL_STEPS = 60
@@ -298,6 +300,16 @@ class FittedModel:
         """Whether what is left is noise."""
         return self.left.structured < self.settings.settled_over_noise * self.left.noise
 
+    @property
+    def widened(self) -> bool:
+        """Whether priors of nominal parameters are wider than what is believed."""
+        return any(free.widened > 1.0 for free in self.problem.free)
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Its effects, and ``WIDER`` where it believes less."""
+        return (WIDER, *self.effects) if self.widened else self.effects
+
     def without(self, name: str) -> tuple[tuple[str, ...], list[Free]]:
         """Return its effects without one, and their free parameters."""
         own = {free.name: free.name.rpartition(".")[0] for free in self.problem.free}
@@ -540,9 +552,12 @@ class Fitter:
         evidence = cross_validate(problem, linear, blocks(problem), held)
         chance = sum(self.trials.get(name, 0.0) for name in effects)
         chance += _strangeness(problem, vector)
-        return FittedModel(
+        found = FittedModel(
             effects, problem, linear, evidence, converged, chance, widths, settings=self.settings
         )
+        # of two that do as well, the one that believes what is believed is taken
+        doubt = 0.5 * self.settings.entry_advantage if found.widened else 0.0
+        return replace(found, chance=chance + doubt)
 
     def _descend(
         self,

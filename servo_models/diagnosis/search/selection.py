@@ -22,6 +22,7 @@ from servo_models.core.stop import AT_FIRST_ANSWER, Stop
 from servo_models.diagnosis.search.candidates import Candidate, candidates
 from servo_models.diagnosis.search.crossval import CrossValidation, advantage, consistency
 from servo_models.diagnosis.search.fitting import (
+    WIDER,
     FittedModel,
     Fitter,
     conditions,
@@ -55,9 +56,9 @@ SAME_COSINE = 0.99
 RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
 DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"
 RIVALS, SINES = "effects that may do as well", "further sines of ripples"
-WIDER, MASKED = "wider priors", "effects that parameters mask"
+MASKED = "effects that parameters mask"
 CONDITIONS = "conditions that are left out"
-STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, WIDER, MASKED)
+STAGES = (RETUNING, SINGLY, PAIRS, DISCONTINUOUS, FURTHER, RIVALS, SINES, MASKED)
 """Of a search, in this order."""
 FIRST_ANSWER = "first answer"
 """With which begins what is told once every effect that promises something was fitted alone."""
@@ -88,13 +89,13 @@ class Selection:
     unfinished: Sequence[str] = ()
 
     def of_size(self, count: int) -> list[FittedModel]:
-        """Return the fitted models by so many effects, best first."""
-        return [it for it in self.tried if len(it.effects) == count]
+        """Return the fitted models by so many causes, best first."""
+        return [it for it in self.tried if len(it.causes) == count]
 
     @property
     def alike(self) -> list[FittedModel]:
-        """Fitted models by as many effects as were taken, by one where none was."""
-        return self.of_size(max(1, len(self.taken.effects)))
+        """Fitted models by as many causes as were taken, by one where none was."""
+        return self.of_size(max(1, len(self.taken.causes)))
 
     @property
     def fitted(self) -> dict[str, FittedModel]:
@@ -136,7 +137,7 @@ def select_effects(
     search: SubsetSelection | None = None
 
     def answer(best: FittedModel) -> None:
-        names = " and ".join(best.effects) or "no effect"
+        names = " and ".join(best.causes) or "no effect"
         gap = f"gap {before.rms:.3g} -> {best.evidence.rms:.3g} noise floors"
         say(f"{FIRST_ANSWER} after {stop.elapsed:.2g} s: {names}, {gap}")
         if stop.quick:
@@ -151,44 +152,27 @@ def select_effects(
             fitter = fitter.with_unsure_inputs(retuned)
             retuned = taken = fitter.finish(fitter.fit((), (), retuned.values))
         ahead.remove(RETUNING)
-        search = begun(fitter, retuned, every, say, enough, ahead)
-        search, taken = search.run(answer)
-        search.ahead, retuned = ahead, search.retuned
+        say(f"screening {len(every)} effects")
+        nominal = {free.name: free.nominal for free in fitter.nominal}
+        others = [] if retuned.settled else [fitter.unfit((), (), nominal).linearised]
+        results = survey(retuned.linearised, others, every)
+        search = SubsetSelection(fitter, retuned, every, results, say, enough, ahead)
+        taken = search.run(answer)
+        retuned = search.beneath(taken)
         if taken is retuned and not lacks(retuned, retuned):
-            search.begin(MASKED)
-            search.say("looking for effects that re-tuned parameters mask")
-            least = max(tolerance, fitter.settings.masked_floors)
-            masked = masked_effects(search.fitter, retuned, search.surveyed, least)
+            masked = search.masked_by(retuned, max(tolerance, fitter.settings.masked_floors))
         ahead.clear()
     if search and ahead:
         taken = search.so_far()
+        retuned = search.beneath(taken)
     if search and taken is not retuned:
-        search.say(f"fitting {' and '.join(taken.effects)} to the end")
-        fitter = search.fitter
+        search.say(f"fitting {' and '.join(taken.causes)} to the end")
         retuned, taken = fitter.told(retuned, fit=not stop.passed), fitter.told(taken)
     elif retuned is not as_it_is:
         taken = retuned = fitter.told(retuned)
-    tried = search.tried() if search else []
+    tried = [model for model in search.tried() if model.effects] if search else []
     reach = reaches(search.surveyed, every) if search else {}
     return Selection(before, retuned, tried, taken, reach, masked, ahead)
-
-
-def begun(
-    fitter: Fitter,
-    retuned: FittedModel,
-    every: Sequence[Candidate],
-    say: Tell,
-    enough: float,
-    ahead: list[str],
-) -> SubsetSelection:
-    """Screen every effect beside re-tuned parameters; return a selection that begins from there."""
-    say(f"screening {len(every)} effects")
-    others = []
-    if not retuned.settled:
-        nominal = {free.name: free.nominal for free in fitter.nominal}
-        others.append(fitter.unfit((), (), nominal).linearised)
-    results = survey(retuned.linearised, others, every)
-    return SubsetSelection(fitter, retuned, every, results, say, enough, ahead)
 
 
 def stages(every: Sequence[Candidate]) -> list[str]:
@@ -200,8 +184,8 @@ def stages(every: Sequence[Candidate]) -> list[str]:
     return [it for it in STAGES if some.get(it, True)]
 
 
-Task = tuple[tuple[str, ...], Callable[[Fitter], FittedModel]]
-"""Effects, and the fit of them."""
+Task = tuple[tuple[str, ...], Callable[[], FittedModel]]
+"""Causes, and the fit of them."""
 
 
 class SubsetSelection:
@@ -213,7 +197,7 @@ class SubsetSelection:
         results: those that move the outputs, and further ones.
         enough: held-out error [noise floors] below which no effect joins a model.
         ahead: of ``STAGES``, what is not done yet.
-        models: the best fitted model of each set of effects.
+        models: the best fitted model of each set of causes: effects, and wider priors.
     """
 
     def __init__(
@@ -237,33 +221,16 @@ class SubsetSelection:
         self.ahead = [] if ahead is None else ahead
         self.stopped = False
 
-    def run(
-        self, answer: Callable[[FittedModel], None] = lambda _: None
-    ) -> tuple[SubsetSelection, FittedModel]:
-        """Return the model whose effects earn their place, and the selection that found it: this
-        one, or one about nominal parameters with wider priors.
-
-        ``answer`` is told the best as soon as effects were fitted alone.
-        """
+    def run(self, answer: Callable[[FittedModel], None] = lambda _: None) -> FittedModel:
+        """Return the model whose causes earn their place; ``answer`` is told the best as soon as
+        effects were fitted alone."""
         if self.suffices(0):
             answer(self.retuned)
-            return self, self.retuned
+            return self.retuned
         self.grow(1, [one for one in self.every if not one.grid])
         first = self.accepted()
         answer(first)
-        if self.retuned.settled:
-            return self, first
-        fitter, wide = self.wide
-        other = None
-        if wide and self.beats(wide, min([self.retuned, *self.best(1)], key=lambda it: it.loss)):
-            other = self.about(fitter, wide)
-            if not lacks(other[1], self.retuned):
-                return other
-        taken = self.further()
-        self.begin(WIDER)
-        if wide and not other and lacks(taken, self.retuned):
-            other = self.about(fitter, wide)
-        return other if other and self.beats(other[1], taken) else (self, taken)
+        return first if self.retuned.settled else self.further()
 
     def further(self) -> FittedModel:
         """Grow models by two effects and more; return the one whose effects earn their place."""
@@ -281,37 +248,41 @@ class SubsetSelection:
         self.begin(FURTHER)
         taken = self.accepted()
         for size in range(3, self.settings.most_effects + 1):
-            if len(taken.effects) < size - 1 or taken.settled:
+            if len(taken.causes) < size - 1 or taken.settled:
                 break
             self.grow(size, self.every)
             self.exchange_best(size)
             taken = self.accepted()
         self.begin(RIVALS)
-        while taken.effects and taken not in self.exchanged:
+        while taken.causes and taken not in self.exchanged:
             self.exchange(taken, rivals=True)
             taken = self.accepted()
         self.begin(SINES)
         return self.with_harmonics(taken)
 
     @cached_property
-    def wide(self) -> tuple[Fitter, FittedModel | None]:
-        """A fit with wider priors of the parameters that re-tuning drives far from what is
-        believed, where that earns its place as an effect does, and its fitter."""
-        fitter = self.fitter.widened(self.retuned)
-        if fitter is None:
-            return self.fitter, None
-        self.say("widening the priors of parameters that moved far")
-        found = fitter.finish(fitter.fit((), (), self.retuned.values))
-        return fitter, found if passes_entry_test(found, self.retuned) else None
+    def wider(self) -> Fitter | None:
+        """The fitter with wider priors of what re-tuning drives far from what is believed: a wrong
+        belief is a cause like an effect."""
+        return self.fitter.widened(self.retuned)
 
-    def beats(self, wide: FittedModel, model: FittedModel) -> bool:
-        """Whether a model with wider priors does surely better: of two that do as well, the one
-        that believes what is believed is taken."""
-        return advantage(wide.evidence, model.evidence) > self.settings.entry_advantage
+    def fitter_of(self, model: FittedModel) -> Fitter:
+        """The fitter that has the priors of a model."""
+        return self.wider if self.wider and model.widened else self.fitter
 
-    def about(self, fitter: Fitter, retuned: FittedModel) -> tuple[SubsetSelection, FittedModel]:
-        """Run a selection about other nominal parameters."""
-        return begun(fitter, retuned, self.every, self.tell, self.enough, []).run()
+    def beneath(self, model: FittedModel) -> FittedModel:
+        """Nominal parameters alone, with the priors of a model."""
+        return self.models[frozenset({WIDER} if model.widened else ())]
+
+    def masked_by(self, retuned: FittedModel, least: float) -> list[MaskedEffect]:
+        """Effects that move the outputs by ``least`` noise floors and that nominal parameters
+        imitate."""
+        self.begin(MASKED)
+        self.say("looking for effects that re-tuned parameters mask")
+        results: Sequence[Screened] = self.surveyed
+        if retuned is not self.retuned:
+            results = survey(retuned.linearised, [], self.every)
+        return masked_effects(self.fitter_of(retuned), retuned, results, least)
 
     def begin(self, stage: str) -> None:
         """Note that everything before one of ``STAGES`` is done."""
@@ -322,9 +293,9 @@ class SubsetSelection:
         """Return the model whose effects earn their place where the search was stopped."""
         self.stopped = True
         taken = self.accepted()
-        if taken.effects and MASKED in self.ahead:
+        if taken.causes and MASKED in self.ahead:
             self.ahead.remove(MASKED)
-        untested = len(taken.effects) > 1 and taken not in self.carried
+        untested = len(taken.causes) > 1 and taken not in self.carried
         if untested and len(conditions(self.fitter.logs)) >= self.settings.least_conditions:
             self.ahead.append(CONDITIONS)
         return taken
@@ -338,7 +309,7 @@ class SubsetSelection:
             for number in range(2, 2 + len(one.hints.harmonics)):
                 if taken.settled:
                     break
-                more = with_sines(self.fitter, taken, one, number)
+                more = with_sines(self.fitter_of(taken), taken, one, number)
                 if more and passes_entry_test(more, taken, self.settings.entry_share_of_third):
                     taken = more
                     self.keep(taken)
@@ -347,24 +318,26 @@ class SubsetSelection:
     def say(self, text: str) -> None:
         """Tell what goes on, with the best fitted model so far."""
         for best in self.tried()[:1]:
-            names, left = " and ".join(best.effects), best.evidence.rms
+            names, left = " and ".join(best.causes), best.evidence.rms
             text = f"{text}; best so far {names}, {left:.3g} noise floors"
         self.tell(text)
 
     # -- growing -----------------------------------------------------------------------------------
 
     def grow(self, size: int, pool: Sequence[Candidate]) -> None:
-        """Fit models by so many effects of a pool."""
+        """Fit models by so many causes: wider priors, and effects of a pool."""
         if self.suffices(size - 1):
             return
         if size == 1:
             self.grow_alone(pool)
+            self.widen(self.retuned)
         elif self.best(size - 1):
             settings, many = self.settings, size == 2 and not self.settled(1)
             share = settings.promised_cost if size == 2 else 1.0 - settings.entry_share_of_third
             share = 1.0 - settings.entry_share if self.settled(size - 1) else share
             for base in self.bases(size - 1)[: settings.bases if many else 1]:
                 self.grow_beside(base, pool, share)
+                self.widen(base)
         self.finish_best(size)
 
     def finish_best(self, size: int) -> None:
@@ -388,10 +361,10 @@ class SubsetSelection:
         self.add(base, promising(results, share * base.cost, most))
 
     def bases(self, size: int) -> list[FittedModel]:
-        """The models of a size that share no effect with a better one, best first."""
+        """The models of a size that share no cause with a better one, best first."""
         apart: list[FittedModel] = []
         for model in self.best(size):
-            if not any(set(model.effects) & set(other.effects) for other in apart):
+            if not any(set(model.causes) & set(other.causes) for other in apart):
                 apart.append(model)
         return apart
 
@@ -400,9 +373,10 @@ class SubsetSelection:
         nominal parameters, and from where these alone go."""
         self.say("searching discontinuous effects")
         best = min([self.retuned, *self.best(1)], key=lambda it: it.loss)
-        there = self.fitter.unfit((), (), best.values)
+        fitter = self.fitter_of(best)
+        there = fitter.unfit((), (), best.values)
         near = [it for it in self.results if it.linearised is self.retuned.linearised]
-        short = shortlist(self.fitter, there, self.every, near)
+        short = shortlist(fitter, there, self.every, near)
         found = screen((self.retuned.linearised, there.linearised), short)
         self.results = sorted([*self.results, *found], key=lambda it: it.left)
         self.screener = Screener(self.every, self.results, self.screener)
@@ -425,7 +399,7 @@ class SubsetSelection:
         if rivals:
             self.exchanged.add(model)
         for name in model.effects:
-            stays = self.fitter.unfit(*model.without(name), model.values)
+            stays = self.fitter_of(model).unfit(*model.without(name), model.values)
             if rivals:
                 enough, most = settings.rival_cost * model.cost, settings.fits_exchanged
             else:
@@ -434,16 +408,26 @@ class SubsetSelection:
             others = [result for result in results if result.candidate.name != name]
             likely = promising(others, enough, most, unlike=not rivals)
             self.add(stays, likely)
+            self.widen(stays)
 
     # -- fitting -----------------------------------------------------------------------------------
 
     def add(self, base: FittedModel, starts: Iterable[Promising]) -> None:
         """Fit some effects beside those of a model, those only that were not fitted yet."""
-        first = self.settings.bases
-        new = [it for it in starts if frozenset((*base.effects, it[0])) not in self.models]
+        first, fitter = self.settings.bases, self.fitter_of(base)
+        new = [it for it in starts if frozenset((*base.causes, it[0])) not in self.models]
         for some in (new[:first], new[first:]):  # the first tell what the others have to reach
-            fit = partial(beside, first=base, enough=self.to_reach(len(base.effects) + 1))
-            self.fit([((*base.effects, name), partial(fit, own=own)) for name, own in some])
+            enough = self.to_reach(len(base.causes) + 1)
+            fit = partial(beside, fitter, base, enough=enough)
+            self.fit([((*base.causes, name), partial(fit, own)) for name, own in some])
+
+    def widen(self, base: FittedModel) -> None:
+        """Fit the effects of a model with wider priors, where it has none and some may be wrong."""
+        if self.wider and frozenset((*base.causes, WIDER)) not in self.models:
+            enough = self.to_reach(len(base.causes) + 1)
+            told = (base.effects, base.own, base.values)
+            fit = partial(self.wider.fit, *told, enough=enough)
+            self.fit([((*base.causes, WIDER), fit)])
 
     def to_reach(self, size: int) -> float:
         """Squared errors that a further model of a size has to be able to leave, to be one of the
@@ -452,21 +436,21 @@ class SubsetSelection:
         return best[-1].loss if len(best) == self.settings.bases else inf
 
     def fit(self, tasks: Sequence[Task]) -> None:
-        """Fit together what can be, and keep the better of two models by the same effects."""
-        fits = self.fitter.workers.map(lambda task: task[1](self.fitter), tasks)
+        """Fit together what can be, and keep the better of two models by the same causes."""
+        fits = self.fitter.workers.map(lambda task: task[1](), tasks)
         for (names, _), found in zip(tasks, fits):
             self.say(f"fitting {' and '.join(names)}")
             self.keep(found)
 
     def keep(self, found: FittedModel) -> None:
-        known = self.models.get(frozenset(found.effects))
+        known = self.models.get(frozenset(found.causes))
         if known is None or found.loss < known.loss:
-            self.models[frozenset(found.effects)] = found
+            self.models[frozenset(found.causes)] = found
 
     # -- comparing ---------------------------------------------------------------------------------
 
     def accepted(self) -> FittedModel:
-        """Return the largest model whose effects earn their place, grown one by one."""
+        """Return the largest model whose causes earn their place, grown one by one."""
         best = self.retuned
         for size in range(1, self.settings.most_effects + 1):
             better = next((it for it in self.best(size) if self.belongs(it, best)), None)
@@ -476,20 +460,20 @@ class SubsetSelection:
         return best
 
     def belongs(self, model: FittedModel, fewer: FittedModel) -> bool:
-        """Whether each effect of a model earns its place, also under conditions left out."""
+        """Whether each cause of a model earns its place, also under conditions left out."""
         if fewer.evidence.rms < self.enough:
             return False
         settings = self.settings
-        many = len(model.effects) >= 3
+        many = len(model.causes) >= 3
         share = settings.entry_share_of_third if many else settings.entry_share
         least = settings.entry_gap_share * (self.retuned.evidence.rms - 1.0)
-        if not fewer.effects and fewer.evidence.rms - model.evidence.rms < least:
+        if not fewer.causes and fewer.evidence.rms - model.evidence.rms < least:
             return False
         if not passes_entry_test(model, fewer, share):
             return False
-        if len(model.effects) == 1:
+        if len(model.causes) == 1:
             return True
-        parts = [frozenset(model.effects) - {name} for name in model.effects]
+        parts = [frozenset(model.causes) - {name} for name in model.causes]
         return all(
             passes_entry_test(model, self.models[it]) for it in parts if it in self.models
         ) and self.carried_over_by(model, fewer)
@@ -504,33 +488,33 @@ class SubsetSelection:
     def carries_over(self, model: FittedModel) -> float:
         """Squared errors under conditions that were left out."""
         if model not in self.carried:
-            self.carried[model] = leave_one_condition_out(self.fitter, model)
+            self.carried[model] = leave_one_condition_out(self.fitter_of(model), model)
         return self.carried[model]
 
     def tried(self) -> list[FittedModel]:
-        """Every fitted model with an effect, best first."""
-        return sorted((it for it in self.models.values() if it.effects), key=lambda it: it.loss)
+        """Every fitted model with a cause, best first."""
+        return sorted((it for it in self.models.values() if it.causes), key=lambda it: it.loss)
 
     def best(self, size: int) -> list[FittedModel]:
-        """Fitted models by so many effects, best first."""
-        return [it for it in self.tried() if len(it.effects) == size]
+        """Fitted models by so many causes, best first."""
+        return [it for it in self.tried() if len(it.causes) == size]
 
     def loss(self, size: int) -> float:
         """Loss of the best of them, infinite where there is none."""
         return min((it.loss for it in self.best(size)), default=inf)
 
     def gains(self, size: int) -> bool:
-        """Whether so many effects leave less than fewer do."""
+        """Whether so many causes leave less than fewer do."""
         return self.loss(size) < (1.0 - self.settings.entry_share) * self.loss(size - 1)
 
     def suffices(self, size: int) -> bool:
-        """Whether a model by so many effects leaves so little that none joins it."""
+        """Whether a model by so many causes leaves so little that none joins it."""
         models = self.best(size) if size else [self.retuned]
         return any(it.evidence.rms < self.enough for it in models)
 
     def settled(self, size: int) -> bool:
-        """Whether a model by at most so many effects leaves noise only."""
-        return any(it.settled for it in self.tried() if len(it.effects) <= size)
+        """Whether a model by at most so many causes leaves noise only."""
+        return any(it.settled for it in self.tried() if len(it.causes) <= size)
 
     # -- what is worth a fit -----------------------------------------------------------------------
 
