@@ -46,7 +46,7 @@ from servo_models.diagnosis.search import (
     selection,
 )
 from servo_models.diagnosis.settings import DEFAULT, Settings
-from servo_models.identification import simulation
+from servo_models.identification import resolution
 
 ALL = "all"
 """Name of the answers with all rules."""
@@ -91,11 +91,11 @@ RULES = {
     ),
     "wider priors": Rule(
         [(fitting.Fitter, "widened", nothing)],
-        [fitting.Fitter.widened, Search.wide.func, Search.beats, Search.about],
+        [fitting.Fitter.widened, Search.widen],
     ),
-    "lost rows": Rule(
-        [(fitting.Fitter, "with_lost_rows", lambda fitter, _: fitter)],
-        [fitting.Fitter.with_lost_rows, simulation.with_lost_rows, simulation._with_lost_rows],
+    "unsure inputs": Rule(
+        [(fitting.Fitter, "with_unsure_inputs", lambda fitter, _: fitter)],
+        [fitting.Fitter.with_unsure_inputs, resolution._with_unsure_inputs],
         called=True,
     ),
     "several bases": Rule(parts=[Search.bases], settings=Settings(bases=1)),

@@ -41,11 +41,23 @@ def test_a_late_servo_is_late_and_has_no_soft_gear(delay: float) -> None:
 
 
 @pytest.mark.thorough
-def test_an_effect_beside_a_far_parameter_is_named() -> None:
-    rig = {"transport_delay.time": 0.030, "backlash.half_width": 0.02}
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"backlash.half_width": 0.02},
+        {"command_gain.error": 0.03},
+        {"constant_load.torque": 0.06},
+        {"sensor_lag.time_constant": 0.01},
+        {"direction_asymmetry.ratio": 0.03},
+    ],
+    ids=lambda effect: next(iter(effect)),
+)
+def test_an_effect_beside_a_far_parameter_is_named(effect: dict[str, float]) -> None:
+    """Soft gear and a rate limit together would imitate the delay beside most of them."""
+    rig = {"transport_delay.time": 0.030, **effect}
     found = diagnose(told(rig), jobs=1)
     assert found.verdict.kind == EFFECT
-    assert found.selection.taken.effects == ("backlash",)
+    assert found.selection.taken.effects == (next(iter(effect)).partition(".")[0],)
     values = {one.name: one for one in found.found}
     for name, true in rig.items():
         assert abs(values[name].value - true) < 4.0 * values[name].standard_error, name
