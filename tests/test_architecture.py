@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,7 @@ FLOORS = (
 """From the data to the person: an import goes to a floor further up this list."""
 MOST_ROOT_MODULES, MOST_FOLDERS, MOST_MODULES = 6, 12, 18
 LONGEST_CHAIN = 10
+LONGEST_CHAIN_OF_FILES = 35
 CROWDED = {"effects"}
 """Folders of as many modules as there are things of their kind."""
 
@@ -40,6 +42,14 @@ SOURCES = sorted(
     {*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/**/*.py"), ROOT / "build_fmu.py"}
     - {TEMPLATE}
 )
+
+
+FILES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in SOURCES
+    if path != ROOT / "servo_models/__init__.py"
+}
+"""By the names under which they are imported."""
 
 
 def part(path: Path) -> str:
@@ -74,6 +84,37 @@ def test_the_plan_has_few_rooms() -> None:
     for folder in folders:
         modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
         assert len(modules) <= MOST_MODULES or folder.name in CROWDED, folder.name
+
+
+def own_imports(path: Path, inside: bool = False) -> set[str]:
+    """Modules of the package that a file imports; with ``inside`` only those within a function."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    places: list[ast.AST] = [tree]
+    if inside:
+        places = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    found = set()
+    for node in (node for place in places for node in ast.walk(place)):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = (f"{node.module}.{name.name}" for name in node.names)
+            found |= {name if name in FILES else node.module for name in names}
+    return found & FILES.keys()
+
+
+def test_no_two_files_import_each_other() -> None:
+    """Neither directly nor over others, imports for types included."""
+    graph = {name: own_imports(path) - {name} for name, path in FILES.items()}
+    order = [*TopologicalSorter(graph).static_order()]  # raises CycleError with the circle
+    length: dict[str, int] = {}
+    for name in order:
+        length[name] = 1 + max((length[other] for other in graph[name]), default=0)
+    assert max(length.values()) <= LONGEST_CHAIN_OF_FILES
+
+
+def test_own_modules_are_imported_at_the_top() -> None:
+    """But for commands, which load what they need, and the package, whose names are lazy."""
+    for path in SOURCES:
+        if part(path) not in {"cli", "__init__", "build_fmu"}:
+            assert not own_imports(path, inside=True), path
 
 
 def test_the_chain_of_folders_is_short() -> None:

@@ -12,7 +12,8 @@ from typing import Any
 
 from benchmarks.second_plant.judge import Observed, sets_of
 from servo_models.diagnosis.verdict import NO_GAP, OUTSIDE, PARAMETERS
-from servo_models.report.sections import Cell, Mark, Report, Section, Table
+from servo_models.report.report import Report
+from servo_models.report.sections import Cell, Mark, Section, Table
 from servo_models.withheld.oracle import FAILED, Diagnosed
 from servo_models.withheld.score import NOTHING, Figure, mean, share
 from servo_models.withheld.sections import AT_LEAST, AT_MOST, Bar, met, quantity

@@ -12,7 +12,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ from servo_models.core.simulate import Model
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.report.result import Result
-from servo_models.report.sections import Report
 from servo_models.units import parse
 
 SUFFIXES = (".json", ".mat", ".npz")
@@ -99,41 +98,6 @@ class Figures(Result):
     step: StepMetrics
     slew_rate: float | None
 
-    def report(self, date: str = "") -> Report:
-        from servo_models.analysis.sections import figures_report
-
-        return figures_report(self, date)
-
-    def document(self) -> dict[str, Any]:
-        """Return everything as nested dictionaries of numbers and texts, in SI."""
-        model, wires, linear = self.model, self.model.plant.wire, self.linear
-        return {
-            "actuator": model.actuator.name,
-            "variant": model.variant,
-            "provenance": model.provenance,
-            "input": {"name": self.input, "unit": wires[self.input].unit},
-            "output": {"name": self.output, "unit": wires[self.output].unit},
-            "at": dict(self.at),
-            "amplitude": self.amplitude,
-            "slew_rate": self.slew_rate,
-            "small_signals": asdict(self.small) if self.small else None,
-            "at_amplitude": asdict(self.large) if self.large else None,
-            "missing": list(self.missing),
-            "step": asdict(self.step),
-            "state_space": linear
-            and {
-                **{name: matrix.tolist() for name, matrix in _matrices(linear).items()},
-                "states": list(linear.states),
-                "inputs": list(linear.inputs),
-                "outputs": list(linear.outputs),
-                "delays": dict(linear.delays),
-                "period": linear.period,
-                "left_out": dict(linear.left_out),
-                "point": dict(linear.point),
-            },
-            "parameters": dict(model.values),
-        }
-
     def write(self, path: str | Path) -> None:
         """Write figures and A, B, C, D in SI: ``.json``, ``.mat`` for MATLAB, ``.npz`` for numpy.
 
@@ -154,7 +118,9 @@ class Figures(Result):
                 savemat(content, _for_matlab(self.document()), long_field_names=True)
             case _:
                 text = json.dumps(self.document(), allow_nan=False)
-                arrays = _matrices(self.linear) if self.linear else {}
+                arrays: dict[str, Any] = (
+                    dict(zip("ABCD", self.linear.matrices())) if self.linear else {}
+                )
                 np.savez(content, figures=text, **arrays)
         write_whole(path, content.getvalue())
 
@@ -163,10 +129,6 @@ def check_suffix(path: Path) -> None:
     """Raise UserError unless ``path`` names a kind of file that ``Figures.write`` writes."""
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"'{path}': figures go to a file that ends in {', '.join(SUFFIXES)}")
-
-
-def _matrices(linear: LinearModel) -> dict[str, Any]:
-    return dict(zip("ABCD", linear.matrices()))
 
 
 def _for_matlab(tree: dict[str, Any]) -> dict[str, Any]:

@@ -5,26 +5,29 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from servo_models.analysis.compare import StepMetrics, step_metrics
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_unit, in_display_unit
+from servo_models.analysis.figures import Figures, FrequencyFigures
+from servo_models.analysis.linear_model import LinearModel
 from servo_models.core.plant import Wire
 from servo_models.core.simulate import Model, Result
 from servo_models.core.types import Array
 from servo_models.report.numbers import Quantity
-from servo_models.report.sections import Cell, Picture, Report, Section, Table, data_sheet
+from servo_models.report.report import Report, data_sheet
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Cell, Picture, Section, Table
 from servo_models.report.style import colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from servo_models.analysis.figures import Figures, FrequencyFigures
-    from servo_models.analysis.linear_model import LinearModel
 
 DEFINITIONS = (
     "Bandwidth: where the gain first is 3 dB below the static one. Equivalent delay: of the pure"
@@ -88,7 +91,42 @@ def _reached(value: float | None, unit: str, digits: int = 5) -> Quantity | str:
     return "not reached" if value is None else Quantity(value, unit, digits=digits)
 
 
-def figures_report(found: Figures, date: str = "") -> Report:
+@document_of.register(Figures)
+def _document(found: Figures) -> dict[str, Any]:
+    model, wires, linear = found.model, found.model.plant.wire, found.linear
+    return {
+        "actuator": model.actuator.name,
+        "variant": model.variant,
+        "provenance": model.provenance,
+        "input": {"name": found.input, "unit": wires[found.input].unit},
+        "output": {"name": found.output, "unit": wires[found.output].unit},
+        "at": dict(found.at),
+        "amplitude": found.amplitude,
+        "slew_rate": found.slew_rate,
+        "small_signals": asdict(found.small) if found.small else None,
+        "at_amplitude": asdict(found.large) if found.large else None,
+        "missing": list(found.missing),
+        "step": asdict(found.step),
+        "state_space": linear and _matrices(linear),
+        "parameters": dict(model.values),
+    }
+
+
+def _matrices(linear: LinearModel) -> dict[str, Any]:
+    return {
+        **{name: matrix.tolist() for name, matrix in zip("ABCD", linear.matrices())},
+        "states": list(linear.states),
+        "inputs": list(linear.inputs),
+        "outputs": list(linear.outputs),
+        "delays": dict(linear.delays),
+        "period": linear.period,
+        "left_out": dict(linear.left_out),
+        "point": dict(linear.point),
+    }
+
+
+@report_of.register(Figures)
+def _report(found: Figures, date: str = "") -> Report:
     """Return figures of merit, and the state space that they are of."""
     model, linear = found.model, found.linear
     wire = model.plant.wire[found.output]

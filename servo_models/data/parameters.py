@@ -6,6 +6,7 @@ import datetime
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import singledispatch
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -26,6 +27,7 @@ from servo_models.data.schema import (
 )
 from servo_models.errors import UserError
 from servo_models.files import write_whole
+from servo_models.report.result import registered
 from servo_models.units import factor
 
 
@@ -360,3 +362,28 @@ def _estimate(section: Section, parameter: Parameter) -> Estimate:
         section.fail("value", error)
     spread = None if entry.standard_error is None else scale * entry.standard_error
     return Estimate(parameter.name, value, spread, entry.origin)
+
+
+@singledispatch
+def parameter_set_of(
+    result: Any, date: datetime.date | None = None, with_map: bool = False
+) -> ParameterSet:
+    """Return the parameters that a result gives; the ``sections.py`` in its folder says which."""
+    made: ParameterSet = registered(parameter_set_of.dispatch, result)(result, date, with_map)
+    return made
+
+
+class Parametrised:
+    """A result whose parameters can be written by ``write_parameters``."""
+
+    def parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
+        """Return the model that was found with standard errors, and what it is known from."""
+        return parameter_set_of(self, date)
+
+    def map_parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
+        """Return the same with the residual map.
+
+        Raises:
+            UserError: there is no map.
+        """
+        return parameter_set_of(self, date, with_map=True)

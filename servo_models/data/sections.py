@@ -7,7 +7,8 @@ from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.plant import Parameter
 from servo_models.data.parameters import Estimate, ParameterSet
 from servo_models.report.numbers import Quantity
-from servo_models.report.sections import Cell, Report, Table, data_sheet
+from servo_models.report.report import Report, data_sheet
+from servo_models.report.sections import Cell, Table
 
 
 def parameter_report(chosen: ParameterSet) -> Report:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from servo_models.build import build
-from servo_models.diagnosis.result import Diagnosis
+from servo_models.core.simulate import Model
+from servo_models.data.log import Log
+from servo_models.diagnosis.search.selection import Selection
 from servo_models.files import scratch
 from servo_models.identification.result import Accuracy, accuracy
 from servo_models.validation.fmu_subject import Subject
@@ -57,21 +60,26 @@ class Confirmation:
         )
 
 
-def confirm(found: Diagnosis) -> Confirmation:
+def confirm(fitted: Model, selection: Selection, logs: Sequence[Log]) -> Confirmation:
     """Build the FMU of a diagnosed model and run it where the logs were made.
 
     Samples that a log holds out are judged too: no fit of the diagnosis has seen them.
 
     Where a diagnosed model cannot be simulated on a log that no fit has seen, its rows are NaN.
 
+    Args:
+        fitted: the diagnosed model.
+        selection: which has found it.
+        logs: as they were measured.
+
     Raises:
         UserError: an FMU that stops where the simulation goes on.
     """
-    taken, nominal = found.selection.taken, found.selection.retuned.problem
+    taken, nominal = selection.taken, selection.retuned.problem
     responses, off, moving = [], 0.0, []
     with scratch() as folder:
-        path = build(found.fitted, folder / "diagnosed.fmu")
-        with closing(Subject(path, found.model.actuator, OWN)) as fmu:
+        path = build(fitted, folder / "diagnosed.fmu")
+        with closing(Subject(path, fitted.actuator, OWN)) as fmu:
             for run in taken.problem.runs:
                 out = run.outputs_or_nan(taken.values)
                 inputs = run.replayed(taken.values)
@@ -84,5 +92,5 @@ def confirm(found: Diagnosis) -> Confirmation:
                     out = whole[-len(run.log.times) :, run.columns]
                     off = max(off, difference(expected, out))
                 responses.append(dict(zip(run.log.outputs, np.ascontiguousarray(out.T))))
-    rows = accuracy(found.logs, nominal.responses(nominal.nominal), responses)
+    rows = accuracy(logs, nominal.responses(nominal.nominal), responses)
     return Confirmation(tuple(rows), off, tuple(moving))

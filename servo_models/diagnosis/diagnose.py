@@ -109,7 +109,7 @@ def _confirmed(found: Diagnosis, tell: Tell | None) -> Diagnosis:
     if tell:
         tell("running the FMU with the diagnosed parameters")
     try:
-        confirmation = confirm.confirm(found)
+        confirmation = confirm.confirm(found.fitted, found.selection, found.logs)
     except UserError as error:
         why = f"cannot be run here: all figures are those of the simulation without one ({error})"
         return replace(found, unconfirmed=why)

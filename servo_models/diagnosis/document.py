@@ -280,8 +280,19 @@ def _experiment(next_: Experiment) -> dict[str, Any]:
     }
 
 
-def parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
-    """Return ``diagnosis.fitted`` with standard errors, and what it is known from."""
+def parameter_set(
+    diagnosis: Diagnosis, date: datetime.date | None = None, with_map: bool = False
+) -> ParameterSet:
+    """Return ``diagnosis.fitted`` with standard errors, and what it is known from; or likewise
+    ``diagnosis.with_map``.
+
+    Raises:
+        UserError: there is no map.
+    """
+    return _with_map(diagnosis, date) if with_map else _fitted(diagnosis, date)
+
+
+def _fitted(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
     model = diagnosis.fitted
     tuned = () if diagnosis.within_tolerance else diagnosis.found  # without a gap nothing is
     estimated = {
@@ -304,19 +315,14 @@ def parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> Pa
     )
 
 
-def map_parameter_set(diagnosis: Diagnosis, date: datetime.date | None = None) -> ParameterSet:
-    """Return ``diagnosis.with_map`` with what it is known from.
-
-    Raises:
-        UserError: there is no map.
-    """
+def _with_map(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
     found = diagnosis.residual_map
     if found is None:
         raise UserError(
             "no residual map: it is learnt where something is left outside the catalogue, and only"
             " if it holds on stretches that no fit has seen"
         )
-    own, model = parameter_set(diagnosis, date), diagnosis.with_map
+    own, model = _fitted(diagnosis, date), diagnosis.with_map
     estimated = {
         name: Estimate(name, value, None, "diagnosed with a residual map")
         for name, value in found.values.items()

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import datetime
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from servo_models.core.simulate import Model
 from servo_models.data.audit import Audit
 from servo_models.data.log import Log
+from servo_models.data.parameters import Parametrised
+from servo_models.diagnosis import design
 from servo_models.diagnosis.ambiguity import Slot, alternatives
+from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.gap import Gap, GapSummary
+from servo_models.diagnosis.localisation import Breakdown, localise
 from servo_models.diagnosis.ranking import RankedEffect, Value, estimates
 from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.search.fitting import FittedModel
@@ -34,20 +36,13 @@ from servo_models.diagnosis.verdict import (
 from servo_models.identification.readings import Reading, reading
 from servo_models.identification.resolution import Blur, blurs
 from servo_models.report.result import Result
-from servo_models.report.sections import Report
-
-if TYPE_CHECKING:
-    from servo_models.data.parameters import ParameterSet
-    from servo_models.diagnosis.confirm import Confirmation
-    from servo_models.diagnosis.design import Experiment
-    from servo_models.diagnosis.localisation import Breakdown
 
 MUCH = 0.5
 """Size of an effect that they imitate, over the gap, from which it is worth an experiment."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Result):
+class Diagnosis(Parametrised, Result):
     """What a diagnosis found.
 
     Printing it, ``to_json``, ``write_report``, ``tables`` and ``plot`` tell it; where the gap lies
@@ -102,7 +97,7 @@ class Diagnosis(Result):
     seed: int = 0
     confirmation: Confirmation | None = None
     unconfirmed: str = ""
-    written: tuple[Experiment, ...] | None = None
+    written: tuple[design.Experiment, ...] | None = None
     unfinished: tuple[str, ...] = ()
     stopped: str = ""
 
@@ -222,30 +217,24 @@ class Diagnosis(Result):
     @cached_property
     def localisation(self) -> tuple[Breakdown, ...]:
         """Where the gap lies: by output, block, time, frequency, amplitude, speed, position."""
-        from servo_models.diagnosis.localisation import localise
-
         return localise(self.selection)
 
     @cached_property
-    def next_experiments(self) -> tuple[Experiment, ...]:
+    def next_experiments(self) -> tuple[design.Experiment, ...]:
         """The command that best tells apart what these logs cannot, none where nothing is open."""
-        from servo_models.diagnosis.design import next_experiments
-
         if self.written is not None:
             return self.written
         with self.selection.retuned.problem.workers:
-            return next_experiments(self.undecided, self.undecided_weights, self.seed)
+            return design.next_experiments(self.undecided, self.undecided_weights, self.seed)
 
     @cached_property
     def repeats_wanted(self) -> str:
         """The instruction to repeat a command where only that tells noise from structure, or ""."""
-        from servo_models.diagnosis.design import repeats_wanted
-
         if self.within_tolerance:
             return ""
         left = self.selection.taken.left.without(self.verdict.limit_cycle)
         origins = [gap.origin for gap in self.gaps]
-        return repeats_wanted(left, origins, self.logs, self.settings)
+        return design.repeats_wanted(left, origins, self.logs, self.settings)
 
     def with_commands(self, *folders: Path) -> Diagnosis:
         """Write the command of the next experiment as a table, ready to play.
@@ -262,14 +251,12 @@ class Diagnosis(Result):
         Raises:
             UserError: a table cannot be written.
         """
-        from servo_models.diagnosis.design import is_filled
-
         logs = {log.path.name for log in self.logs}
         names = (f"{self.name}_next_{k}.csv" for k in count(1))
         free = (
             name
             for name in names
-            if name not in logs and not any(is_filled(folder / name) for folder in folders)
+            if name not in logs and not any(design.is_filled(folder / name) for folder in folders)
         )
         planned = self.next_experiments
         if folders:
@@ -287,30 +274,3 @@ class Diagnosis(Result):
         """
         left = (*self.unfinished, "the next experiment")
         return replace(self, written=(), stopped=why, unfinished=left)
-
-    def report(self, date: str = "") -> Report:
-        from servo_models.diagnosis.sections import report
-
-        return report(self, date)
-
-    def document(self) -> dict[str, Any]:
-        from servo_models.diagnosis.document import document
-
-        return document(self)
-
-    def parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
-        """Return ``fitted`` with standard errors, and what it is known from, to be written by
-        ``write_parameters``."""
-        from servo_models.diagnosis.document import parameter_set
-
-        return parameter_set(self, date)
-
-    def map_parameter_set(self, date: datetime.date | None = None) -> ParameterSet:
-        """Return ``with_map`` likewise.
-
-        Raises:
-            UserError: there is no map.
-        """
-        from servo_models.diagnosis.document import map_parameter_set
-
-        return map_parameter_set(self, date)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from servo_models.core.plant import Plant
 from servo_models.data.audit import Audit, audits, noise_floors
@@ -26,7 +25,6 @@ from servo_models.identification.resolution import Blur, blurs, shifted_outputs
 from servo_models.identification.simulation import prepared
 from servo_models.identification.starts import false_statements, with_starts
 from servo_models.report.result import Result
-from servo_models.report.sections import Report
 
 WELL, ROUGHLY = 0.1, 0.8
 """Expected standard error over the size of a parameter, its prior or value, up to which logs
@@ -79,51 +77,6 @@ class Check(Result):
             if sum(name in own for name in group) > 1:
                 said.append(together(group, own))
         return tuple(said)
-
-    def report(self, date: str = "") -> Report:
-        from servo_models.identification.sections import check_report
-
-        return check_report(self, date)
-
-    def document(self) -> dict[str, Any]:
-        """Return what the logs determine; figures in SI."""
-        told, seen = self.description, self.identifiability
-        return {
-            "actuator": told.actuator.name,
-            "variant": told.variant,
-            "warnings": list(self.warnings),
-            "notes": {log.name: list(log.notes) for log in told.logs if log.notes},
-            "noise_floors": dict(self.floors),
-            "parameters": {
-                reach.name: {
-                    "value": reach.sizes[reach.name],
-                    "standard_error_alone": reach.alone * reach.scale,
-                    "standard_error_together": reach.together * reach.scale,
-                    "verdict": verdict(reach, reach.name in told.uncertainty),
-                }
-                for reach in seen.parameters
-            },
-            "effects": {
-                reach.name: {
-                    "sizes": dict(reach.sizes),
-                    "output": reach.output,
-                    "moves_noise_floors": reach.moves,
-                    "shown": bool(reach.shown),
-                }
-                for reach in seen.effects
-            },
-            "ambiguity_groups": [list(group.names) for group in seen.groups],
-            "resolution": [
-                {
-                    "log": blur.log,
-                    "input": blur.column,
-                    "why": blur.why,
-                    "size": blur.size,
-                    "moves_noise_floors": dict(blur.moves),
-                }
-                for blur in self.blurs
-            ],
-        }
 
 
 def check(described: Description | str | Path, jobs: int | None = None) -> Check:

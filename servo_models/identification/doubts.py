@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from servo_models.data.audit import audits, noise_floors
 from servo_models.data.outliers import off_neighbours
 from servo_models.identification.linear_inference import Spread
 from servo_models.identification.problem import FAR_DEVIATIONS, WIDER_PRIOR, Free, Problem
+from servo_models.identification.result import Doubt, Identification, doubts
 from servo_models.report.numbers import number, with_unit
-from servo_models.report.sections import Report
-
-if TYPE_CHECKING:
-    from servo_models.identification.result import Identification
+from servo_models.report.report import Report
 
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which a fit does not follow it."""
@@ -55,17 +52,6 @@ ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"
 PULLED = "pulled off its prior"
 NOT_DETERMINED = "not determined"
-
-
-class Doubt(str):
-    """A warning after which the values are not to be believed."""
-
-    __slots__ = ()
-
-
-def doubts(warnings: Iterable[str]) -> tuple[str, ...]:
-    """Return those warnings after which the values are not to be believed."""
-    return tuple(text for text in warnings if isinstance(text, Doubt))
 
 
 def judged(report: Report, warnings: Iterable[str]) -> Report:

@@ -13,7 +13,7 @@ from servo_models.core.workers import Workers
 from servo_models.data.audit import FLAG
 from servo_models.data.log import Log
 from servo_models.errors import UserError, did_you_mean
-from servo_models.identification.doubts import Doubt, is_far, warnings
+from servo_models.identification.doubts import about_errors, is_far, warnings
 from servo_models.identification.linear_inference import spread
 from servo_models.identification.optimise import (
     LOCAL,
@@ -31,7 +31,7 @@ from servo_models.identification.problem import (
     free_names,
     free_parameter,
 )
-from servo_models.identification.result import Identification, conclude
+from servo_models.identification.result import Doubt, Identification, conclude
 from servo_models.identification.simulation import false_starts
 
 METHODS = {
@@ -155,7 +155,8 @@ def _concluded(
     said = [*map(Doubt, odd), *beyond, *warnings(problem, found.vector, uncertainty)]
     said += _ending(found, kind, starts)
     fitted = replace(problem.model, values={**problem.model.values, **values})
-    return conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
+    told = conclude(problem, found, uncertainty, fitted, before, METHODS[kind], said)
+    return replace(told, warnings=(*about_errors(told), *said))
 
 
 def _check(logs: Sequence[Log], names: Sequence[str], kind: str) -> None:

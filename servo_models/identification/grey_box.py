@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from servo_models.core.plant import GreyBox
 from servo_models.core.types import Array
-from servo_models.identification.doubts import Doubt
+from servo_models.identification.result import Doubt
 
 VAGUE = 0.3
 """A constant whose standard error is a larger part of it is not determined."""

@@ -12,8 +12,9 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from servo_models.analysis.figures import Figures, figures
 from servo_models.data.description import (
     ELEMENTS,
     SIMULATION,
@@ -31,15 +32,13 @@ from servo_models.data.parameters import (
     write_parameters,
 )
 from servo_models.errors import UserError
-from servo_models.identification.doubts import doubts
+from servo_models.identification.elements import identify_elements
 from servo_models.identification.fit import fit, fixed_by
 from servo_models.identification.optimise import LOCAL, Progress
-from servo_models.identification.result import FIT, HELD_OUT, Identification
+from servo_models.identification.result import FIT, HELD_OUT, Identification, doubts
+from servo_models.identification.transfer.identify import identify_transfer
+from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
 from servo_models.report.result import Result
-from servo_models.report.sections import Report
-
-if TYPE_CHECKING:
-    from servo_models.analysis.figures import Figures
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,23 +65,6 @@ class Outcome(Result):
     def believable(self) -> bool:
         return not self.doubts
 
-    def report(self, date: str = "") -> Report:
-        report: Report = self.result.report(date)
-        return report
-
-    def document(self) -> dict[str, Any]:
-        """Return the parameters and what the method found beside; figures in SI."""
-        return {
-            "converged": self.converged,
-            "believable": self.believable,
-            "doubts": list(self.doubts),
-            "parameter_set": self.parameters and self.parameters.document(),
-            "result": self.result.document(),
-        }
-
-    def write_report(self, path: str | Path, date: str = "") -> None:
-        self.result.write_report(path, date)
-
     def write_parameters(self, path: str | Path) -> None:
         """Write the parameters as a TOML file, which every command reads with ``--params``.
 
@@ -103,8 +85,6 @@ class Outcome(Result):
         Raises:
             UserError: nothing became a parameter, or see ``analysis.figures.figures``.
         """
-        from servo_models.analysis.figures import figures
-
         if self.parameters is None:
             raise UserError("no parameter of this actuator was found this way, so no model")
         return figures(self.parameters.model())
@@ -183,9 +163,6 @@ def method_of(told: Description) -> str:
 
 
 def _by_transfer_function(told: Description, progress: Progress | None) -> Outcome:
-    from servo_models.identification.transfer.identify import identify_transfer
-    from servo_models.identification.transfer.sweeps import raw_records, read_sweeps
-
     sweeps = read_sweeps(told.document, told.path.parent, told.model.plant, told.logs)
     of_sweeps = raw_records(told.document)
     found = identify_transfer(
@@ -203,8 +180,6 @@ def _by_transfer_function(told: Description, progress: Progress | None) -> Outco
 
 
 def _by_elements(told: Description) -> Outcome:
-    from servo_models.identification.elements import identify_elements
-
     found = identify_elements(told)
     parameters = _of_tables(
         told, found.parameters, "element by element", found.files, found.warnings

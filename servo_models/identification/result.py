@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,15 +11,24 @@ from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Mask
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.doubts import about_errors, doubts, judged
 from servo_models.identification.linear_inference import Spread
 from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
-from servo_models.report.result import Result, write_page
-from servo_models.report.sections import Report
+from servo_models.report.result import Result
 
 FIT = "fit"
 HELD_OUT = "held out"
+
+
+class Doubt(str):
+    """A warning after which the values are not to be believed."""
+
+    __slots__ = ()
+
+
+def doubts(warnings: Iterable[str]) -> tuple[str, ...]:
+    """Return those warnings after which the values are not to be believed."""
+    return tuple(text for text in warnings if isinstance(text, Doubt))
 
 
 @dataclass(frozen=True)
@@ -102,40 +108,6 @@ class Identification(Result):
         """
         return overall(self.accuracy, output, part, stage)
 
-    def report(self, date: str = "") -> Report:
-        return replace(self._report, date=date)
-
-    @cached_property
-    def _report(self) -> Report:
-        """It costs a frequency response; so it is made once."""
-        from servo_models.data.audit import audits, noise_floors
-        from servo_models.identification.sections import identification_report
-
-        floors = noise_floors(audits(self.logs, self.fitted.plant))
-        return judged(identification_report(self, floors), self.warnings)
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "method": self.method,
-            "free": [free.name for free in self.free],
-            "values": self.values.tolist(),
-            "standard_errors": self.standard_errors.tolist(),
-            "correlations": self.correlations.tolist(),
-            "condition": self.condition,
-            "only_together": [list(names) for names in self.groups],
-            "accuracy": [asdict(row) for row in self.accuracy],
-            "warnings": list(self.warnings),
-            "notes": {log.name: list(log.notes) for log in self.logs if log.notes},
-            "costs": list(self.costs),
-            "evaluations": self.evaluations,
-        }
-
-    def write_report(self, path: str | Path, date: str = "") -> None:
-        """Write the report with figures of merit of the fitted model; see ``Result``."""
-        from servo_models.identification.sections import with_figures
-
-        write_page(with_figures(self.report(date), self.fitted), path)
-
 
 def overall(rows: Sequence[Accuracy], output: str, part: str, stage: str) -> float:
     """Return the RMS error [SI] of an output over the rows of a part; NaN without any."""
@@ -203,7 +175,7 @@ def conclude(
                 " the fit, so the fitted model runs away there: free fewer parameters, give"
                 " them bounds or priors, or correct the column"
             )
-    concluded = Identification(
+    return Identification(
         nominal=problem.model,
         fitted=fitted,
         logs=problem.logs,
@@ -224,4 +196,3 @@ def conclude(
         costs=found.costs,
         evaluations=problem.memory.evaluations,
     )
-    return replace(concluded, warnings=(*about_errors(concluded), *warnings))

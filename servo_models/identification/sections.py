@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,13 +21,14 @@ from servo_models.analysis.statistics import autocorrelation, memory
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.simulate import Model
 from servo_models.core.types import Array, Complex
-from servo_models.data.audit import Audit, Command, Floor, Sampling
+from servo_models.data.audit import Audit, Command, Floor, Sampling, audits, noise_floors
 from servo_models.data.audit import Reading as Measured
 from servo_models.data.log import Log
 from servo_models.errors import UserError
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
-from servo_models.identification.doubts import correlated, doubt, is_far, surprise
+from servo_models.identification.doubts import correlated, doubt, is_far, judged, surprise
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
+from servo_models.identification.identify import Outcome
 from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
 from servo_models.identification.readings import (
@@ -46,7 +47,9 @@ from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
-from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, page_of, report_of
+from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
 
 if TYPE_CHECKING:
@@ -73,6 +76,62 @@ EVEN = 1e-4
 """Share of a step up to which its jitter is rounding."""
 PARAMETERS, ERRORS = "Parameters", "Errors"
 NOTES = "Notes on the logs"
+
+
+@report_of.register(Identification)
+def _identification(found: Identification, date: str = "") -> Report:
+    return replace(_undated(found), date=date)
+
+
+@lru_cache(1)  # it costs a frequency response
+def _undated(found: Identification) -> Report:
+    floors = noise_floors(audits(found.logs, found.fitted.plant))
+    return judged(identification_report(found, floors), found.warnings)
+
+
+@page_of.register(Identification)
+def _identification_page(found: Identification, date: str = "") -> Report:
+    return with_figures(report_of(found, date), found.fitted)
+
+
+@document_of.register(Identification)
+def _identification_document(found: Identification) -> dict[str, Any]:
+    return {
+        "method": found.method,
+        "free": [free.name for free in found.free],
+        "values": found.values.tolist(),
+        "standard_errors": found.standard_errors.tolist(),
+        "correlations": found.correlations.tolist(),
+        "condition": found.condition,
+        "only_together": [list(names) for names in found.groups],
+        "accuracy": [asdict(row) for row in found.accuracy],
+        "warnings": list(found.warnings),
+        "notes": {log.name: list(log.notes) for log in found.logs if log.notes},
+        "costs": list(found.costs),
+        "evaluations": found.evaluations,
+    }
+
+
+@report_of.register(Outcome)
+def _identified(found: Outcome, date: str = "") -> Report:
+    return report_of(found.result, date)
+
+
+@page_of.register(Outcome)
+def _identified_page(found: Outcome, date: str = "") -> Report:
+    return page_of(found.result, date)
+
+
+@document_of.register(Outcome)
+def _identified_document(found: Outcome) -> dict[str, Any]:
+    """Return the parameters and what the method found beside; figures in SI."""
+    return {
+        "converged": found.converged,
+        "believable": found.believable,
+        "doubts": list(found.doubts),
+        "parameter_set": found.parameters and found.parameters.document(),
+        "result": document_of(found.result),
+    }
 
 
 def identification_report(
@@ -563,7 +622,50 @@ def beside(reference: Array, response: Complex) -> Array:
 # the check of logs
 
 
-def check_report(found: Check, date: str = "") -> Report:
+@document_of.register(Check)
+def _check_document(found: Check) -> dict[str, Any]:
+    """Return what the logs determine; figures in SI."""
+    told, seen = found.description, found.identifiability
+    return {
+        "actuator": told.actuator.name,
+        "variant": told.variant,
+        "warnings": list(found.warnings),
+        "notes": {log.name: list(log.notes) for log in told.logs if log.notes},
+        "noise_floors": dict(found.floors),
+        "parameters": {
+            reach.name: {
+                "value": reach.sizes[reach.name],
+                "standard_error_alone": reach.alone * reach.scale,
+                "standard_error_together": reach.together * reach.scale,
+                "verdict": verdict(reach, reach.name in told.uncertainty),
+            }
+            for reach in seen.parameters
+        },
+        "effects": {
+            reach.name: {
+                "sizes": dict(reach.sizes),
+                "output": reach.output,
+                "moves_noise_floors": reach.moves,
+                "shown": bool(reach.shown),
+            }
+            for reach in seen.effects
+        },
+        "ambiguity_groups": [list(group.names) for group in seen.groups],
+        "resolution": [
+            {
+                "log": blur.log,
+                "input": blur.column,
+                "why": blur.why,
+                "size": blur.size,
+                "moves_noise_floors": dict(blur.moves),
+            }
+            for blur in found.blurs
+        ],
+    }
+
+
+@report_of.register(Check)
+def _check(found: Check, date: str = "") -> Report:
     """Return what logs are worth and what they determine."""
     told, warnings = found.description, found.warnings
     first, *others = map(partial(_log_section, found.plant), found.audits)

@@ -11,7 +11,7 @@ from jinja2.environment import TemplateModule
 from markupsafe import Markup, escape
 
 from servo_models.report import style
-from servo_models.report.sections import Mark, Picture, Report
+from servo_models.report.sections import Mark, Page, Picture
 
 MARKS = {True: "✓", False: "✗", None: "○"}
 """A sign beside each verdict, so that it does not hang on colour."""
@@ -20,13 +20,13 @@ OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
 """Of a command, as ``--out``: a browser would end a line after its first hyphens."""
 
 
-def page(report: Report) -> str:
+def page(report: Page) -> str:
     """Return a report as one HTML page; every text is escaped, only our own figures are markup."""
     sheet = files("servo_models.report").joinpath("report.css").read_text("utf-8")
     return str(_template(report).page(Markup(f"{style.variables()}\n{sheet}")))  # type: ignore[attr-defined]
 
 
-def notebook(report: Report) -> str:
+def notebook(report: Page) -> str:
     """Return the verdict, the first figure and the first table as a notebook shows them.
 
     A report without a verdict is a data sheet: it is shown whole.
@@ -41,7 +41,7 @@ def _unbroken(text: str) -> Markup:
     return Markup(OPTION.sub(r'<span class="option">\g<0></span>', str(escape(text))))
 
 
-def _template(report: Report) -> TemplateModule:
+def _template(report: Page) -> TemplateModule:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from servo_models.report.sections import Report, Table
+from servo_models.report.report import Report
+from servo_models.report.sections import Table
 
 SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~])")
 

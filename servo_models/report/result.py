@@ -1,33 +1,74 @@
-"""What every result of the package offers beside its figures."""
+"""What every result offers: it is printed, shown in a notebook, saved and drawn.
+
+A result is data.  The ``sections.py`` in its folder says how it is reported and documented: it
+registers a function for its class with ``report_of`` and ``document_of``.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import singledispatch
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from servo_models.errors import UserError
+from servo_models.files import write_whole
+from servo_models.report.html import page
+from servo_models.report.interchange import finite_json
+from servo_models.report.report import Report
+from servo_models.report.style import figure
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
 
-    from servo_models.report.sections import Report
+
+@singledispatch
+def report_of(result: Any, date: str = "") -> Report:
+    """Return a result as people read it; ``date`` stands on its page."""
+    made: Report = registered(report_of.dispatch, result)(result, date)
+    return made
 
 
-class Result(ABC):
-    """A result that is printed, shown in a notebook, saved and drawn.
+@singledispatch
+def document_of(result: Any) -> dict[str, Any]:
+    """Return a result as what JSON is made of, figures in SI."""
+    made: dict[str, Any] = registered(document_of.dispatch, result)(result)
+    return made
 
-    A domain gives ``report`` and ``document``; the rest is here.
-    """
 
-    @abstractmethod
+@singledispatch
+def page_of(result: Any, date: str = "") -> Report:
+    """Return a result as its page shows it, with what takes a while to compute."""
+    registered(report_of.dispatch, result)
+    made = page_of.dispatch(type(result))
+    return report_of(result, date) if made is page_of.dispatch(object) else made(result, date)
+
+
+def registered(
+    dispatch: Callable[[type], Callable[..., Any]], result: object
+) -> Callable[..., Any]:
+    """Return what the ``sections`` beside a result's module register; they are imported when a
+    result is first asked for it."""
+    default = dispatch(object)
+    if dispatch(type(result)) is default:
+        import_module(f"{type(result).__module__.rpartition('.')[0]}.sections")
+    if dispatch(type(result)) is default:
+        raise TypeError(f"nobody says how a {type(result).__name__} is reported")
+    return dispatch(type(result))
+
+
+class Result:
+    """A result that is printed, shown in a notebook, saved and drawn."""
+
     def report(self, date: str = "") -> Report:
         """Return the result as people read it; ``date`` stands on its page."""
+        return report_of(self, date)
 
-    @abstractmethod
     def document(self) -> dict[str, Any]:
         """Return the result as what JSON is made of, figures in SI."""
+        return document_of(self)
 
     def __str__(self) -> str:
         return str(self.report())
@@ -41,8 +82,6 @@ class Result(ABC):
 
     def to_json(self) -> str:
         """Return the document as JSON; a figure that is not finite becomes null."""
-        from servo_models.report.interchange import finite_json
-
         return finite_json(self.document())
 
     def write_report(self, path: str | Path, date: str = "") -> None:
@@ -55,7 +94,7 @@ class Result(ABC):
         Raises:
             UserError: the folder cannot be made or written.
         """
-        write_page(self.report(date), path)
+        write_whole(Path(path), page(page_of(self, date)).encode())
 
     def tables(self) -> dict[str, pl.DataFrame]:
         """Return every table of the report by its title, as polars DataFrames.
@@ -73,8 +112,6 @@ class Result(ABC):
         Raises:
             UserError: the result has no picture.
         """
-        from servo_models.report.style import figure
-
         pictures = self.report().pictures
         if not pictures:
             raise UserError(f"{type(self).__name__} has no picture")
@@ -83,15 +120,3 @@ class Result(ABC):
         else:
             pictures[0].draw([ax])
         return ax
-
-
-def write_page(report: Report, path: str | Path) -> None:
-    """Write a report as one HTML file, whole or not at all.
-
-    Raises:
-        UserError: the folder cannot be made or written.
-    """
-    from servo_models.files import write_whole
-    from servo_models.report.html import page
-
-    write_whole(Path(path), page(report).encode())

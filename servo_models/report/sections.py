@@ -1,6 +1,6 @@
 """What a result looks like, before anybody renders it: the one model of terminal and page.
 
-A domain gives a ``Report``; ``terminal`` and ``html`` render it.  Texts are plain, without
+A domain gives a ``Page``; ``terminal`` and ``html`` render it.  Texts are plain, without
 markup; numbers are ``Quantity``, so that a table can be printed and computed with.
 
     Report(
@@ -24,7 +24,6 @@ from servo_models.report.numbers import Quantity, number
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
-    from rich.console import Group
 
 
 @dataclass(frozen=True)
@@ -195,10 +194,8 @@ class Section:
 
 
 @dataclass(frozen=True, repr=False)
-class Report:
-    """A result as people read it, the answer first.
-
-    ``str(report)`` is plain text, rich prints it for a terminal, and a notebook shows it.
+class Page:
+    """A result as people read it, the answer first, before anybody renders it.
 
     Attributes:
         title: what was examined.
@@ -246,29 +243,6 @@ class Report:
     def pictures(self) -> tuple[Picture, ...]:
         """Pictures of all sections."""
         return tuple(picture for section in self.sections for picture in section.pictures)
-
-    def __repr__(self) -> str:
-        return f"<Report of {': '.join(filter(None, (self.title, self.sentence)))}>"
-
-    def _repr_html_(self) -> str:
-        from servo_models.report.html import notebook
-
-        return notebook(self)
-
-    def __rich__(self) -> Group:
-        from servo_models.report.terminal import group
-
-        return group(self)
-
-    def __str__(self) -> str:
-        from servo_models.report.terminal import text
-
-        return text(self)
-
-
-def data_sheet(title: str, texts: Sequence[str], tables: Sequence[Table]) -> Report:
-    """Return a report without a verdict: paragraphs, then tables that name themselves."""
-    return Report(title, "", remarks=tuple(texts), sections=(Section("", tables=tuple(tables)),))
 
 
 def anchor(title: str) -> str:

@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from servo_models.report.sections import Picture
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from servo_models.report.sections import Picture
 
 PALETTE = {
     "ink": ("#1d2329", "#e4e8ec"),

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from servo_models.errors import printable
 from servo_models.report.numbers import plain
-from servo_models.report.sections import Mark, Report, Section, Table
+from servo_models.report.sections import Mark, Page, Section, Table
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
     from rich.table import Table as Grid
     from rich.text import Text
+
 
 WIDE = 160
 """Columns of plain text."""
@@ -22,14 +23,14 @@ LONGEST_TEXT = 4000  # the same of a paragraph
 STYLES = {True: "green", False: "bold red", None: ""}
 
 
-def group(report: Report) -> Group:
+def group(report: Page) -> Group:
     """Return a report as rich prints it."""
     from rich.console import Group
 
     return Group(*_parts(report))
 
 
-def text(report: Report, width: int = WIDE) -> str:
+def text(report: Page, width: int = WIDE) -> str:
     """Return a report as plain text in lines of at most ``width`` characters."""
     from rich.console import Console
 
@@ -39,7 +40,7 @@ def text(report: Report, width: int = WIDE) -> str:
     return "\n".join(line.rstrip() for line in capture.get().splitlines())
 
 
-def _parts(report: Report) -> Iterator[RenderableType]:
+def _parts(report: Page) -> Iterator[RenderableType]:
     yield _paragraph(report.title, "bold")
     if report.sentence:
         yield _paragraph(f"\n{report.sentence}", STYLES[report.passed])

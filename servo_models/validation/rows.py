@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
 
 from servo_models.report.result import Result
-
-if TYPE_CHECKING:
-    from servo_models.report.sections import Report
-    from servo_models.validation.any_fmu.comparison import Compared
+from servo_models.validation.any_fmu.comparison import Compared
 
 IMPLEMENTATION = "implementation"
 """Claim: the FMU equals the simulation in this process."""
@@ -206,30 +200,3 @@ class Validation(Result):
     def of(self, claim: str) -> tuple[Row, ...]:
         """Return the rows of a claim."""
         return tuple(row for row in self.rows if row.claim == claim)
-
-    def report(self, date: str = "") -> Report:
-        """Return the verdict, what failed, every figure, and pictures of each actuator."""
-        from servo_models.validation.sections import report
-
-        return report(self, date)
-
-    def document(self) -> dict[str, Any]:
-        """Return plain lists and dictionaries for JSON: the same figures, the same document.
-
-        A figure that is not finite is None; times of the rows are left out.
-        """
-        return {
-            "passed": self.passed,
-            "conditions": dict(self.conditions),
-            "rows": [
-                {n: _plain(it) for n, it in dataclasses.asdict(row).items() if n != "seconds"}
-                | {"verdict": row.verdict}
-                for row in self.rows
-            ],
-            "cost": [dataclasses.asdict(curve) for curve in self.cost],
-        }
-
-
-def _plain(value: Any) -> Any:
-    """JSON knows no infinity and no NaN."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value

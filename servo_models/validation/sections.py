@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from servo_models.report.numbers import Quantity, number, percent, with_unit
-from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
 from servo_models.validation.any_fmu.sections import curves, faults, notes
 from servo_models.validation.cases import offered
@@ -89,6 +92,30 @@ DIGITS = 7
 MARKERS = "os^D"
 
 
+@document_of.register(Validation)
+def _document(validation: Validation) -> dict[str, Any]:
+    """Return plain lists and dictionaries for JSON: the same figures, the same document.
+
+    A figure that is not finite is None; times of the rows are left out.
+    """
+    return {
+        "passed": validation.passed,
+        "conditions": dict(validation.conditions),
+        "rows": [
+            {n: _finite(value) for n, value in asdict(row).items() if n != "seconds"}
+            | {"verdict": row.verdict}
+            for row in validation.rows
+        ],
+        "cost": [asdict(curve) for curve in validation.cost],
+    }
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no infinity and no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@report_of.register(Validation)
 def report(validation: Validation, date: str = "", every: bool = False) -> Report:
     """Return everything; a terminal prints of each case the figure nearest to its limit.
 

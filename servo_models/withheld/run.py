@@ -40,7 +40,7 @@ from servo_models.withheld.oracle import Diagnosed, Known, Question, ask_oracle,
 from servo_models.withheld.score import NOTHING, Cases, join
 
 if TYPE_CHECKING:
-    from servo_models.report.sections import Report
+    pass
 
 Tell = Callable[[int, int, str], None]
 """Called with cases done, cases in all, and what is being done."""
@@ -73,18 +73,6 @@ class Check(Result):
     seal: str
     cases: Cases
     versions: Mapping[str, str] = field(default_factory=dict)
-
-    def report(self, date: str = "") -> Report:
-        """Return the figures of every tier, what was mistaken for what, and the calibration."""
-        from servo_models.withheld.sections import report
-
-        return report(self, date)
-
-    def document(self) -> dict[str, Any]:
-        """Return the check by the schema in ``schema.json``."""
-        from servo_models.withheld.sections import document
-
-        return document(self)
 
 
 def check_tiers(words: str) -> tuple[str, ...]:

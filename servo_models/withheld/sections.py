@@ -7,7 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 from servo_models.report.numbers import Quantity
-from servo_models.report.sections import Card, Cell, Mark, Report, Section, Table
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Card, Cell, Mark, Section, Table
 from servo_models.withheld.run import Check
 from servo_models.withheld.score import (
     FIGURES,
@@ -86,6 +88,7 @@ def by_tier(check: Check) -> dict[str, Cases]:
     return {tier: cases for tier, cases in found.items() if cases}
 
 
+@report_of.register(Check)
 def report(check: Check, date: str = "") -> Report:
     """Return the figures of every tier, what was mistaken for what, and the calibration."""
     tiers = by_tier(check)
@@ -168,6 +171,7 @@ def _calibration(cases: Cases) -> Section:
     return Section("Calibration, all tiers", tables=(Table("", columns, rows),), folded=True)
 
 
+@document_of.register(Check)
 def document(check: Check) -> dict[str, Any]:
     """Return a check as what JSON is made of, by the schema in ``schema.json``."""
     return {

@@ -94,9 +94,10 @@ def test_a_confirmation_does_not_hang_on_the_effects_alone(case: tuple[Diagnosis
         taken=replace(found.selection.taken, problem=problem),
         retuned=replace(found.selection.retuned, problem=plain),
     )
-    loaded = confirm(replace(found, selection=selection, logs=(held,)))
+    loaded = confirm(found.fitted, selection, (held,))
     assert loaded.difference == 0.0
-    assert loaded.rows[0].after > 10.0 * confirm(found).rows[0].after
+    plainly = confirm(found.fitted, found.selection, found.logs)
+    assert loaded.rows[0].after > 10.0 * plainly.rows[0].after
 
 
 SAID = {

@@ -7,7 +7,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 from matplotlib.axes import Axes
@@ -15,8 +14,9 @@ from matplotlib.figure import Figure
 
 from servo_models.report import html
 from servo_models.report.numbers import Quantity, number, percent, plain
-from servo_models.report.result import Result
-from servo_models.report.sections import Card, Mark, Picture, Report, Section, Table, data_sheet
+from servo_models.report.report import Report, data_sheet
+from servo_models.report.result import Result, document_of, report_of
+from servo_models.report.sections import Card, Mark, Picture, Section, Table
 from tests.support.html_page import Page
 
 TABLE = Table(
@@ -50,11 +50,11 @@ REPORT = Report(
 
 
 class Kept(Result):
-    def report(self, date: str = "") -> Report:
-        return REPORT
+    pass
 
-    def document(self) -> dict[str, Any]:
-        return {"size": math.inf}
+
+report_of.register(Kept, lambda kept, date="": REPORT)
+document_of.register(Kept, lambda kept: {"size": math.inf})
 
 
 def test_numbers_in_print_are_the_numbers() -> None:

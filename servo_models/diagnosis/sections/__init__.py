@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from servo_models.analysis.explain import display_scale
-from servo_models.data.parameters import installed_version
-from servo_models.diagnosis import summary
+from servo_models.data.parameters import installed_version, parameter_set_of
+from servo_models.diagnosis import document, summary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
@@ -15,7 +15,9 @@ from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, number, percent
-from servo_models.report.sections import Card, Report, Section
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Card, Section
 
 ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
@@ -345,3 +347,8 @@ def _provenance(diagnosis: Diagnosis) -> Section:
 
 def _sentences(texts: tuple[str, ...]) -> Iterator[str]:
     yield from (f"{text[:1].upper()}{text[1:]}." for text in texts)
+
+
+report_of.register(Diagnosis, report)
+document_of.register(Diagnosis, document.document)
+parameter_set_of.register(Diagnosis, document.parameter_set)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from servo_models.core.plant import check_bounds
 from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
 from servo_models.data.schema import Section
 from servo_models.errors import UserError
-from servo_models.identification.doubts import Doubt, judged
 from servo_models.identification.elements.estimate import Estimate, exactly
 from servo_models.identification.elements.lines import line_with_flats, straight_line
 from servo_models.identification.elements.loop import Choice, Synthesis, synthesise
@@ -37,8 +35,8 @@ from servo_models.identification.elements.tables import (
     read_table,
     read_wish,
 )
+from servo_models.identification.result import Doubt
 from servo_models.report.result import Result
-from servo_models.report.sections import Report
 
 LOOP = ("amplifier_gain", "potentiometer_gain", "motor_time_constant", "gear_ratio")
 MADE_OF = (*LOOP, "motor_gain", "feedback_coefficient", "angle_unit")
@@ -103,22 +101,6 @@ class ElementsResult(Result):
         return {
             name: (estimate.value, estimate.standard_error)
             for name, estimate in self.estimates.items()
-        }
-
-    def report(self, date: str = "") -> Report:
-        from servo_models.identification.elements.sections import elements_report
-
-        return judged(elements_report(self, date), self.warnings)
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "figures": [asdict(figure) for figure in self.figures],
-            "parameters": {name: asdict(estimate) for name, estimate in self.estimates.items()},
-            "choices": [asdict(choice) for choice in self.synthesis.choices],
-            "responses": [asdict(row) for row in self.synthesis.rows],
-            "notes": list(self.notes),
-            "warnings": list(self.warnings),
-            "files": dict(self.files),
         }
 
     def figure(self, element: str, name: str) -> Figure:

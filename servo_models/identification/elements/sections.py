@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from servo_models.analysis.explain import display_unit
+from servo_models.identification.doubts import judged
 from servo_models.identification.elements.estimate import Estimate
 from servo_models.identification.elements.identify import ElementsResult, Figure
 from servo_models.identification.elements.loop import Choice, Response, Synthesis
 from servo_models.report.numbers import ERROR, Quantity, number
-from servo_models.report.sections import Card, Cell, Picture, Report, Section, Table
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Card, Cell, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
 from servo_models.units import factor
 
@@ -27,6 +31,24 @@ MARKS = ("o", "s", "D")
 """Of the choices, in their order."""
 IN_CARD = 6
 """Parameters that the answer names; all are in the table."""
+
+
+@document_of.register(ElementsResult)
+def _document(result: ElementsResult) -> dict[str, Any]:
+    return {
+        "figures": [asdict(figure) for figure in result.figures],
+        "parameters": {name: asdict(estimate) for name, estimate in result.estimates.items()},
+        "choices": [asdict(choice) for choice in result.synthesis.choices],
+        "responses": [asdict(row) for row in result.synthesis.rows],
+        "notes": list(result.notes),
+        "warnings": list(result.warnings),
+        "files": dict(result.files),
+    }
+
+
+@report_of.register(ElementsResult)
+def _report(result: ElementsResult, date: str = "") -> Report:
+    return judged(elements_report(result, date), result.warnings)
 
 
 def elements_report(result: ElementsResult, date: str = "") -> Report:

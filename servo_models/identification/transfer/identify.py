@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from servo_models.core.plant import Wire, unknown
 from servo_models.core.simulate import Model
 from servo_models.data.log import Log
 from servo_models.errors import UserError
-from servo_models.identification.doubts import Doubt, judged
 from servo_models.identification.grey_box import Constant, PhysicalConstants, physical_constants
+from servo_models.identification.result import Doubt
 from servo_models.identification.transfer.choose import (
     Candidate,
     choose,
@@ -30,7 +29,6 @@ from servo_models.identification.transfer.measurements import (
     Sweep,
 )
 from servo_models.report.result import Result
-from servo_models.report.sections import Report
 
 INTERRUPTED = Doubt(
     "interrupted: larger structures were not tried; the best of the others is chosen"
@@ -59,40 +57,6 @@ class TransferResult(Result):
     constants: PhysicalConstants | None = None
     warnings: tuple[str, ...] = ()
     interrupted: bool = False
-
-    def report(self, date: str = "") -> Report:
-        from servo_models.identification.transfer.sections import transfer_report
-
-        return judged(transfer_report(self, date), self.warnings)
-
-    def document(self) -> dict[str, Any]:
-        constants = self.constants.estimates if self.constants else {}
-        return {
-            "source": self.source.name,
-            "output": self.output.name,
-            "chosen": self.chosen.name,
-            "candidates": [_document(candidate) for candidate in self.candidates],
-            "constants": {name: list(pair) for name, pair in constants.items()},
-            "warnings": list(self.warnings),
-            "interrupted": self.interrupted,
-        }
-
-
-def _document(candidate: Candidate) -> dict[str, Any]:
-    """Coefficients highest power first, SI, with standard errors in the order of the fit."""
-    function, score = candidate.function, candidate.score
-    return {
-        "name": candidate.name,
-        "numerator": list(function.numerator),
-        "denominator": list(function.denominator),
-        "delay": function.delay,
-        "standard_errors": candidate.fit.standard_errors.tolist() if candidate.fit else None,
-        "fit": score.fit,
-        "held_out": score.held_out,
-        "aic": candidate.aic,
-        "bic": candidate.bic,
-        "reason": candidate.reason,
-    }
 
 
 def identify_transfer(

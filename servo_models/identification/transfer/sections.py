@@ -10,6 +10,7 @@ import numpy as np
 
 from servo_models.analysis.sine_test import hold
 from servo_models.core.types import Array, Complex
+from servo_models.identification.doubts import judged
 from servo_models.identification.measured_response import Record as Spectra
 from servo_models.identification.measured_response import empirical
 from servo_models.identification.readings import words
@@ -19,7 +20,9 @@ from servo_models.identification.transfer.identify import TransferResult
 from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.report.curves import JUDGED, MEASURED, draw_curve, draw_legend, shade
 from servo_models.report.numbers import ERROR, Quantity
-from servo_models.report.sections import Card, Cell, Mark, Picture, Report, Section, Table
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
 from servo_models.units import factor
 
@@ -34,6 +37,42 @@ CANDIDATES = "Candidates"
 CONSTANTS = "Physical constants"
 MARGIN = 1.5
 """The curve goes on beyond the data by this factor."""
+
+
+@document_of.register(TransferResult)
+def _document(result: TransferResult) -> dict[str, Any]:
+    constants = result.constants.estimates if result.constants else {}
+    return {
+        "source": result.source.name,
+        "output": result.output.name,
+        "chosen": result.chosen.name,
+        "candidates": [_candidate(candidate) for candidate in result.candidates],
+        "constants": {name: list(pair) for name, pair in constants.items()},
+        "warnings": list(result.warnings),
+        "interrupted": result.interrupted,
+    }
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    """Coefficients highest power first, SI, with standard errors in the order of the fit."""
+    function, score = candidate.function, candidate.score
+    return {
+        "name": candidate.name,
+        "numerator": list(function.numerator),
+        "denominator": list(function.denominator),
+        "delay": function.delay,
+        "standard_errors": candidate.fit.standard_errors.tolist() if candidate.fit else None,
+        "fit": score.fit,
+        "held_out": score.held_out,
+        "aic": candidate.aic,
+        "bic": candidate.bic,
+        "reason": candidate.reason,
+    }
+
+
+@report_of.register(TransferResult)
+def _report(result: TransferResult, date: str = "") -> Report:
+    return judged(transfer_report(result, date), result.warnings)
 
 
 def transfer_report(result: TransferResult, date: str = "") -> Report:
