@@ -3,7 +3,7 @@
 The yardstick is ``hand_written.c``: the equations of an actuator without effects and nothing else,
 compiled by the compiler and with the flags of the native FMU, whose effects are all off.
 
-Run: ``python benchmarks/bench_native.py`` (Linux on x86-64 with a C compiler; about a minute).  The
+Run: ``python -m benchmarks.bench_native`` (Linux on x86-64 with a C compiler; about a minute).  The
 extra ``benchmark`` brings MuJoCo, whose row is nan without it.
 """
 
@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import fmpy
 import numpy as np
-from bench_fmu import Instance
-from bench_simulation import mujoco_servo
+from benchmarks.bench_fmu import Instance
+from benchmarks.bench_simulation import mujoco_servo
 
 import servo_models as sm
 from fmu_src.native.archive import headers

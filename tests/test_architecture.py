@@ -24,7 +24,6 @@ FLOORS = (
     "data",
     "identification validation",
     "diagnosis",
-    "withheld",
     "cli",
     "__main__ build_fmu",
 )
@@ -182,9 +181,9 @@ def test_the_references_know_nothing_of_the_models() -> None:
 
 
 def test_the_generator_of_withheld_cases_knows_nothing_of_the_product() -> None:
-    for path in ROOT.glob("servo_models/withheld/generator/*.py"):
+    for path in ROOT.glob("studies/withheld/generator/*.py"):
         own = {name for name in imported(path) if name.startswith("servo_models")}
-        assert all(name.startswith("servo_models.withheld.generator.") for name in own), path.name
+        assert all(name.startswith("studies.withheld.generator.") for name in own), path.name
 
 
 ACTUATORS = {path.parent.name for path in ROOT.glob("servo_models/actuators/*/__init__.py")}
@@ -278,7 +277,16 @@ def test_a_module_says_what_it_is() -> None:
 def test_the_repository_names_no_machine() -> None:
     """No absolute path of somebody's machine in code, tests or documents."""
     machine = re.compile(r"(?<![\w.])/(?:home|root|work|Users|mnt)/\w")
-    folders = ("servo_models", "fmu_src", "tests", "docs", "benchmarks", "examples", ".ci")
+    folders = (
+        "servo_models",
+        "fmu_src",
+        "tests",
+        "docs",
+        "benchmarks",
+        "studies",
+        "examples",
+        ".ci",
+    )
     files = [p for folder in folders for p in (ROOT / folder).rglob("*") if p.is_file()]
     files += [p for p in ROOT.iterdir() if p.suffix in {".py", ".md", ".toml", ".cff"}]
     text = {".py", ".md", ".toml", ".cff", ".html", ".css", ".svg", ".csv", ""}

@@ -63,10 +63,10 @@ OURS = {
 }
 """Words for modules, classes, public functions and JSON keys that are not used, and what is."""
 KEPT = {
-    "servo_models/withheld/generator/causes.py": "the true causes, not those that are selected",
-    "servo_models/withheld/score.py": "names of the figures in docs/studies/blind.md",
-    "servo_models/withheld/oracle.py": "the same, row by row",
-    "servo_models/withheld/schema.json": "the same, as JSON",
+    "studies/withheld/generator/causes.py": "the true causes, not those that are selected",
+    "studies/withheld/score.py": "names of the figures in docs/studies/blind.md",
+    "studies/withheld/oracle.py": "the same, row by row",
+    "studies/withheld/schema.json": "the same, as JSON",
 }
 
 

@@ -9,7 +9,7 @@ A map is monotone, so it keeps the order of the effects.  A probability is that 
 among the causes.  Several may be, so those of a diagnosis need not add up to 1, and are not scaled
 to.  A verdict without a map, "outside the catalogue", has weights that rank and no probabilities.
 
-``calibration.json`` holds the maps and where they are from; ``benchmarks/calibrate.py`` writes it.
+``calibration.json`` holds the maps and where they are from; ``studies/calibrate.py`` writes it.
 Source: Zadrozny, Elkan, Proc. 8th ACM SIGKDD (2002) 694 (isotonic regression of scores).
 """
 

@@ -124,8 +124,8 @@ def test_another_actuator_may_have_a_grey_box_of_its_own() -> None:
 
 @pytest.fixture(scope="module")
 def study() -> ModuleType:
-    path = Path(__file__).parents[2] / "benchmarks" / "study_grey_box.py"
-    spec = importlib.util.spec_from_file_location("study_grey_box", path)
+    path = Path(__file__).parents[2] / "studies" / "grey_box.py"
+    spec = importlib.util.spec_from_file_location("grey_box", path)
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)

@@ -84,7 +84,7 @@ def test_parameters_alone_do_not_explain_the_torque_motor(torque_motor: Diagnosi
 def test_eq_7_lacks_a_dead_zone_before_all(folder: Path) -> None:
     """The printed servo moves from 0.5 V and from -0.6 V on, and then with a jump (sec. 4.3).
 
-    Against all that resembles it; ``benchmarks/study_real_logs.py`` has the whole catalogue.
+    Against all that resembles it; ``studies/real_logs.py`` has the whole catalogue.
     """
     known = [one.name for one in candidates(model("sg90", "linear"), ())]
     assert set(ALIKE) < set(known)

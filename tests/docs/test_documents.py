@@ -44,7 +44,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 @every_page
 def test_named_files_of_the_package_exist(page: Path) -> None:
     for name in re.findall(
-        r"`((?:servo_models|tests|benchmarks|fmu_src)/[\w/.]*)`", page.read_text(encoding="utf-8")
+        r"`((?:servo_models|tests|benchmarks|studies|fmu_src)/[\w/.]*)`",
+        page.read_text(encoding="utf-8"),
     ):
         assert (ROOT / name).exists(), name
 

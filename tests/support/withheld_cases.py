@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from servo_models.withheld.oracle import Diagnosed, Known
-from servo_models.withheld.score import Case
+from studies.withheld.oracle import Diagnosed, Known
+from studies.withheld.score import Case
 
 
 def case(

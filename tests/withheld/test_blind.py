@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-import servo_models.withheld as package
+import studies.withheld as package
 from servo_models.cli import main
 from servo_models.data.description import read_description
 from servo_models.errors import UserError
-from servo_models.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
-from servo_models.withheld.run import Asked, check_tiers, own_code, run_blind
+from studies.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
+from studies.withheld.run import Asked, check_tiers, own_code, run_blind
 from tests.support.made_once import made_once
 
 CASES, SEED = 3, 3

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.study_blind import case_of, row_of
 from servo_models.report.interchange import finite_json
-from servo_models.withheld.oracle import Diagnosed, Known
-from servo_models.withheld.run import Check
-from servo_models.withheld.score import (
+from studies.blind import case_of, row_of
+from studies.withheld.oracle import Diagnosed, Known
+from studies.withheld.run import Check
+from studies.withheld.score import (
     FIGURES,
     Case,
     Cases,

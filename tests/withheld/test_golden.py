@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks.golden import (
+from servo_models.errors import UserError
+from studies.golden import (
     GOLDEN,
     QUICK,
     REPORTED,
@@ -28,10 +29,9 @@ from benchmarks.golden import (
     verdict_table,
     withheld,
 )
-from servo_models.errors import UserError
-from servo_models.withheld.generator.cases import KINDS, TIERS
-from servo_models.withheld.generator.faults import FAULTS
-from servo_models.withheld.generator.rigs import RIGS
+from studies.withheld.generator.cases import KINDS, TIERS
+from studies.withheld.generator.faults import FAULTS
+from studies.withheld.generator.rigs import RIGS
 
 STORED: dict[str, str] = json.loads((GOLDEN / "inputs.json").read_text("utf-8"))
 

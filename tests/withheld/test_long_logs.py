@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.second_plant.long_logs import current_motor, loaded_servo, sts3215_joint
 from servo_models.data.description import read_description
+from studies.second_plant.long_logs import current_motor, loaded_servo, sts3215_joint
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
-from servo_models.withheld.generator.cases import Case, draw_case
-from servo_models.withheld.generator.faults import FAULTS
-from servo_models.withheld.generator.files import generate
+from studies.withheld.generator.cases import Case, draw_case
+from studies.withheld.generator.faults import FAULTS
+from studies.withheld.generator.files import generate
 
 CASES, SEED = 24, 41
 

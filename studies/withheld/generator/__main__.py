@@ -1,0 +1,43 @@
+"""python -m studies withheld.generator FOLDER --cases N --seed S [--tiers easy,rough]
+
+Writes the cases and prints the seal of their answers; progress goes to the standard error, one
+line "done/all" a case.  The tiers are easy, hard and poor, or those that are named, rough among
+them.  Exit 0 done, 2 could not run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from studies.withheld.generator.cases import CLEAN, TIERS
+from studies.withheld.generator.files import generate
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(prog="python -m studies withheld.generator")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--cases", type=int, required=True)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--tiers", default=",".join(CLEAN))
+    given = parser.parse_args()
+    tiers = given.tiers.split(",")
+    unknown = [tier for tier in tiers if tier not in TIERS]
+    if unknown or given.cases < 1 or given.seed < 0:
+        parser.error(f"give 1 case or more, a seed of 0 or more, and tiers of {', '.join(TIERS)}")
+
+    def progress(done: int, every: int) -> None:
+        print(f"{done}/{every}", file=sys.stderr, flush=True)
+
+    try:
+        print(generate(given.folder, given.cases, given.seed, tiers, progress))
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

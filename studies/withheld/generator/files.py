@@ -1,0 +1,172 @@
+"""The files of the cases, and their answers apart from them.
+
+::
+
+    cases/0007/description.toml, log.csv       what a diagnosis may see
+    truth/0007/log.csv                         the same log without noise
+    answers.json                               what is true, and the SHA-256 of every file
+
+The seal is the SHA-256 of ``answers.json``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.withheld.generator.cases import CLEAN, Acting, Case, draw_case
+from studies.withheld.generator.rigs import LOAD, Rig, Signal
+
+Array = NDArray[np.float64]
+
+VERSION = 1
+DIGITS = 4
+"""Digits of a printed reading below its noise."""
+
+
+def generate(
+    folder: Path,
+    cases: int,
+    seed: int,
+    tiers: Sequence[str] = CLEAN,
+    progress: Callable[[int, int], None] | None = None,
+) -> str:
+    """Write cases into a new folder, whole or not at all, and return the seal of their answers.
+
+    Case i is of tier i modulo their number, and the same for any number of cases.
+
+    Raises:
+        FileExistsError: the folder is there already.
+    """
+    if folder.exists():
+        raise FileExistsError(f"'{folder}' exists already; name a new folder")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as beside:
+        part = Path(beside) / folder.name
+        part.mkdir()
+        answers = []
+        for number in range(cases):
+            case = draw_case(seed, number, tiers[number % len(tiers)])
+            answers.append(write_case(part, f"{number:04d}", case))
+            if progress:
+                progress(number + 1, cases)
+        content = {"version": VERSION, "seed": seed, "cases": answers}
+        text = json.dumps(content, indent=1).encode()
+        (part / "answers.json").write_bytes(text)
+        part.rename(folder)
+    return hashlib.sha256(text).hexdigest()
+
+
+def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
+    """Write one case; returns its answer."""
+    count = len(case.logs)
+    logs = ["log.csv"] if count == 1 else [f"log_{i + 1}.csv" for i in range(count)]
+    written = {f"cases/{name}/description.toml": _description(case, logs)}
+    for i, log in enumerate(logs):
+        written[f"cases/{name}/{log}"] = _csv(case, i, case.logs[i], DIGITS)
+        written[f"truth/{name}/{log}"] = _csv(case, i, case.noise_free[i], 2 * DIGITS)
+    for path, content in written.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(content)
+    e = case.experiment
+    return {
+        "case": name,
+        "tier": case.tier,
+        "actuator": e.rig.actuator,
+        "kind": case.kind,
+        "effects": [_effect(acting, e.rig) for acting in case.acting],
+        "hidden": [_effect(acting, e.rig) for acting in case.hidden],
+        "parameters": dict(e.true),
+        "load_torque": e.load,
+        "judged": e.rig.readings[0][0].name,
+        "floor": case.floor,
+        "noise": case.noise,
+        "quantum": case.quantum,
+        **({"faults": list(case.faults)} if case.faults else {}),
+        "noise_free": [f"truth/{name}/{log}" for log in logs],
+        "files": {path: hashlib.sha256(c).hexdigest() for path, c in written.items()},
+    }
+
+
+def _effect(acting: Acting, rig: Rig) -> dict[str, Any]:
+    """A cause by the product's names, and its gap alone [SI]."""
+    return {"name": acting.name, "gap": acting.gap, "parameters": acting.parameters(rig)}
+
+
+def _signals(case: Case) -> list[Signal]:
+    """What is logged, the judged reading first."""
+    known = {place: signal for signal, place in case.experiment.rig.readings}
+    return [known[place] for place in case.experiment.readings]
+
+
+def _description(case: Case, logs: Sequence[str]) -> bytes:
+    rig, load = case.experiment.rig, case.experiment.load
+    lines = [
+        f"# {rig.about}",
+        f'actuator = "{rig.actuator}"',
+        f'variant = "{rig.variant}"',
+        "",
+        "[uncertainty]",
+        *(f'{name} = "{100.0 * share:g} %"' for name, share in rig.spread.items()),
+    ]
+    for log in logs:
+        lines += [
+            "",
+            "[[logs]]",
+            f'file = "{log}"',
+            'time = { column = "time_ms", unit = "ms" }',
+            _channel("inputs", rig.command),
+            *([_channel("inputs", LOAD)] if case.experiment.varied else []),
+            *(_channel("outputs", signal) for signal in _signals(case)),
+            f'settle = "{rig.settle:g} s"',
+        ]
+        if load and not case.experiment.varied:
+            lines.append(f"constants = {{ load_torque = {load!r} }}")
+    return "\n".join([*lines, ""]).encode()
+
+
+def _channel(kind: str, signal: Signal) -> str:
+    return f'{kind}.{signal.name} = {{ column = "{signal.column}", unit = "{signal.unit}" }}'
+
+
+def _csv(case: Case, number: int, log: Array, digits: int) -> bytes:
+    """A log with its time and command; readings have ``digits`` below their noise."""
+    e = case.experiment
+    plan = e.plans[number]
+    signals = _signals(case)
+    time = 1e3 * e.rig.step * plan.stride * case.stamps[number]
+    command = plan.command[plan.logged]
+    if case.command_step:
+        codes = np.round((command - e.rig.rest) / case.command_step)
+        command = e.rig.rest + case.command_step * codes
+    columns = [time, command / e.rig.command.unit_size]
+    formats = ["%.7g", f"%.{e.rig.command.digits}f"]
+    names = ["time_ms", e.rig.command.column]
+    if e.varied:
+        columns.append(e.load * plan.shares[plan.logged])
+        formats.append(f"%.{LOAD.digits}f")
+        names.append(LOAD.column)
+    for i, signal in enumerate(signals):
+        noise = case.noise * e.ranges[i] / e.ranges[0] / signal.unit_size
+        columns.append(log[:, i] / signal.unit_size)
+        formats.append(f"%.{max(0, digits - math.floor(math.log10(noise)))}f")
+    text = io.StringIO()
+    names += [signal.column for signal in signals]
+    np.savetxt(
+        text,
+        np.column_stack(columns),
+        fmt=formats,
+        delimiter=",",
+        header=",".join(names),
+        comments="",
+    )
+    return text.getvalue().encode()

@@ -1,0 +1,320 @@
+"""The withheld check from the first case to the last: what ``servo-models blind`` does.
+
+::
+
+    FOLDER/cases, truth, answers.json   by the generator, in a process of its own
+    FOLDER/run.json                     what was asked for, the seal of the answers, and by which
+                                        code it was begun
+    FOLDER/results.jsonl                what was said, one line a case
+    FOLDER/oracle.jsonl                 what could have been said, after the answers were opened
+
+The answers lie in plain text beside the cases.  Nothing keeps a person from reading them; a
+diagnosis is given the folder of its case alone, and the seal shows that they are not chosen after
+it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, field
+from multiprocessing.connection import wait
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import servo_models
+from servo_models.errors import UserError, did_you_mean
+from servo_models.files import being_written, write_whole
+from servo_models.report.interchange import conditions
+from servo_models.report.result import Result
+from studies.withheld.generator.cases import TIERS
+from studies.withheld.oracle import Diagnosed, Known, Question, ask_oracle, diagnose_case
+from studies.withheld.score import NOTHING, Cases, join
+
+if TYPE_CHECKING:
+    pass
+
+Tell = Callable[[int, int, str], None]
+"""Called with cases done, cases in all, and what is being done."""
+Task = TypeVar("Task")
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a run is asked for."""
+
+    cases: int
+    seed: int
+    tiers: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Result):
+    """A withheld check that is done.
+
+    Attributes:
+        seed, tiers: what it was asked for.
+        seal: of the answers.
+        cases: with their answers.
+        versions: of what it ran on, by name.
+    """
+
+    seed: int
+    tiers: tuple[str, ...]
+    seal: str
+    cases: Cases
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_tiers(words: str) -> tuple[str, ...]:
+    """Return the tiers in a text such as ``"easy,hard"``.
+
+    Raises:
+        UserError: an unknown one, or the same twice.
+    """
+    found = tuple(word.strip() for word in words.split(","))
+    for name in found:
+        if name not in TIERS:
+            raise UserError(f"unknown tier '{name}'; {did_you_mean(name, TIERS)}")
+    if len(set(found)) < len(found):
+        raise UserError(f"--tiers {words}: name every tier once")
+    return found
+
+
+def run_blind(
+    folder: Path, asked: Asked, jobs: int | None, announce: Callable[[str], None], tell: Tell
+) -> Check:
+    """Generate cases, diagnose them, open the answers and score what was said.
+
+    Args:
+        folder: new, or that of the same check that was interrupted.
+        asked: for which cases.
+        jobs: processes, by default as many as there are processors.
+        announce: is told the seal of the answers before anything is diagnosed.
+        tell: is told what goes on.
+
+    Raises:
+        UserError: a folder with something else or begun by other code, a generator that fails,
+            or answers that were changed.
+    """
+    workers = jobs or os.cpu_count() or 1
+    seal = sealed_cases(folder, asked, tell)
+    announce(seal)
+    said = {
+        case: Diagnosed(**row)
+        for case, row in work_through(
+            folder / "results.jsonl",
+            {case.name: case for case in sorted((folder / "cases").iterdir())},
+            diagnose_case,
+            workers,
+            lambda done, every: tell(done, every, "diagnosing"),
+        ).items()
+    }
+    answers = unlock(folder, seal)
+    known = {
+        case: Known(**row)
+        for case, row in work_through(
+            folder / "oracle.jsonl",
+            {
+                a["case"]: Question(folder, a, said[a["case"]])
+                for a in answers
+                if a["kind"] != NOTHING
+            },
+            ask_oracle,
+            workers,
+            lambda done, every: tell(done, every, "asking the oracle"),
+        ).items()
+    }
+    return Check(asked.seed, asked.tiers, seal, join(answers, said, known), conditions())
+
+
+def sealed_cases(folder: Path, asked: Asked, tell: Tell) -> str:
+    """The seal of the cases in a folder, which are generated if it is new."""
+    path = folder / "run.json"
+    wanted = {**asdict(asked), "tiers": list(asked.tiers)}
+    code = own_code()
+    if not folder.exists():
+        with being_written(folder) as part:
+            seal = _generated(part, asked, tell)
+            begun = json.dumps({**wanted, "seal": seal, "code": code})
+            write_whole(part / path.name, begun.encode())
+            part.rename(folder)
+        return seal
+    if not path.is_file():
+        raise UserError(f"'{folder}' is there and holds no withheld check: name a new folder")
+    try:
+        known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+        seal, began = str(known.pop("seal")), known.pop("code", "")
+        if known.keys() != wanted.keys():
+            raise KeyError(path)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UserError(f"'{path}' is damaged: name a new folder") from error
+    if known != wanted:
+        raise UserError(
+            f"'{folder}' holds {known['cases']} cases of seed {known['seed']}, tiers"
+            f" {_listed(known['tiers'])}: ask for these to go on, or name a new folder"
+        )
+    if began != code:
+        raise UserError(
+            f"'{folder}' was begun by another version of servo-models: go on with that one, or"
+            " name a new folder"
+        )
+    return seal
+
+
+def own_code() -> str:
+    """Return the SHA-256 of the code: what two versions say of cases must not be mixed."""
+    found = hashlib.sha256()
+    for package in (Path(servo_models.__file__).parent, Path(__file__).parent):
+        for path in sorted(package.rglob("*.py")):
+            found.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
+
+
+def _listed(tiers: object) -> str:
+    return ",".join(tiers) if isinstance(tiers, list) else str(tiers)
+
+
+def _generated(folder: Path, asked: Asked, tell: Tell) -> str:
+    """Let the generator write its cases; returns their seal."""
+    order = [sys.executable, "-m", "studies.withheld.generator", str(folder)]
+    order += ["--cases", str(asked.cases), "--seed", str(asked.seed)]
+    order += ["--tiers", ",".join(asked.tiers)]
+    said = ""
+    with subprocess.Popen(
+        order, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        assert process.stderr
+        for line in process.stderr:
+            said = line.strip()
+            done, slash, every = said.partition("/")
+            if slash and done.isdecimal() and every.isdecimal():
+                tell(int(done), int(every), "generating")
+        seal = process.stdout.read().strip()
+    if process.returncode:
+        raise UserError(f"the generator cannot write '{folder}': {said.removeprefix('error: ')}")
+    return seal
+
+
+def unlock(folder: Path, seal: str) -> list[dict[str, Any]]:
+    """Return the answers, one per case; see ``generator.files`` for what is in them.
+
+    Args:
+        folder: what the generator wrote.
+        seal: what it printed, before any diagnosis began.
+
+    Raises:
+        UserError: no answers there, answers that the seal is not of, or another file than the
+            generator wrote.
+    """
+    path = folder / "answers.json"
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise UserError(f"'{path}' cannot be read: {error.strerror}") from error
+    if hashlib.sha256(text).hexdigest() != seal:
+        raise UserError(f"'{path}' is not what was sealed: generate the cases again")
+    answers: list[dict[str, Any]] = json.loads(text)["cases"]
+    for answer in answers:
+        for name, digest in answer["files"].items():
+            file = folder / name
+            if not file.is_file() or hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+                raise UserError(f"'{file}' is not what was generated: generate the cases again")
+    return answers
+
+
+def work_through(
+    path: Path,
+    tasks: Mapping[str, Task],
+    do: Callable[[Task], Row],
+    jobs: int,
+    tell: Callable[[int, int], None],
+) -> dict[str, Row]:
+    """Return what ``do`` makes of every task, by case; what ``path`` holds is not done again.
+
+    Args:
+        path: a line of JSON for every case that is done.
+        tasks: by case.
+        do: from a task to a row with its ``"case"``, a function of a module.
+        jobs: processes.
+        tell: is told how many cases are done, and how many there are.
+
+    Raises:
+        UserError: a process ended before its work, or a task failed; all others are kept.
+    """
+    rows = _read(path)
+    left = {case: task for case, task in tasks.items() if case not in rows}
+    tell(len(rows), len(tasks))
+    if not left:
+        return rows
+    failed: dict[str, Exception] = {}
+    processes = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(jobs, len(left)), processes, initializer=_be_quiet)
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            begun = {pool.submit(do, task): case for case, task in left.items()}
+            for future in as_completed(begun):
+                try:
+                    row = future.result()
+                except BrokenProcessPool:
+                    raise
+                except Exception as error:  # the other cases go on
+                    failed[begun[future]] = error
+                    continue
+                rows[row["case"]] = row
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+                tell(len(rows), len(tasks))
+    except BrokenProcessPool as error:
+        raise UserError(
+            f"a process ended before its work after {len(rows)} cases: use fewer --jobs where"
+            " memory is short, and the same --folder to go on"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+    for case, reason in failed.items():
+        raise UserError(
+            f"{len(failed)} of {len(tasks)} cases failed, case '{case}' with"
+            f" {type(reason).__name__}: {reason}; the others are in '{path}': mend that, and use"
+            " the same --folder to go on"
+        ) from reason
+    return rows
+
+
+def _be_quiet() -> None:
+    """Ctrl-C is for the process that waits: the others finish their case and end.
+
+    Where that process is killed they end at once, since nobody would keep what they find.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent
+    wait([parent.sentinel])
+    os._exit(1)
+
+
+def _read(path: Path) -> dict[str, Row]:
+    """Rows by case; a line that was being written when everything stopped is cut off."""
+    if not path.exists():
+        return {}
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        path.write_bytes(whole)
+    rows = [json.loads(line) for line in whole.splitlines()]
+    return {row["case"]: row for row in rows}

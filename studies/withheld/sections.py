@@ -1,0 +1,214 @@
+"""A withheld check as people and programs read it, its figures beside the bars set for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from servo_models.report.numbers import Quantity
+from servo_models.report.report import Report
+from servo_models.report.result import document_of, report_of
+from servo_models.report.sections import Card, Cell, Mark, Section, Table
+from studies.withheld.run import Check
+from studies.withheld.score import (
+    FIGURES,
+    Case,
+    Cases,
+    Figure,
+    calibration,
+    confusion,
+    good,
+)
+
+VERSION = 1
+"""Of the schema: it counts up when a reader of the one before would go wrong."""
+MOST_WANTED = 300
+"""Cases behind a figure from which it can stand beside its bar."""
+SHOWN = 12
+"""Confusions on the terminal."""
+
+AT_LEAST, AT_MOST = ">=", "<="
+Bar = tuple[str, float]
+RICH: dict[str, Bar] = {
+    "both_named": (AT_LEAST, 0.80),
+    "false_causes": (AT_MOST, 0.03),
+    "foreign_recall": (AT_LEAST, 0.85),
+    "wrong_abstention": (AT_MOST, 0.05),
+    "closed_vs_oracle": (AT_LEAST, 0.97),
+}
+TRUE_TO_WORD: dict[str, Bar] = {
+    "calibration_error": (AT_MOST, 0.015),
+    "sure_ones_right": (AT_LEAST, 0.90),
+    "told_surely": (AT_LEAST, 0.40),
+}
+QUICK: dict[str, Bar] = {"seconds_per_case": (AT_MOST, 3.0)}
+BARS: dict[str, dict[str, Bar]] = {
+    "easy": {
+        "first_place": (AT_LEAST, 0.95),
+        "not_identifiable": (AT_MOST, 0.05),
+        "left_out_recall": (AT_LEAST, 0.88),
+        **RICH,
+        **TRUE_TO_WORD,
+        **QUICK,
+    },
+    "hard": {
+        "first_place": (AT_LEAST, 0.85),
+        "set_holds": (AT_LEAST, 0.95),
+        "set_coverage": (AT_LEAST, 0.95),
+        "mean_set_size": (AT_MOST, 2.7),
+        "left_out_recall": (AT_LEAST, 0.75),
+        **RICH,
+        **TRUE_TO_WORD,
+        **QUICK,
+    },
+    "poor": {"owns_up": (AT_LEAST, 0.90), **TRUE_TO_WORD, **QUICK},
+    "rough": {**TRUE_TO_WORD, **QUICK},
+}
+COLUMNS = ("figure", "value (95 %)", "cases", "bar", "")
+
+
+def met(figure: Figure, bar: Bar) -> bool | None:
+    """Return whether a figure meets a bar; None without cases."""
+    if figure.value is None:
+        return None
+    way, limit = bar
+    return figure.value >= limit if way == AT_LEAST else figure.value <= limit
+
+
+def standing(figure: Figure, bar: Bar) -> str:
+    """Return in words where a figure stands against its bar, "so far" while too few cases do."""
+    said = "met" if met(figure, bar) else "missed"
+    return said if figure.n >= MOST_WANTED else f"{said} so far"
+
+
+def by_tier(check: Check) -> dict[str, Cases]:
+    """Return the cases of each tier that has some."""
+    found = {tier: [it for it in check.cases if it.tier == tier] for tier in check.tiers}
+    return {tier: cases for tier, cases in found.items() if cases}
+
+
+@report_of.register(Check)
+def report(check: Check, date: str = "") -> Report:
+    """Return the figures of every tier, what was mistaken for what, and the calibration."""
+    tiers = by_tier(check)
+    counts = {tier: _bars_met(tier, cases) for tier, cases in tiers.items()}
+    failed = [case.said for case in check.cases if case.said.why]
+    return Report(
+        f"withheld check, seed {check.seed}",
+        f"{len(check.cases)} cases; " + "; ".join(f"{t}: {text}" for t, text in counts.items()),
+        cards=tuple(Card(tier, text, section=_title(tier)) for tier, text in counts.items()),
+        remarks=(
+            "A case counts for first_place, both_named and recall where the noise-free log"
+            " separates the truth from its best rival. Fewer than"
+            f" {MOST_WANTED} cases leave a figure open.",
+            *(f"Case {said.case} failed: {said.why}" for said in failed),
+        ),
+        sections=(
+            *(_tier_section(tier, cases) for tier, cases in tiers.items()),
+            _calibration(check.cases),
+        ),
+        date=date,
+    )
+
+
+def _title(tier: str) -> str:
+    return f"Tier {tier}"
+
+
+def _bars_met(tier: str, cases: Cases) -> str:
+    bars = BARS[tier]
+    found = [
+        met(define(cases), bars[define.__name__]) for define in FIGURES if define.__name__ in bars
+    ]
+    judged = [one for one in found if one is not None]
+    return f"{sum(judged)} of {len(judged)} bars met"
+
+
+def _tier_section(tier: str, cases: Cases) -> Section:
+    columns = ("truth", "said", "cases")
+    mistaken = Table(f"{tier}: most frequent confusions", columns, _mistaken(cases))
+    figures = Table(f"{tier}, {len(cases)} cases", COLUMNS, tuple(_rows(tier, cases)))
+    return Section(_title(tier), tables=(figures, mistaken))
+
+
+def _rows(tier: str, cases: Cases) -> Iterator[tuple[Cell, ...]]:
+    for define in FIGURES:
+        figure, bar = define(cases), BARS[tier].get(define.__name__)
+        if figure.n:
+            beside: tuple[Cell, Cell] = ("", "")
+            if bar:
+                said = standing(figure, bar)
+                beside = (f"{bar[0]} {bar[1]:g}", Mark(said, met(figure, bar)))
+            yield (define.__name__, quantity(figure), figure.n, *beside)
+
+
+def quantity(figure: Figure) -> Quantity:
+    """Return a figure with its interval; it has cases."""
+    assert figure.value is not None
+    assert figure.low is not None
+    assert figure.high is not None
+    return Quantity(figure.value, interval=(figure.low, figure.high), digits=3)
+
+
+def _mistaken(cases: Cases) -> tuple[tuple[Cell, ...], ...]:
+    """Truths and other answers, the most frequent first."""
+    wrong = [case for case in cases if not good(case)]
+    found = [
+        (truth, answer, count)
+        for truth, answers in confusion(wrong).items()
+        for answer, count in answers.items()
+    ]
+    return tuple(sorted(found, key=lambda one: -one[2])[:SHOWN])
+
+
+def _calibration(cases: Cases) -> Section:
+    rows = tuple(
+        (f"{one.low:g} to {one.high:g}", one.probability, quantity(one.right), one.right.n)
+        for one in calibration(cases)
+    )
+    columns = ("probability", "mean", "effect is there (95 %)", "cases")
+    return Section("Calibration, all tiers", tables=(Table("", columns, rows),), folded=True)
+
+
+@document_of.register(Check)
+def document(check: Check) -> dict[str, Any]:
+    """Return a check as what JSON is made of, by the schema in ``schema.json``."""
+    return {
+        "schema_version": VERSION,
+        "seed": check.seed,
+        "n": len(check.cases),
+        "seal": check.seal,
+        "versions": dict(check.versions),
+        "tiers": {tier: _tier(tier, cases) for tier, cases in by_tier(check).items()},
+        "cases": [_case(case) for case in check.cases],
+    }
+
+
+def _tier(tier: str, cases: Cases) -> dict[str, Any]:
+    figures = {define.__name__: define(cases) for define in FIGURES}
+    return {
+        "n": len(cases),
+        **{name: asdict(figure) for name, figure in figures.items()},
+        "bars": {
+            name: {"bar": " ".join(map(str, bar)), "met": met(figures[name], bar)}
+            for name, bar in BARS[tier].items()
+        },
+        "confusion": confusion(cases),
+        "calibration": [asdict(one) for one in calibration(cases)],
+    }
+
+
+def _case(case: Case) -> dict[str, Any]:
+    return {
+        "case": case.said.case,
+        "tier": case.tier,
+        "actuator": case.actuator,
+        "kind": case.kind,
+        "truth": sorted(case.truth),
+        "hidden": sorted(case.hidden),
+        "right": case.right,
+        "covered": case.covered,
+        "said": asdict(case.said),
+        "oracle": asdict(case.known) if case.known else None,
+    }
