@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 
 import fmpy
 import numpy as np
-from benchmarks.bench_fmu import Instance
-from benchmarks.bench_simulation import mujoco_servo
 
 import servo_models as sm
+from benchmarks.bench_fmu import Instance
+from benchmarks.bench_simulation import mujoco_servo
 from fmu_src.native.archive import headers
 from servo_models.core.compilers import TARGETS, compile_library, needed_compiler
 
