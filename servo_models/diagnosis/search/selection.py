@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from math import inf, log
 
 import numpy as np
@@ -260,19 +260,18 @@ class SubsetSelection:
         self.begin(SINES)
         return self.with_harmonics(taken)
 
-    @cached_property
-    def wider(self) -> Fitter | None:
-        """The fitter with wider priors of what re-tuning drives far from what is believed: a wrong
-        belief is a cause like an effect."""
-        return self.fitter.widened(self.retuned)
-
     def fitter_of(self, model: FittedModel) -> Fitter:
         """The fitter that has the priors of a model."""
-        return self.wider if self.wider and model.widened else self.fitter
+        own = tuple(model.problem.free[: len(self.fitter.nominal)])
+        return replace(self.fitter, nominal=own) if model.widened else self.fitter
 
     def beneath(self, model: FittedModel) -> FittedModel:
         """Nominal parameters alone, with the priors of a model."""
-        return self.models[frozenset({WIDER} if model.widened else ())]
+        known = self.models.get(frozenset({WIDER} if model.widened else ()))
+        fitter = self.fitter_of(model)
+        if known and self.fitter_of(known) == fitter:
+            return known
+        return fitter.finish(fitter.fit((), (), model.values))
 
     def masked_by(self, retuned: FittedModel, least: float) -> list[MaskedEffect]:
         """Effects that move the outputs by ``least`` noise floors and that nominal parameters
@@ -422,12 +421,12 @@ class SubsetSelection:
             self.fit([((*base.causes, name), partial(fit, own)) for name, own in some])
 
     def widen(self, base: FittedModel) -> None:
-        """Fit the effects of a model with wider priors, where it has none and some may be wrong."""
-        if self.wider and frozenset((*base.causes, WIDER)) not in self.models:
-            enough = self.to_reach(len(base.causes) + 1)
-            told = (base.effects, base.own, base.values)
-            fit = partial(self.wider.fit, *told, enough=enough)
-            self.fit([((*base.causes, WIDER), fit)])
+        """Fit the effects of a model with wider priors of what it drives far from what is believed:
+        a wrong belief is a cause like an effect."""
+        causes = (*base.causes, WIDER)
+        fitter = None if frozenset(causes) in self.models else self.fitter.widened(base)
+        if fitter:
+            self.fit([(causes, partial(fitter.fit, base.effects, base.own, base.values))])
 
     def to_reach(self, size: int) -> float:
         """Squared errors that a further model of a size has to be able to leave, to be one of the
