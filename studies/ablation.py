@@ -35,11 +35,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is a
 import numpy as np
 
 from servo_models.diagnosis import diagnose as diagnosis
-from servo_models.diagnosis import verdict
+from servo_models.diagnosis import residual_regression, verdict
 from servo_models.diagnosis.search import (
     fitting,
     grid_search,
     joint_fits,
+    limit_cycle,
     residuals,
     screening,
     selection,
@@ -137,7 +138,7 @@ RULES = {
     ),
     "sharpened": Rule([(fitting, "sharpened", lambda _, vector, *__: vector)], [fitting.sharpened]),
     "bound costs": Rule(
-        parts=[fitting.FittedModel.held_by_bound.func],
+        parts=[vars(fitting.FittedModel)["held_by_bound"].func],
         settings=Settings(entry_share_on_bound=0.0, loss_factor_on_bound=1.0),
     ),
     "strangeness": Rule([(fitting, "_strangeness", lambda *_: 0.0)], [fitting._strangeness]),
@@ -156,9 +157,10 @@ RULES = {
     "look-alikes once": Rule([(selection, "SAME_COSINE", 2.0)], [selection.same]),
     "errors that follow": Rule([(verdict, "not_followed", lambda *_: [])]),
     "locked to the command": Rule(
-        [(verdict, "_locked", lambda *_: verdict.LockedTest(1.0, 0.0, 0.0, ""))], [verdict._locked]
+        [(verdict, "_locked", lambda *_: residual_regression.LockedTest(1.0, 0.0, 0.0, ""))],
+        [verdict._locked],
     ),
-    "limit cycle": Rule([(verdict, "unrepeatable", lambda *_: 0.0)], [verdict.unrepeatable]),
+    "limit cycle": Rule([(verdict, "unrepeatable", lambda *_: 0.0)], [limit_cycle.unrepeatable]),
     "structured part": Rule([(verdict, "lacks", lambda *_: False)], [residuals.unmodelled]),
 }
 

@@ -232,8 +232,8 @@ def drawn(actuator: str, seed: int) -> Case:
         rig.variant,
         {**values, **{n: nominal.values[n] * (1.0 + PRIOR_SHARE * z) for n, z in away.items()}},
     )
-    times = rig.step * np.arange(SAMPLES)
-    command = rig.rest + rig.amplitude * _shape(str(random.choice(rig.shapes)), random)
+    times: Array = rig.step * np.arange(float(SAMPLES))
+    command: Array = rig.rest + rig.amplitude * _shape(str(random.choice(rig.shapes)), random)
     exact = _simulated(truth, rig, times, command)
     if exponents:
         scaled = {n: truth.values[n] * 1.07**e for n, e in exponents.items()}
@@ -242,7 +242,7 @@ def drawn(actuator: str, seed: int) -> Case:
         still = np.mean(moved**2, axis=0) < EXACT**2 * np.var(exact, axis=0)
         assert still.all(), f"{actuator}, seed {seed}: {exponents} change the output"
     size = np.std(exact, axis=0) * np.exp(random.uniform(*np.log(NOISE)))
-    reading = exact + size * random.standard_normal(exact.shape)
+    reading: Array = exact + size * random.standard_normal(exact.shape)
     return Case(rig, truth, nominal, tuple(free), tuple(exponents), rough, times, command, reading)
 
 
@@ -274,7 +274,7 @@ def _shape(kind: str, random: np.random.Generator) -> Array:
         return np.asarray(random.uniform(0.5, 1.0) * np.sin(2.0 * np.pi * (2.0 * t + 8.0 * t**2)))
     if kind == "ramps":
         knots = np.concatenate([[0.0], random.uniform(-1.0, 1.0, 8)])
-        return np.interp(t, np.linspace(0.0, 1.0, 9), knots)
+        return np.asarray(np.interp(t, np.linspace(0.0, 1.0, 9), knots))
     found = np.zeros(SAMPLES)
     for _ in range(6):
         found += np.sin(2.0 * np.pi * random.uniform(1.0, 15.0) * t) / 3.0

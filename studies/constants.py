@@ -57,8 +57,9 @@ def constants(tree: ast.Module) -> Iterator[str]:
         else:
             continue
         for target, value in pairs:
-            several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-            each = zip(target.elts, value.elts) if several else [(target, value)]
+            each = [(target, value)]
+            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                each = [*zip(target.elts, value.elts)]
             for name, number in each:
                 if isinstance(name, ast.Name) and name.id.isupper() and numeric(number):
                     yield name.id

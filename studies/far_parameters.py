@@ -35,7 +35,7 @@ FAR = {
     "30 ms": {"transport_delay.time": 0.030},
     "45 ms": {"transport_delay.time": 0.045, "natural_frequency": 20.0},
 }
-TIMES: Array = 0.01 * np.arange(1200)
+TIMES: Array = 0.01 * np.arange(1200.0)
 NOISE = 2e-3  # rad
 
 

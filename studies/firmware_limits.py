@@ -109,9 +109,9 @@ def logs(case: Case) -> dict[str, dict[str, Array]]:
     """What is measured: goal and reading [rad] every 5 ms."""
     random = np.random.default_rng(case.seed)
     true = rig(case, random)
-    found = {}
+    found: dict[str, dict[str, Array]] = {}
     for name, goal in goals(random).items():
-        times = STEP_S * np.arange(len(goal))
+        times: Array = STEP_S * np.arange(float(len(goal)))
         angle = sm.simulate(true, times, {"goal": goal})["angle"] / COUNT_RAD
         noisy = angle + NOISE_COUNTS * random.standard_normal(len(angle))
         found[name] = {"t": times, "goal": goal, "reading": COUNT_RAD * np.round(noisy)}

@@ -183,7 +183,7 @@ def overflow(rig: Rig, _: Random) -> None:
 
     def over(values: Array) -> Array:
         count = np.max(np.abs(values)) / 40_000.0
-        return ((np.round(values / count) + 32_768.0) % 65_536.0 - 32_768.0) * count
+        return np.asarray(((np.round(values / count) + 32_768.0) % 65_536.0 - 32_768.0) * count)
 
     rig.map(rig.reading, over)
 

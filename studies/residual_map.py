@@ -244,8 +244,8 @@ def drawn(number: int, seed: int) -> Case:
         size = abs(size)  # a drag takes energy
         acting = _lawful(true, cause, {"law.size": size, "law.scale": rig.speed})
     elif cause == "position":
-        reach = [float(f(free["sines"][rig.outputs[0]])) for f in (np.min, np.max)]
-        middle, width = random.uniform(*reach), random.uniform(0.15, 0.3) * (reach[1] - reach[0])
+        low, high = (float(f(free["sines"][rig.outputs[0]])) for f in (np.min, np.max))
+        middle, width = random.uniform(low, high), random.uniform(0.15, 0.3) * (high - low)
         acting = _lawful(true, cause, {"law.size": size, "law.middle": middle, "law.width": width})
     elif cause == "load":
         pushed = load + size * load * np.abs(load) / rig.torque**2
@@ -255,14 +255,14 @@ def drawn(number: int, seed: int) -> Case:
         bent = {n: c + size * np.maximum(c - middle, 0.0) for n, c in plain.items()}
         start = size * max(rig.rest - middle, 0.0)
         bent = {n: c - start for n, c in bent.items()}  # a log begins at rest
-    logs, noise = {}, dict[str, float]()
+    logs, noise = dict[str, dict[str, Array]](), dict[str, float]()
     whole = {n: measured(rig, acting, {rig.command: bent[n], "load_torque": pushed}) for n in plain}
     ratio = math.exp(random.uniform(*np.log(GAP_OVER_FLOOR)))
     for output in rig.outputs:
         gap = np.concatenate([whole[n][output] - free[n][output] for n in plain])
-        reach = np.ptp(np.concatenate([free[n][output] for n in plain]))
-        noise[output] = float(np.sqrt(np.mean(gap**2))) / ratio if cause != "none" else 2e-3 * reach
-    times = rig.step * np.arange(SAMPLES)
+        span = np.ptp(np.concatenate([free[n][output] for n in plain]))
+        noise[output] = float(np.sqrt(np.mean(gap**2))) / ratio if cause != "none" else 2e-3 * span
+    times: Array = rig.step * np.arange(float(SAMPLES))
     for name, command in plain.items():
         scattered = {
             o: v + noise[o] * random.standard_normal(SAMPLES) for o, v in whole[name].items()

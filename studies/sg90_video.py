@@ -18,9 +18,10 @@ from scipy.optimize import minimize_scalar
 
 from servo_models.analysis.compare import overshoot, rise_time
 from servo_models.core.simulate import Model, simulate
+from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.report.style import colour, drawing, label
-from studies.sg90_measured import ANGLE, PULSE, Array, described, save, table
+from studies.sg90_measured import ANGLE, PULSE, described, save, table
 
 STEP, BEFORE = 1e-3, 1.0
 """Communication step and time at rest before the log [s]."""
