@@ -258,7 +258,8 @@ def compare(other: Path, wanted: str, turns: int, longest: float) -> None:
 def repeated(path: Path, count: int) -> Path:
     """The description with its log so many times."""
     head, log = path.read_text("utf-8").split("[[logs]]")
-    path.write_text(head + count * f"[[logs]]{log}", encoding="utf-8")
+    every = "".join(f"[[logs]]\nname = 'log {k}'{log}" for k in range(count))
+    path.write_text(head + every, encoding="utf-8")
     return path
 
 
