@@ -26,7 +26,7 @@ REST_SHARE, REST_PARTS = 0.5, 4
 MOVES = 8.0
 """Change in noise floors from which a reading moves."""
 SMALL = 10.0
-"""Percentile of such changes between two samples that is a step of a coarse sensor, if it is one."""
+"""Percentile of such changes between two samples that is a step of a coarse sensor."""
 FEW = 20
 """Moving samples, below which a share of them is chance."""
 LATE_SAMPLES = 2

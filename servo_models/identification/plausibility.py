@@ -50,6 +50,8 @@ DRIFT_DEGREE = 2
 """Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
 ELSEWHERE = 0.5
 """Distance to the model over its range, from which the zero of a reading is elsewhere."""
+STEADY = 3.0
+"""The same over its standard deviation: a zero is elsewhere in all rows."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
 LONGEST = 5e6
@@ -275,11 +277,7 @@ def _about_rates(model: Model, log: Log) -> Iterator[str]:
         measured, response = _kept(log, name), simulated[name]
         rate = np.gradient(response, log.times)[_usual(log, name)]
         alike = _follows(measured, response[_usual(log, name)])
-        if (
-            misfit > UNLIKE
-            and not alike
-            and (_follows(measured, rate) or _follows(measured, -rate))
-        ):
+        if misfit > UNLIKE and not alike and _follows(measured, rate):
             yield (
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
                 " or read the column that was measured"
@@ -292,7 +290,9 @@ def _about_zeros(model: Model, log: Log) -> Iterator[str]:
     for name, misfit in _misfits(model, log).items():
         measured, response = _kept(log, name), simulated[name][_usual(log, name)]
         off, unit = float(np.median(measured - response)), _unit_of(_channel(log, name))
-        if misfit < UNLIKE and abs(off) > ELSEWHERE * float(np.ptp(response)):
+        spread = float(np.std(measured - response))
+        least = max(ELSEWHERE * float(np.ptp(response)), STEADY * spread)
+        if misfit < UNLIKE and abs(off) > least:
             size = off * factor(model.plant.wire[name].unit, unit)
             yield (
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
