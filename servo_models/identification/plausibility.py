@@ -318,8 +318,9 @@ def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
             found.append((_mean(then), _strangeness(model.plant, changed), correction))
     if not found:
         return
-    counts = [correction for *_, correction in found if not correction.unit]
-    found = [row for row in found if row[2].unit] or found  # a unit is a better cure than a figure
+    counts = [one for *_, one in found if not one.unit and TIME not in one.columns]
+    # a unit is a better cure than a figure
+    found = [row for row in found if row[2] not in counts] or found
     least = min(misfit for misfit, *_ in found)
     alike = [row for row in found if row[0] <= least + CLOSE]
     alike.sort(key=lambda row: row[1])
@@ -350,6 +351,11 @@ def _cure(log: Log, one: Correction) -> str:
             f' {them} {key} = "{one.unit}"'
         )
     told, unit = _told(channel)
+    if TIME in one.columns:
+        return (
+            f"{names} runs about {1.0 / one.ratio:.2g} times too slowly for the model, as the number"
+            f' of a row may: give it time.unit = "{one.ratio * told:.2g} {unit}", or log the time'
+        )
     return (
         f"{names} {verb} not scaled: the model moves {one.ratio:.3g} times as far; give {them}"
         f" scale = {one.ratio * told:.4g} (so many {unit or 'SI units'} is a number worth)"
@@ -432,6 +438,10 @@ def _other_times(
         longer = ratio > 1.0 and log.duration < BEYOND * answer and _mean(now) > UNLIKE
         if (shorter or longer) and ratio * log.duration < LONGEST * step:
             yield Correction((TIME,), ratio, unit)
+    ratio = 0.5 / FAR  # four times slower may be a rig
+    while _mean(now) > SEEN and ratio * log.duration > answer:
+        yield Correction((TIME,), ratio, "")
+        ratio *= 0.5
 
 
 def _makes_sense(
