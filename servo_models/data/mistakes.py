@@ -58,7 +58,7 @@ JUMP = 0.05  # of its range
 """A command that moves so far between two rows jumps."""
 FAR_JUMP = 0.2  # of its range
 """The same of a column that looks like a command where another one should be."""
-AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)
+AHEAD_ROWS = (64, 52, 40, 32, 24, 20, 16, 13, 10, 8, 6, 5, 4)
 """Before a jump, in which an answer would come too early."""
 LEAST_JUMPS = 2
 """Of a command, by which an answer before it is no accident."""
@@ -72,8 +72,16 @@ AHEAD_SHARE = 0.05
 """The same over the answer in as many rows after."""
 LOADS = ("N", "N.m")
 """Units of inputs that are no command."""
-SMOOTH = -0.4
-"""Correlation of third differences from row to row of a filtered reading; -3/4 in white noise."""
+AVERAGED = -0.35
+"""Correlation of third differences of averages that share no row but the first; -1/2 of white
+noise."""
+ELSE_AVERAGED = 0.5
+"""Share of it, up to which other averages go together."""
+CLIPPED_NOISE = 3.0
+"""Standard deviations at which third differences are cut, so that jumps count as noise does."""
+NO_KINK = 0.8
+"""Correlation of fourth differences from row to row; -4/5 in white noise, 0 at a kink, 2/3 behind
+a filter of second order."""
 STANDS = 0.15
 """Share of rows at the end in which a reading stands though its command moves."""
 STILL = 8.0
@@ -82,7 +90,7 @@ LONGER = 5.0
 """Width of a reading over that at rest, from which it has moved before."""
 INNER = (1.0, 99.0)
 """Percentiles between which readings count."""
-AS_FAR = 0.5
+AS_FAR = 0.3
 """Range of its command meanwhile, over that of the whole log."""
 
 
@@ -107,6 +115,7 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[str
         told = told or [*_placeholders(log, wire, values)]
         told = told or [*_leaps(log, wire, values), *_held(log, name, values, steps.get(name, 0.0))]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
+        told = told or [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
         yield from told or (
             _ahead(log, plant, name, values) if name == next(iter(log.outputs)) else ()
         )
@@ -265,9 +274,9 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
     still = STILL * difference_noise(values)
     if _width(values[begin:]) > still or _width(values) < LONGER * still:
         return
-    for other, command in log.inputs.items():
+    for other, command in _commands(log, plant):
         far = AS_FAR * np.ptp(command)
-        if plant.wire[other].unit in LOADS or not far or np.ptp(command[begin:]) < far:
+        if not far or np.ptp(command[begin:]) < far:
             continue
         yield (
             f"'{name}' stands from row {log.rows[begin]} on at the latest, while '{other}' goes on:"
@@ -305,27 +314,67 @@ def _straight(name: str, values: Array) -> Iterator[str]:
         )
 
 
+def _correlations(values: Array) -> Array:
+    """With the same values later by 0, 1, 2 ... rows."""
+    power = np.abs(np.fft.rfft(values, 2 * len(values))) ** 2
+    found = np.fft.irfft(power)[: len(values) // 3]
+    return np.asarray(found / max(found[0], np.finfo(float).tiny))
+
+
+def _averaged(name: str, values: Array) -> Iterator[str]:
+    """A reading each of which is a mean of others: its noise comes back when they leave it."""
+    order = 3
+    third = np.diff(values, order)
+    size = CLIPPED_NOISE * 1.4826 * float(np.median(np.abs(third)))
+    together = _correlations(np.clip(third, -size, size))
+    together[: order + 1] = 0.0
+    rows = int(np.argmin(together))
+    least = float(together[rows])
+    together[max(rows - order, 0) : rows + order + 1] = 0.0
+    if least < AVERAGED and np.max(np.abs(together)) < -ELSE_AVERAGED * least:
+        yield (
+            f"'{name}' was averaged over {rows} rows: its noise goes together in so many and comes"
+            " back the other way round; log it as it was read"
+        )
+
+
+def _without_kinks(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+    """A reading with neither noise nor the kink with which an answer begins."""
+    if _correlations(np.diff(values, 4))[1] < NO_KINK:
+        return
+    for other, command in _commands(log, plant):
+        if len(_jumps(command)) >= LEAST_JUMPS:
+            yield (
+                f"'{name}' has no noise from row to row, and no kink where '{other}' jumps: it was"
+                " filtered forwards and backwards, or is no reading; log it as it was read"
+            )
+
+
 def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
     """A reading that moves before its command jumps."""
-    for other, command in log.inputs.items():
+    for other, command in _commands(log, plant):
         rows, many = _before_jumps(command, values)
-        if plant.wire[other].unit in LOADS or not rows:
-            continue
-        what = (
-            "the reading was filtered forwards and backwards, or averaged over rows to come; log it"
-            " as it was read"
-            if _is_smooth(values)
-            else "the command was logged late, or by another clock; log it as it is sent"
-        )
-        yield f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: {what}"
+        if rows:
+            yield (
+                f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: the"
+                " command was logged late, or by another clock; log it as it is sent"
+            )
+
+
+def _commands(log: Log, plant: Plant) -> list[tuple[str, Array]]:
+    """Inputs that are no load."""
+    return [(name, it) for name, it in log.inputs.items() if plant.wire[name].unit not in LOADS]
+
+
+def _jumps(command: Array) -> NDArray[np.int64]:
+    """Rows at which a command has jumped."""
+    return np.flatnonzero(np.abs(np.diff(command)) > JUMP * np.ptp(command)) + 1
 
 
 def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
     """In how many rows a reading moves before its command jumps, 0 for none, and in how many
     jumps."""
-    steps = np.diff(command)
-    jumps = np.flatnonzero(np.abs(steps) > JUMP * np.ptp(command)) + 1
-    noise = difference_noise(values)
+    steps, jumps, noise = np.diff(command), _jumps(command), difference_noise(values)
     for rows in AHEAD_ROWS:
         alone = [
             k
@@ -340,23 +389,14 @@ def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
         # stamps may be late by a row or two
         places = [values[at - BEFORE - k * rows] for k in range(QUIET, -1, -1)]
         places.append(values[at + 2 * rows])
-        *earlier, ahead, answer = (ways * (b - a) for a, b in pairwise(places))
+        moves = np.array([ways * (b - a) for a, b in pairwise(places)])
+        before = np.max(np.abs(moves[:-2]), axis=0)
+        calm = np.argsort(before)[: max(LEAST_JUMPS, (len(at) + 1) // 2)]  # others still answer
+        ahead, answer = moves[-2:, calm]
         if np.median(answer) < 0.0:
             ahead, answer = -ahead, -answer
-        before = max(float(np.median(np.abs(it))) for it in earlier)
-        usual = max(before, 1.5 * noise / np.sqrt(len(at)))
+        usual = max(float(np.median(before[calm])), 1.5 * noise / np.sqrt(len(calm)))
         sudden = np.median(ahead) > max(SUDDEN * usual, AHEAD_SHARE * float(np.median(answer)))
         if sudden and np.mean(ahead > 0.0) > LIKE_SIGNED:
-            return rows, len(at)
+            return rows, len(calm)
     return 0, 0
-
-
-def _is_smooth(values: Array) -> bool:
-    """Whether differences of a reading go together from row to row, as those of noise do not."""
-    if not difference_noise(values):
-        return True
-    third = np.diff(values, 3)
-    quiet = np.abs(third) <= np.percentile(np.abs(third), 90.0)
-    pairs = quiet[1:] & quiet[:-1]
-    a, b = third[1:][pairs], third[:-1][pairs]
-    return bool(np.mean(a * b) > SMOOTH * np.sqrt(np.mean(a**2) * np.mean(b**2)))

@@ -353,8 +353,8 @@ def _cure(log: Log, one: Correction) -> str:
     told, unit = _told(channel)
     if TIME in one.columns:
         return (
-            f"{names} runs about {1.0 / one.ratio:.2g} times too slowly for the model, as the number"
-            f' of a row may: give it time.unit = "{one.ratio * told:.2g} {unit}", or log the time'
+            f"{names} runs about {1.0 / one.ratio:.2g} times too slowly for the model, as the"
+            f' number of a row may: give it time.unit = "{one.ratio * told:.2g} {unit}"'
         )
     return (
         f"{names} {verb} not scaled: the model moves {one.ratio:.3g} times as far; give {them}"
