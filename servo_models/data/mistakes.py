@@ -42,11 +42,13 @@ STRAIGHT_SHARE = 0.55
 """Share of moving rows on a line with their neighbours: every other row was put between."""
 BENT = 20.0
 """Second difference elsewhere, over that on a line."""
-LEAP_RATIO = 6.0
+LEAP_RATIO = 4.0
 """A leap over the largest step between two rows that is none."""
 LEAST_LEAP = 0.1  # of the range
 MOST_LEAPS = 40
 """Of a log; more of them are how it moves."""
+ANSWERED = 0.3
+"""Leap at most jumps of a command over that at one, for their size, if it answers in a row."""
 SAME_LEAP = 0.15
 """By which leaps of a counter that begins anew may differ, relative."""
 WRAPPED = 0.6
@@ -201,22 +203,21 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
         row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
         yield f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it"
         return
-    if (
-        _repeats(values) > REPEATS
-        or ratios[count - 1] < LEAP_RATIO
-        or sizes[count - 1] < LEAST_LEAP * np.ptp(values)
-    ):
+    # a coarse sensor leaps again and again
+    least = WRAPPED if count > 1 and _repeats(values) > REPEATS else LEAST_LEAP
+    if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < least * np.ptp(values):
         return
     where = np.flatnonzero(np.abs(steps) >= sizes[count - 1])
-    if any(_answers(command, where) for command in log.inputs.values()):
+    if any(_answers(command, steps, where) for command in log.inputs.values()):
         return
     size, first = float(np.median(np.abs(steps[where]))), int(log.rows[where[0] + 1])
     again = bool(np.all(np.abs(np.abs(steps[where]) - size) < SAME_LEAP * size))
     leaps = f"'{wire.name}' leaps by {_shown(wire, size)} in one row, the first time in row {first}"
     if again and size > WRAPPED * np.ptp(values):
         yield (
-            f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps;"
-            " add what is lost after each leap"
+            f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps"
+            + (", or two runs were joined" if len(where) == 1 else "")
+            + "; add what is lost after each leap"
         )
     else:
         yield (
@@ -225,13 +226,16 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
         )
 
 
-def _answers(command: Array, where: NDArray[np.int64]) -> bool:
-    """Whether leaps in these rows are answers: each is beside a jump of a command, and so are most
-    jumps as large."""
-    jumps = np.abs(np.diff(command))
-    beside = [jumps[max(k - AFTER, 0) : k + BEFORE + 1].max(initial=0.0) for k in where]
-    least = min(beside)
-    return bool(least > JUMP * np.ptp(command) and len(where) > 0.5 * np.sum(jumps >= least))
+def _answers(command: Array, steps: Array, where: NDArray[np.int64]) -> bool:
+    """Whether leaps in these rows are answers: each is beside a jump of a command, and most other
+    jumps move the reading as far, for their size."""
+    jumps = _jumps(command) - 1
+    beside = [np.any((jumps >= k - AFTER) & (jumps <= k + BEFORE)) for k in where]
+    if not all(beside):
+        return False
+    gains = np.array([np.max(np.abs(steps[max(k - BEFORE, 0) : k + AFTER + 1])) for k in jumps])
+    gains /= np.abs(np.diff(command))[jumps]
+    return bool(np.median(gains) > ANSWERED * np.max(gains))
 
 
 def _held(log: Log, name: str, values: Array, step: float) -> Iterator[str]:

@@ -136,6 +136,14 @@ def test_two_runs_in_one_file_are_named_where_the_second_begins() -> None:
     assert f"in row {cut}," in text
 
 
+def test_a_run_that_begins_elsewhere_with_the_largest_jump_of_its_command_is_named() -> None:
+    """No answer: at other jumps the angle does not follow within a row."""
+    _, goal, angle = record(2)
+    joined = [np.concatenate([it[:1_100], it + 0.8]) for it in (goal, angle)]
+    (text,) = said(INTERVAL * np.arange(1_100 + ROWS), *joined)
+    assert "two runs were joined" in text
+
+
 @pytest.mark.parametrize("poles", [1, 2])
 @given(st.integers(0, 2**31))
 @settings(max_examples=20, deadline=None)
