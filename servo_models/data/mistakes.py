@@ -47,6 +47,8 @@ LEAP_RATIO = 4.0
 LEAST_LEAP = 0.1  # of the range
 MOST_LEAPS = 40
 """Of a log; more of them are how it moves."""
+MOST_RUNS = 2
+"""Leaps that may be alike by chance: a coarse sensor makes more."""
 ANSWERED = 0.3
 """Leap at most jumps of a command over that at one, for their size, if it answers in a row."""
 SAME_LEAP = 0.15
@@ -60,7 +62,7 @@ JUMP = 0.05  # of its range
 """A command that moves so far between two rows jumps."""
 FAR_JUMP = 0.2  # of its range
 """The same of a column that looks like a command where another one should be."""
-AHEAD_ROWS = (64, 52, 40, 32, 24, 20, 16, 13, 10, 8, 6, 5, 4)
+AHEAD_ROWS = (64, 40, 24, 16, 10, 6, 4)
 """Before a jump, in which an answer would come too early."""
 LEAST_JUMPS = 2
 """Of a command, by which an answer before it is no accident."""
@@ -96,7 +98,22 @@ AS_FAR = 0.3
 """Range of its command meanwhile, over that of the whole log."""
 
 
-def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[str]:
+class Mistake(str):
+    """A sentence on what is wrong with a column, with its cure.
+
+    Attributes:
+        imitated_by: effects that would explain it in a fit, as the blocks in ``effects`` are named.
+    """
+
+    imitated_by: tuple[str, ...]
+
+    def __new__(cls, text: str, *imitated_by: str) -> Mistake:
+        found = super().__new__(cls, text)
+        found.imitated_by = imitated_by
+        return found
+
+
+def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mistake]:
     """Yield what is wrong with the columns of a log, one sentence each with its cure.
 
     Args:
@@ -117,13 +134,13 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[str
         told = told or [*_placeholders(log, wire, values)]
         told = told or [*_leaps(log, wire, values), *_held(log, name, values, steps.get(name, 0.0))]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
-        told = told or [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
-        yield from told or (
-            _ahead(log, plant, name, values) if name == next(iter(log.outputs)) else ()
-        )
+        if not told and name == next(iter(log.outputs)):
+            told = [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
+            told = told or [*_ahead(log, plant, name, values)]
+        yield from told
 
 
-def _doubled(log: Log) -> Iterator[str]:
+def _doubled(log: Log) -> Iterator[Mistake]:
     """Every row is there twice, as a join of tables leaves them."""
     columns = [*log.inputs.values(), *log.outputs.values()]
     half = len(log.times) // 2
@@ -131,7 +148,7 @@ def _doubled(log: Log) -> Iterator[str]:
         return
     pairs = [np.array_equal(it[: 2 * half : 2], it[1 : 2 * half : 2]) for it in columns]
     if all(pairs) and any(_repeats(it[::2]) < REPEATS for it in columns):
-        yield "every row is there twice: keep one of each"
+        yield Mistake("every row is there twice: keep one of each", "sample_hold")
 
 
 def _shown(wire: Wire, value: float) -> str:
@@ -139,7 +156,7 @@ def _shown(wire: Wire, value: float) -> str:
     return f"{value * factor(wire.unit, unit):.4g} {unit}".strip()
 
 
-def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[str]:
+def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
     """A number that stands for no reading, such as -999."""
     for end in (np.min(values), np.max(values)):
         which = values == end
@@ -148,14 +165,14 @@ def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[str]:
             continue
         apart = np.min(np.abs(others - end))
         if apart > np.ptp(others) and len(_runs(which)[0]) >= PLACEHOLDERS:
-            yield (
+            yield Mistake(
                 f"'{wire.name}' reads {_shown(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
                 " reading; say so by missing, with this number of the file"
             )
 
 
-def _copied(log: Log, name: str, values: Array) -> Iterator[str]:
+def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that is its command: nothing that moves follows without delay and noise."""
     for other, command in log.inputs.items():
         if not np.ptp(command):
@@ -163,19 +180,19 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[str]:
         line = np.polyfit(command, values, 1)
         left = values - np.polyval(line, command)
         if np.max(np.abs(left)) < COPIED * np.ptp(values):
-            yield (
+            yield Mistake(
                 f"'{name}' is a copy of '{other}', row by row: nothing that moves follows its"
                 " command so; read the column that was measured"
             )
 
 
-def _swapped(log: Log, name: str, values: Array) -> Iterator[str]:
+def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that jumps and stays, as commands do, beside a command with noise."""
     if _repeats(values) < 1.0 - REPEATS or not _jumps_far(values):
         return
     for other, command in log.inputs.items():
         if np.ptp(command) and _repeats(command) < REPEATS and not _jumps_far(command):
-            yield (
+            yield Mistake(
                 f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
                 " reading has: their columns are swapped"
             )
@@ -190,7 +207,7 @@ def _repeats(values: Array) -> float:
     return float(np.mean(np.abs(np.diff(values)) <= EQUAL * np.ptp(values)))
 
 
-def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
+def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
     """A position that leaps between two rows: a counter begins anew, or another run does."""
     if wire.unit not in POSITIONS:
         return
@@ -201,11 +218,9 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
     turned = wire.unit == "rad" and WRAPPED * TURN < np.ptp(values) < (1.0 + EQUAL) * TURN
     if turned and sizes[0] > 0.5 * TURN:
         row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
-        yield f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it"
+        yield Mistake(f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it")
         return
-    # a coarse sensor leaps again and again
-    least = WRAPPED if count > 1 and _repeats(values) > REPEATS else LEAST_LEAP
-    if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < least * np.ptp(values):
+    if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < LEAST_LEAP * np.ptp(values):
         return
     where = np.flatnonzero(np.abs(steps) >= sizes[count - 1])
     if any(_answers(command, steps, where) for command in log.inputs.values()):
@@ -214,13 +229,13 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
     again = bool(np.all(np.abs(np.abs(steps[where]) - size) < SAME_LEAP * size))
     leaps = f"'{wire.name}' leaps by {_shown(wire, size)} in one row, the first time in row {first}"
     if again and size > WRAPPED * np.ptp(values):
-        yield (
+        yield Mistake(
             f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps"
             + (", or two runs were joined" if len(where) == 1 else "")
             + "; add what is lost after each leap"
         )
-    else:
-        yield (
+    elif not again or len(where) <= MOST_RUNS:
+        yield Mistake(
             f"{leaps}, {ratios[count - 1]:.2g} times as far as in any other: two runs were joined,"
             " or rows are missing; make each run a log of its own"
         )
@@ -238,7 +253,7 @@ def _answers(command: Array, steps: Array, where: NDArray[np.int64]) -> bool:
     return bool(np.median(gains) > ANSWERED * np.max(gains))
 
 
-def _held(log: Log, name: str, values: Array, step: float) -> Iterator[str]:
+def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
     """A reading whose noise vanishes at an end of its range, or for good.
 
     One in steps rests without noise anyway, as on a shaft that sticks.
@@ -257,22 +272,27 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[str]:
     ends = np.isin(values[starts], (np.min(values), np.max(values))) & long
     rows = int(lengths[ends].sum())
     if rows > HELD_SHARE * len(values) and ends.sum() > 1:
-        yield (
+        yield Mistake(
             f"'{name}' is clipped: it stays at an end of its range, without noise, in {rows} rows;"
-            " log smaller moves, or with a wider range"
+            " log smaller moves, or with a wider range",
+            "saturation",
+            "end_stops",
         )
         return
     longest = int(np.argmax(lengths))
     begin, end = int(starts[longest]), int(stops[longest])
     moving = any(np.ptp(it[begin:end]) > 0.0 for it in log.inputs.values())
     if end - begin > STUCK_SHARE * len(values) and moving:
-        yield (
+        yield Mistake(
             f"'{name}' is stuck at the same value for {end - begin + 1} rows from row"
-            f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before"
+            f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before",
+            "end_stops",
+            "stiction",
+            "dead_band",
         )
 
 
-def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that stands at the end of a log, though its command goes on as before."""
     begin = len(values) - int(STANDS * len(values))
     still = STILL * difference_noise(values)
@@ -282,9 +302,13 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
         far = AS_FAR * np.ptp(command)
         if not far or np.ptp(command[begin:]) < far:
             continue
-        yield (
+        yield Mistake(
             f"'{name}' stands from row {log.rows[begin]} on at the latest, while '{other}' goes on:"
-            " the drive was switched off; end the log before"
+            " the drive was switched off; end the log before",
+            "supply_limit",
+            "supply_sag",
+            "stiction",
+            "thermal_drift",
         )
 
 
@@ -300,7 +324,7 @@ def _runs(flags: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
-def _straight(name: str, values: Array) -> Iterator[str]:
+def _straight(name: str, values: Array) -> Iterator[Mistake]:
     """A reading that runs in straight lines: it was put between others."""
     bends = np.abs(np.diff(values, 2))
     moving = np.abs(values[2:] - values[:-2]) > 4.0 * STRAIGHT * np.ptp(values)
@@ -312,9 +336,12 @@ def _straight(name: str, values: Array) -> Iterator[str]:
         values
     ):
         every = round(1.0 / max(1.0 - float(np.mean(straight)), 1e-9))
-        yield (
+        yield Mistake(
             f"'{name}' runs in straight lines, with a bend about every {every} rows: it was read"
-            " less often and resampled; log the rows that were read"
+            " less often and resampled; log the rows that were read",
+            "rate_limit",
+            "sample_hold",
+            "lag",
         )
 
 
@@ -325,7 +352,7 @@ def _correlations(values: Array) -> Array:
     return np.asarray(found / max(found[0], np.finfo(float).tiny))
 
 
-def _averaged(name: str, values: Array) -> Iterator[str]:
+def _averaged(name: str, values: Array) -> Iterator[Mistake]:
     """A reading each of which is a mean of others: its noise comes back when they leave it."""
     order = 3
     third = np.diff(values, order)
@@ -336,32 +363,39 @@ def _averaged(name: str, values: Array) -> Iterator[str]:
     least = float(together[rows])
     together[max(rows - order, 0) : rows + order + 1] = 0.0
     if least < AVERAGED and np.max(np.abs(together)) < -ELSE_AVERAGED * least:
-        yield (
+        yield Mistake(
             f"'{name}' was averaged over {rows} rows: its noise goes together in so many and comes"
-            " back the other way round; log it as it was read"
+            " back the other way round; log it as it was read",
+            "lag",
+            "transport_delay",
         )
 
 
-def _without_kinks(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+def _without_kinks(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading with neither noise nor the kink with which an answer begins."""
     if _correlations(np.diff(values, 4))[1] < NO_KINK:
         return
     for other, command in _commands(log, plant):
         if len(_jumps(command)) >= LEAST_JUMPS:
-            yield (
+            yield Mistake(
                 f"'{name}' has no noise from row to row, and no kink where '{other}' jumps: it was"
-                " filtered forwards and backwards, or is no reading; log it as it was read"
+                " filtered forwards and backwards, or is no reading; log it as it was read",
+                "lag",
+                "transport_delay",
+                "motion_profile",
             )
 
 
-def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that moves before its command jumps."""
     for other, command in _commands(log, plant):
         rows, many = _before_jumps(command, values)
         if rows:
-            yield (
+            yield Mistake(
                 f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: the"
-                " command was logged late, or by another clock; log it as it is sent"
+                " command was logged late, or by another clock; log it as it is sent",
+                "transport_delay",
+                "lag",
             )
 
 

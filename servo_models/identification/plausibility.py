@@ -21,6 +21,7 @@ from servo_models.core.simulate import Model, simulate
 from servo_models.core.types import Array, Mask
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
+from servo_models.data.mistakes import Mistake
 from servo_models.data.outliers import outliers
 from servo_models.data.schema import named
 from servo_models.errors import UserError
@@ -54,6 +55,8 @@ STEADY = 3.0
 """The same over its standard deviation: a zero is elsewhere in all rows."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
+SLOW = ("lag", "transport_delay", "rate_limit", "sample_hold")
+"""Effects that imitate a time that runs too slowly, or too fast."""
 LONGEST = 5e6
 """Internal steps that are worth a look at another unit of time."""
 MOST_SUPPLY, LEAST_SUPPLY = 2.0, 0.2
@@ -99,13 +102,24 @@ def implausible(described: Description) -> tuple[str, ...]:
     said = list(_about_priors(described))
     answer = answer_time(model)
     for log in described.logs:
-        against = _against(model, log)
-        texts = [*_about_held_inputs(model, log), *_about_signs(model, log, against)]
-        turned = _turned(model, log, against)
-        texts += [*_about_rates(model, turned)] or _about_units(model, turned, answer)
-        texts += _about_zeros(model, turned)
+        texts = [*_about_held_inputs(model, log), *mistaken_columns(model, log, answer)]
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
+
+
+def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
+    """Yield which columns contradict the nominal model by their sign, unit, scale or zero.
+
+    Args:
+        model: nominal.
+        log: that begins as it shows.
+        answer: see ``answer_time`` [s].
+    """
+    against = _against(model, log)
+    yield from _about_signs(model, log, against)
+    turned = _turned(model, log, against)
+    yield from [*_about_rates(model, turned)] or _about_units(model, turned, answer)
+    yield from _about_zeros(model, turned)
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
@@ -244,7 +258,7 @@ def _follows(measured: Array, response: Array) -> bool:
     return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1]) > FOLLOWS
 
 
-def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str]:
+def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mistake]:
     moving = [name for name, values in log.inputs.items() if np.ptp(values) > 0.0]
     for name in against:
         cure = "give it sign = -1"
@@ -253,7 +267,7 @@ def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str
         every = len(against) == sum(not model.plant.wire[it].flag for it in log.outputs)
         if every and len(moving) == 1:
             cure += f"; or turn the sign of {_column(log, moving[0])}"
-        yield f"{_column(log, name)} goes against the command: {cure}"
+        yield Mistake(f"{_column(log, name)} goes against the command: {cure}", "gain_error")
 
 
 def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
@@ -270,7 +284,7 @@ def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
 # Columns of something else
 
 
-def _about_rates(model: Model, log: Log) -> Iterator[str]:
+def _about_rates(model: Model, log: Log) -> Iterator[Mistake]:
     """Readings that go together with the rate of what they are read as."""
     simulated = _simulated(model, log)
     for name, misfit in _misfits(model, log).items():
@@ -278,13 +292,15 @@ def _about_rates(model: Model, log: Log) -> Iterator[str]:
         rate = np.gradient(response, log.times)[_usual(log, name)]
         alike = _follows(measured, response[_usual(log, name)])
         if misfit > UNLIKE and not alike and _follows(measured, rate):
-            yield (
+            yield Mistake(
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
-                " or read the column that was measured"
+                " or read the column that was measured",
+                "gain_error",
+                "lag",
             )
 
 
-def _about_zeros(model: Model, log: Log) -> Iterator[str]:
+def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
     """Readings with another zero than the model's, that move alike."""
     simulated = _simulated(model, log)
     for name, misfit in _misfits(model, log).items():
@@ -294,16 +310,18 @@ def _about_zeros(model: Model, log: Log) -> Iterator[str]:
         least = max(ELSEWHERE * float(np.ptp(response)), STEADY * spread)
         if misfit < UNLIKE and abs(off) > least:
             size = off * factor(model.plant.wire[name].unit, unit)
-            yield (
+            yield Mistake(
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
-                f" is elsewhere; give it offset = {-size:.4g}"
+                f" is elsewhere; give it offset = {-size:.4g}",
+                "offset",
+                "null_shift",
             )
 
 
 # Units of columns
 
 
-def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
+def _about_units(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
     """A sentence on the columns whose unit or scale makes no sense."""
     now = _misfits(model, log)
     if not now:
@@ -324,7 +342,9 @@ def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
     least = min(misfit for misfit, *_ in found)
     alike = [row for row in found if row[0] <= least + CLOSE]
     alike.sort(key=lambda row: row[1])
-    yield _sentence(log, [correction for *_, correction in alike], counts)
+    told = [correction for *_, correction in alike]
+    effects = {it for one in told for it in (SLOW if TIME in one.columns else ("gain_error",))}
+    yield Mistake(_sentence(log, told, counts), *sorted(effects))
 
 
 def _sentence(log: Log, corrections: Sequence[Correction], counts: Sequence[Correction]) -> str:
