@@ -315,6 +315,8 @@ def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
                 f" is elsewhere; give it offset = {-size:.4g}",
                 "offset",
                 "null_shift",
+                "constant_load",
+                "gravity_load",
             )
 
 
