@@ -79,7 +79,7 @@ LOADS = ("N", "N.m")
 AVERAGED = -0.35
 """Correlation of third differences of averages that share no row but the first; -1/2 of white
 noise."""
-ELSE_AVERAGED = 0.5
+ELSE_AVERAGED = 0.6
 """Share of it, up to which other averages go together."""
 CLIPPED_NOISE = 3.0
 """Standard deviations at which third differences are cut, so that jumps count as noise does."""
