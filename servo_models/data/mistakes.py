@@ -42,7 +42,7 @@ STRAIGHT_SHARE = 0.55
 """Share of moving rows on a line with their neighbours: every other row was put between."""
 BENT = 20.0
 """Second difference elsewhere, over that on a line."""
-LEAP_RATIO = 4.0
+LEAP_RATIO = 5.0
 """A leap over the largest step between two rows that is none."""
 LEAST_LEAP = 0.1  # of the range
 MOST_LEAPS = 40
