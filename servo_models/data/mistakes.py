@@ -412,7 +412,9 @@ def _jumps(command: Array) -> NDArray[np.int64]:
 def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
     """In how many rows a reading moves before its command jumps, 0 for none, and in how many
     jumps."""
-    steps, jumps, noise = np.diff(command), _jumps(command), difference_noise(values)
+    steps, jumps = np.diff(command), _jumps(command)
+    # that of a sensor which filters shows in rows apart
+    noise = max(difference_noise(values[::apart]) for apart in (1, AHEAD_ROWS[-1]))
     for rows in AHEAD_ROWS:
         alone = [
             k

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, filtfilt, lfilter
 
@@ -146,6 +146,7 @@ def test_a_run_that_begins_elsewhere_with_the_largest_jump_of_its_command_is_nam
 
 @pytest.mark.parametrize("poles", [1, 2])
 @given(st.integers(0, 2**31))
+@example(1_000_000)
 @settings(max_examples=20, deadline=None)
 def test_a_sensor_that_filters_is_not_accused(poles: int, seed: int) -> None:
     """Up to second order, as they do before they are read."""
