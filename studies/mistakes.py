@@ -471,7 +471,7 @@ MISTAKES = {
     "rows backwards": Mistake(backwards, r"backward|order|not after|increase"),
     "coarse stamps": Mistake(coarse_stamps, r"round|same time|stamp|not after"),
     "no number": Mistake(not_numbers, r"nan|number|missing", EVERY),
-    "row number as time": Mistake(rows_as_time, r"time.*unit|time", EVERY),
+    "row number as time": Mistake(rows_as_time, r"\btime\b", EVERY),
     "switched off": Mistake(switched_off, r"stand|does not move|stuck|no longer", SERVOS),
     "rev/min as rad/s": Mistake(declared("reading", "rpm"), r"unit|scale", ("dc_motor_speed",)),
 }

@@ -17,7 +17,7 @@ from servo_models.analysis.statistics import hann, stretch_powers
 from servo_models.core.plant import Plant, Wire
 from servo_models.core.types import Array
 from servo_models.data.log import Log
-from servo_models.data.mistakes import mistakes
+from servo_models.data.mistakes import Mistake, mistakes
 from servo_models.data.outliers import POSITIONS
 from servo_models.data.reading_steps import NO_STEP, Step, reading_step, reading_steps
 from servo_models.data.sensor import (
@@ -58,7 +58,7 @@ class Audit:
     at_rest: float
     commanded: bool = True
     moves: bool = True
-    mistakes: tuple[str, ...] = ()
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -42,11 +42,15 @@ STRAIGHT_SHARE = 0.55
 """Share of moving rows on a line with their neighbours: every other row was put between."""
 BENT = 20.0
 """Second difference elsewhere, over that on a line."""
-LEAP_RATIO = 6.0
+LEAP_RATIO = 5.0
 """A leap over the largest step between two rows that is none."""
 LEAST_LEAP = 0.1  # of the range
 MOST_LEAPS = 40
 """Of a log; more of them are how it moves."""
+MOST_RUNS = 2
+"""Leaps that may be alike by chance: a coarse sensor makes more."""
+ANSWERED = 0.3
+"""Leap at most jumps of a command over that at one, for their size, if it answers in a row."""
 SAME_LEAP = 0.15
 """By which leaps of a counter that begins anew may differ, relative."""
 WRAPPED = 0.6
@@ -72,8 +76,16 @@ AHEAD_SHARE = 0.05
 """The same over the answer in as many rows after."""
 LOADS = ("N", "N.m")
 """Units of inputs that are no command."""
-SMOOTH = -0.4
-"""Correlation of third differences from row to row of a filtered reading; -3/4 in white noise."""
+AVERAGED = -0.35
+"""Correlation of third differences of averages that share no row but the first; -1/2 of white
+noise."""
+ELSE_AVERAGED = 0.6
+"""Share of it, up to which other averages go together."""
+CLIPPED_NOISE = 3.0
+"""Standard deviations at which third differences are cut, so that jumps count as noise does."""
+NO_KINK = 0.8
+"""Correlation of fourth differences from row to row; -4/5 in white noise, 0 at a kink, 2/3 behind
+a filter of second order."""
 STANDS = 0.15
 """Share of rows at the end in which a reading stands though its command moves."""
 STILL = 8.0
@@ -82,11 +94,26 @@ LONGER = 5.0
 """Width of a reading over that at rest, from which it has moved before."""
 INNER = (1.0, 99.0)
 """Percentiles between which readings count."""
-AS_FAR = 0.5
+AS_FAR = 0.3
 """Range of its command meanwhile, over that of the whole log."""
 
 
-def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[str]:
+class Mistake(str):
+    """A sentence on what is wrong with a column, with its cure.
+
+    Attributes:
+        imitated_by: effects that would explain it in a fit, as the blocks in ``effects`` are named.
+    """
+
+    imitated_by: tuple[str, ...]
+
+    def __new__(cls, text: str, *imitated_by: str) -> Mistake:
+        found = super().__new__(cls, text)
+        found.imitated_by = imitated_by
+        return found
+
+
+def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[Mistake]:
     """Yield what is wrong with the columns of a log, one sentence each with its cure.
 
     Args:
@@ -107,12 +134,13 @@ def mistakes(log: Log, plant: Plant, steps: Mapping[str, float]) -> Iterator[str
         told = told or [*_placeholders(log, wire, values)]
         told = told or [*_leaps(log, wire, values), *_held(log, name, values, steps.get(name, 0.0))]
         told = told or [*_stands(log, plant, name, values)] or [*_straight(name, values)]
-        yield from told or (
-            _ahead(log, plant, name, values) if name == next(iter(log.outputs)) else ()
-        )
+        if not told and name == next(iter(log.outputs)):
+            told = [*_averaged(name, values)] or [*_without_kinks(log, plant, name, values)]
+            told = told or [*_ahead(log, plant, name, values)]
+        yield from told
 
 
-def _doubled(log: Log) -> Iterator[str]:
+def _doubled(log: Log) -> Iterator[Mistake]:
     """Every row is there twice, as a join of tables leaves them."""
     columns = [*log.inputs.values(), *log.outputs.values()]
     half = len(log.times) // 2
@@ -120,7 +148,7 @@ def _doubled(log: Log) -> Iterator[str]:
         return
     pairs = [np.array_equal(it[: 2 * half : 2], it[1 : 2 * half : 2]) for it in columns]
     if all(pairs) and any(_repeats(it[::2]) < REPEATS for it in columns):
-        yield "every row is there twice: keep one of each"
+        yield Mistake("every row is there twice: keep one of each", "sample_hold")
 
 
 def _shown(wire: Wire, value: float) -> str:
@@ -128,7 +156,7 @@ def _shown(wire: Wire, value: float) -> str:
     return f"{value * factor(wire.unit, unit):.4g} {unit}".strip()
 
 
-def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[str]:
+def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
     """A number that stands for no reading, such as -999."""
     for end in (np.min(values), np.max(values)):
         which = values == end
@@ -137,14 +165,14 @@ def _placeholders(log: Log, wire: Wire, values: Array) -> Iterator[str]:
             continue
         apart = np.min(np.abs(others - end))
         if apart > np.ptp(others) and len(_runs(which)[0]) >= PLACEHOLDERS:
-            yield (
+            yield Mistake(
                 f"'{wire.name}' reads {_shown(wire, end)} in {which.sum()} rows, the first of them"
                 f" row {log.rows[np.argmax(which)]}, far outside all others: it stands for no"
                 " reading; say so by missing, with this number of the file"
             )
 
 
-def _copied(log: Log, name: str, values: Array) -> Iterator[str]:
+def _copied(log: Log, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that is its command: nothing that moves follows without delay and noise."""
     for other, command in log.inputs.items():
         if not np.ptp(command):
@@ -152,19 +180,19 @@ def _copied(log: Log, name: str, values: Array) -> Iterator[str]:
         line = np.polyfit(command, values, 1)
         left = values - np.polyval(line, command)
         if np.max(np.abs(left)) < COPIED * np.ptp(values):
-            yield (
+            yield Mistake(
                 f"'{name}' is a copy of '{other}', row by row: nothing that moves follows its"
                 " command so; read the column that was measured"
             )
 
 
-def _swapped(log: Log, name: str, values: Array) -> Iterator[str]:
+def _swapped(log: Log, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that jumps and stays, as commands do, beside a command with noise."""
     if _repeats(values) < 1.0 - REPEATS or not _jumps_far(values):
         return
     for other, command in log.inputs.items():
         if np.ptp(command) and _repeats(command) < REPEATS and not _jumps_far(command):
-            yield (
+            yield Mistake(
                 f"'{name}' jumps and stays, as a command does, while '{other}' has noise, as a"
                 " reading has: their columns are swapped"
             )
@@ -179,7 +207,7 @@ def _repeats(values: Array) -> float:
     return float(np.mean(np.abs(np.diff(values)) <= EQUAL * np.ptp(values)))
 
 
-def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
+def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[Mistake]:
     """A position that leaps between two rows: a counter begins anew, or another run does."""
     if wire.unit not in POSITIONS:
         return
@@ -190,42 +218,42 @@ def _leaps(log: Log, wire: Wire, values: Array) -> Iterator[str]:
     turned = wire.unit == "rad" and WRAPPED * TURN < np.ptp(values) < (1.0 + EQUAL) * TURN
     if turned and sizes[0] > 0.5 * TURN:
         row = log.rows[np.argmax(np.abs(steps) > 0.5 * TURN) + 1]
-        yield f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it"
+        yield Mistake(f"'{wire.name}' wraps at a turn, the first time in row {row}: unwrap it")
         return
-    if (
-        _repeats(values) > REPEATS
-        or ratios[count - 1] < LEAP_RATIO
-        or sizes[count - 1] < LEAST_LEAP * np.ptp(values)
-    ):
+    if ratios[count - 1] < LEAP_RATIO or sizes[count - 1] < LEAST_LEAP * np.ptp(values):
         return
     where = np.flatnonzero(np.abs(steps) >= sizes[count - 1])
-    if any(_answers(command, where) for command in log.inputs.values()):
+    if any(_answers(command, steps, where) for command in log.inputs.values()):
         return
     size, first = float(np.median(np.abs(steps[where]))), int(log.rows[where[0] + 1])
     again = bool(np.all(np.abs(np.abs(steps[where]) - size) < SAME_LEAP * size))
     leaps = f"'{wire.name}' leaps by {_shown(wire, size)} in one row, the first time in row {first}"
     if again and size > WRAPPED * np.ptp(values):
-        yield (
-            f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps;"
-            " add what is lost after each leap"
+        yield Mistake(
+            f"{leaps}, from one end of its range to the other: its counter overflows, or it wraps"
+            + (", or two runs were joined" if len(where) == 1 else "")
+            + "; add what is lost after each leap"
         )
-    else:
-        yield (
+    elif not again or len(where) <= MOST_RUNS:
+        yield Mistake(
             f"{leaps}, {ratios[count - 1]:.2g} times as far as in any other: two runs were joined,"
             " or rows are missing; make each run a log of its own"
         )
 
 
-def _answers(command: Array, where: NDArray[np.int64]) -> bool:
-    """Whether leaps in these rows are answers: each is beside a jump of a command, and so are most
-    jumps as large."""
-    jumps = np.abs(np.diff(command))
-    beside = [jumps[max(k - AFTER, 0) : k + BEFORE + 1].max(initial=0.0) for k in where]
-    least = min(beside)
-    return bool(least > JUMP * np.ptp(command) and len(where) > 0.5 * np.sum(jumps >= least))
+def _answers(command: Array, steps: Array, where: NDArray[np.int64]) -> bool:
+    """Whether leaps in these rows are answers: each is beside a jump of a command, and most other
+    jumps move the reading as far, for their size."""
+    jumps = _jumps(command) - 1
+    beside = [np.any((jumps >= k - AFTER) & (jumps <= k + BEFORE)) for k in where]
+    if not all(beside):
+        return False
+    gains = np.array([np.max(np.abs(steps[max(k - BEFORE, 0) : k + AFTER + 1])) for k in jumps])
+    gains /= np.abs(np.diff(command))[jumps]
+    return bool(np.median(gains) > ANSWERED * np.max(gains))
 
 
-def _held(log: Log, name: str, values: Array, step: float) -> Iterator[str]:
+def _held(log: Log, name: str, values: Array, step: float) -> Iterator[Mistake]:
     """A reading whose noise vanishes at an end of its range, or for good.
 
     One in steps rests without noise anyway, as on a shaft that sticks.
@@ -244,34 +272,43 @@ def _held(log: Log, name: str, values: Array, step: float) -> Iterator[str]:
     ends = np.isin(values[starts], (np.min(values), np.max(values))) & long
     rows = int(lengths[ends].sum())
     if rows > HELD_SHARE * len(values) and ends.sum() > 1:
-        yield (
+        yield Mistake(
             f"'{name}' is clipped: it stays at an end of its range, without noise, in {rows} rows;"
-            " log smaller moves, or with a wider range"
+            " log smaller moves, or with a wider range",
+            "saturation",
+            "end_stops",
         )
         return
     longest = int(np.argmax(lengths))
     begin, end = int(starts[longest]), int(stops[longest])
     moving = any(np.ptp(it[begin:end]) > 0.0 for it in log.inputs.values())
     if end - begin > STUCK_SHARE * len(values) and moving:
-        yield (
+        yield Mistake(
             f"'{name}' is stuck at the same value for {end - begin + 1} rows from row"
-            f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before"
+            f" {log.rows[begin]} on, without noise: the sensor was dead; end the log before",
+            "end_stops",
+            "stiction",
+            "dead_band",
         )
 
 
-def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that stands at the end of a log, though its command goes on as before."""
     begin = len(values) - int(STANDS * len(values))
     still = STILL * difference_noise(values)
     if _width(values[begin:]) > still or _width(values) < LONGER * still:
         return
-    for other, command in log.inputs.items():
+    for other, command in _commands(log, plant):
         far = AS_FAR * np.ptp(command)
-        if plant.wire[other].unit in LOADS or not far or np.ptp(command[begin:]) < far:
+        if not far or np.ptp(command[begin:]) < far:
             continue
-        yield (
+        yield Mistake(
             f"'{name}' stands from row {log.rows[begin]} on at the latest, while '{other}' goes on:"
-            " the drive was switched off; end the log before"
+            " the drive was switched off; end the log before",
+            "supply_limit",
+            "supply_sag",
+            "stiction",
+            "thermal_drift",
         )
 
 
@@ -287,7 +324,7 @@ def _runs(flags: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
-def _straight(name: str, values: Array) -> Iterator[str]:
+def _straight(name: str, values: Array) -> Iterator[Mistake]:
     """A reading that runs in straight lines: it was put between others."""
     bends = np.abs(np.diff(values, 2))
     moving = np.abs(values[2:] - values[:-2]) > 4.0 * STRAIGHT * np.ptp(values)
@@ -299,33 +336,85 @@ def _straight(name: str, values: Array) -> Iterator[str]:
         values
     ):
         every = round(1.0 / max(1.0 - float(np.mean(straight)), 1e-9))
-        yield (
+        yield Mistake(
             f"'{name}' runs in straight lines, with a bend about every {every} rows: it was read"
-            " less often and resampled; log the rows that were read"
+            " less often and resampled; log the rows that were read",
+            "rate_limit",
+            "sample_hold",
+            "lag",
         )
 
 
-def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[str]:
+def _correlations(values: Array) -> Array:
+    """With the same values later by 0, 1, 2 ... rows."""
+    power = np.abs(np.fft.rfft(values, 2 * len(values))) ** 2
+    found = np.fft.irfft(power)[: len(values) // 3]
+    return np.asarray(found / max(found[0], np.finfo(float).tiny))
+
+
+def _averaged(name: str, values: Array) -> Iterator[Mistake]:
+    """A reading each of which is a mean of others: its noise comes back when they leave it."""
+    order = 3
+    third = np.diff(values, order)
+    size = CLIPPED_NOISE * 1.4826 * float(np.median(np.abs(third)))
+    together = _correlations(np.clip(third, -size, size))
+    together[: order + 1] = 0.0
+    rows = int(np.argmin(together))
+    least = float(together[rows])
+    together[max(rows - order, 0) : rows + order + 1] = 0.0
+    if least < AVERAGED and np.max(np.abs(together)) < -ELSE_AVERAGED * least:
+        yield Mistake(
+            f"'{name}' was averaged over {rows} rows: its noise goes together in so many and comes"
+            " back the other way round; log it as it was read",
+            "lag",
+            "transport_delay",
+        )
+
+
+def _without_kinks(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
+    """A reading with neither noise nor the kink with which an answer begins."""
+    if _correlations(np.diff(values, 4))[1] < NO_KINK:
+        return
+    for other, command in _commands(log, plant):
+        if len(_jumps(command)) >= LEAST_JUMPS:
+            yield Mistake(
+                f"'{name}' has no noise from row to row, and no kink where '{other}' jumps: it was"
+                " filtered forwards and backwards, or is no reading; log it as it was read",
+                "lag",
+                "transport_delay",
+                "motion_profile",
+            )
+
+
+def _ahead(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistake]:
     """A reading that moves before its command jumps."""
-    for other, command in log.inputs.items():
+    for other, command in _commands(log, plant):
         rows, many = _before_jumps(command, values)
-        if plant.wire[other].unit in LOADS or not rows:
-            continue
-        what = (
-            "the reading was filtered forwards and backwards, or averaged over rows to come; log it"
-            " as it was read"
-            if _is_smooth(values)
-            else "the command was logged late, or by another clock; log it as it is sent"
-        )
-        yield f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: {what}"
+        if rows:
+            yield Mistake(
+                f"'{name}' moves up to {rows} rows before '{other}' jumps, in {many} jumps: the"
+                " command was logged late, or by another clock; log it as it is sent",
+                "transport_delay",
+                "lag",
+            )
+
+
+def _commands(log: Log, plant: Plant) -> list[tuple[str, Array]]:
+    """Inputs that are no load."""
+    return [(name, it) for name, it in log.inputs.items() if plant.wire[name].unit not in LOADS]
+
+
+def _jumps(command: Array) -> NDArray[np.int64]:
+    """Rows at which a command has jumped."""
+    return np.flatnonzero(np.abs(np.diff(command)) > JUMP * np.ptp(command)) + 1
 
 
 def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
     """In how many rows a reading moves before its command jumps, 0 for none, and in how many
     jumps."""
-    steps = np.diff(command)
-    jumps = np.flatnonzero(np.abs(steps) > JUMP * np.ptp(command)) + 1
-    noise = difference_noise(values)
+    steps, jumps = np.diff(command), _jumps(command)
+    # that of a sensor which filters shows in rows apart
+    noise = max(difference_noise(values[::apart]) for apart in (1, AHEAD_ROWS[-1]))
     for rows in AHEAD_ROWS:
         alone = [
             k
@@ -340,23 +429,14 @@ def _before_jumps(command: Array, values: Array) -> tuple[int, int]:
         # stamps may be late by a row or two
         places = [values[at - BEFORE - k * rows] for k in range(QUIET, -1, -1)]
         places.append(values[at + 2 * rows])
-        *earlier, ahead, answer = (ways * (b - a) for a, b in pairwise(places))
+        moves = np.array([ways * (b - a) for a, b in pairwise(places)])
+        before = np.max(np.abs(moves[:-2]), axis=0)
+        calm = np.argsort(before)[: max(LEAST_JUMPS, (len(at) + 1) // 2)]  # others still answer
+        ahead, answer = moves[-2:, calm]
         if np.median(answer) < 0.0:
             ahead, answer = -ahead, -answer
-        before = max(float(np.median(np.abs(it))) for it in earlier)
-        usual = max(before, 1.5 * noise / np.sqrt(len(at)))
+        usual = max(float(np.median(before[calm])), 1.5 * noise / np.sqrt(len(calm)))
         sudden = np.median(ahead) > max(SUDDEN * usual, AHEAD_SHARE * float(np.median(answer)))
         if sudden and np.mean(ahead > 0.0) > LIKE_SIGNED:
-            return rows, len(at)
+            return rows, len(calm)
     return 0, 0
-
-
-def _is_smooth(values: Array) -> bool:
-    """Whether differences of a reading go together from row to row, as those of noise do not."""
-    if not difference_noise(values):
-        return True
-    third = np.diff(values, 3)
-    quiet = np.abs(third) <= np.percentile(np.abs(third), 90.0)
-    pairs = quiet[1:] & quiet[:-1]
-    a, b = third[1:][pairs], third[:-1][pairs]
-    return bool(np.mean(a * b) > SMOOTH * np.sqrt(np.mean(a**2) * np.mean(b**2)))

@@ -23,6 +23,12 @@ REST_SAMPLES = 5
 """Samples for which a command must stand still so that its next move begins a repetition."""
 REST_SHARE, REST_PARTS = 0.5, 4
 """Last part of the stretch before such a move that is compared, and in how many pieces."""
+MOVES = 8.0
+"""Change in noise floors from which a reading moves."""
+SMALL = 10.0
+"""Percentile of such changes between two samples that is a step of a coarse sensor."""
+FEW = 20
+"""Moving samples, below which a share of them is chance."""
 LATE_SAMPLES = 2
 """By which stretches of one command may differ in length: it is sampled late."""
 FAST = 12.0
@@ -106,13 +112,18 @@ def _phases_kept(turns: Array) -> Array:
 def stale_share(values: Array, floor: float) -> float:
     """Return the share of the moving samples that repeat the one before exactly.
 
-    A sample counts as moving where its neighbours differ by more than 8 noise floors.
+    A sample counts as moving where its neighbours differ by more than 8 noise floors, and by more
+    than a small jump in each row: a coarse sensor repeats readings as well, but not in fast motion.
+    Of few such samples chance repeats some.
     """
     if len(values) < 4:
         return 0.0
-    moving = np.abs(values[3:] - values[:-3]) > 8.0 * floor
+    jumps = np.abs(np.diff(values))
+    jumps = jumps[jumps > MOVES * floor]
+    small = float(np.percentile(jumps, SMALL)) if len(jumps) else 0.0
+    moving = np.abs(values[3:] - values[:-3]) > max(MOVES * floor, 3.0 * small)
     same = (values[1:-2] == values[2:-1]) & moving
-    return float(same.sum() / moving.sum()) if moving.any() else 0.0
+    return float(same.sum() / moving.sum()) if moving.sum() >= FEW else 0.0
 
 
 def clipped_share(values: Array, command: Array, floor: float) -> float:

@@ -10,11 +10,11 @@ from pathlib import Path
 from servo_models.core.plant import unknown
 from servo_models.core.stop import Stop
 from servo_models.core.workers import Workers
-from servo_models.data.audit import audits, noise_floors, noise_origins
+from servo_models.data.audit import Audit, audits, noise_floors, noise_origins
 from servo_models.data.description import Description, read_description
 from servo_models.diagnosis import confirm
 from servo_models.diagnosis.gap import gaps, whole_gap
-from servo_models.diagnosis.preconditions import check_duration, without_flags
+from servo_models.diagnosis.preconditions import check_duration, imitators, without_flags
 from servo_models.diagnosis.ranking import estimates, ranked_effects
 from servo_models.diagnosis.residual_map import learn
 from servo_models.diagnosis.result import Diagnosis
@@ -25,6 +25,7 @@ from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import Part, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
+from servo_models.identification.plausibility import answer_time, mistaken_columns
 from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.simulation import InternalSteps
 
@@ -104,6 +105,15 @@ def diagnose(
     return found.without_next(stop.why)
 
 
+def _audited(told: Description) -> tuple[Audit, ...]:
+    """Audits of the logs, with the columns that contradict the model among the mistakes."""
+    model, answer = told.model, answer_time(told.model)
+    return tuple(
+        replace(it, mistakes=(*it.mistakes, *mistaken_columns(model, it.log, answer)))
+        for it in audits(told.logs, model.plant)
+    )
+
+
 def _confirmed(found: Diagnosis, tell: Tell | None) -> Diagnosis:
     """The diagnosis with its model run as an FMU; what took minutes is kept where that fails."""
     if tell:
@@ -126,7 +136,8 @@ def _diagnose(
     stop: Stop,
     settings: Settings,
 ) -> Diagnosis:
-    audited = audits(told.logs, told.model.plant)
+    audited = _audited(told)
+    left_out = {*left_out, *imitators(audited, told.model.plant)}
     floors, origins = noise_floors(audited), noise_origins(audited)
     steps = InternalSteps(told.model, floors, stop)
     fitter = Fitter(

@@ -9,6 +9,7 @@ import numpy as np
 from servo_models.analysis.experiment import display
 from servo_models.data.audit import EXACT, REPEATS
 from servo_models.diagnosis.gap import GapSummary, not_followed
+from servo_models.diagnosis.preconditions import imitators
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.fitting import FittedModel
 from servo_models.diagnosis.search.masking import MaskedEffect
@@ -402,6 +403,8 @@ def _about_time(diagnosis: Diagnosis) -> Iterator[str]:
 def _about_logs(diagnosis: Diagnosis) -> Iterator[str]:
     for one in diagnosis.audits:
         yield from (f"log '{one.log.name}': {text}" for text in one.warnings)
+    if names := imitators(diagnosis.audits, diagnosis.model.plant):
+        yield f"not tried, for it would explain what is wrong with a log: {listed(names)}"
     taken = diagnosis.selection.taken
     yield from false_starts(taken.problem.runs, taken.values)
     yield from shifted_outputs(taken.problem.runs, taken.values, diagnosis.floors)

@@ -21,6 +21,7 @@ from servo_models.core.simulate import Model, simulate
 from servo_models.core.types import Array, Mask
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
+from servo_models.data.mistakes import Mistake
 from servo_models.data.outliers import outliers
 from servo_models.data.schema import named
 from servo_models.errors import UserError
@@ -50,8 +51,12 @@ DRIFT_DEGREE = 2
 """Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
 ELSEWHERE = 0.5
 """Distance to the model over its range, from which the zero of a reading is elsewhere."""
+STEADY = 3.0
+"""The same over its standard deviation: a zero is elsewhere in all rows."""
 BEYOND = 3.0
 """Full scales of a rate, or of an output, that no actuator reaches."""
+SLOW = ("lag", "transport_delay", "rate_limit", "sample_hold")
+"""Effects that imitate a time that runs too slowly, or too fast."""
 LONGEST = 5e6
 """Internal steps that are worth a look at another unit of time."""
 MOST_SUPPLY, LEAST_SUPPLY = 2.0, 0.2
@@ -97,13 +102,24 @@ def implausible(described: Description) -> tuple[str, ...]:
     said = list(_about_priors(described))
     answer = answer_time(model)
     for log in described.logs:
-        against = _against(model, log)
-        texts = [*_about_held_inputs(model, log), *_about_signs(model, log, against)]
-        turned = _turned(model, log, against)
-        texts += [*_about_rates(model, turned)] or _about_units(model, turned, answer)
-        texts += _about_zeros(model, turned)
+        texts = [*_about_held_inputs(model, log), *mistaken_columns(model, log, answer)]
         said += [f"log '{log.name}': {text}" for text in texts]
     return tuple(said)
+
+
+def mistaken_columns(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
+    """Yield which columns contradict the nominal model by their sign, unit, scale or zero.
+
+    Args:
+        model: nominal.
+        log: that begins as it shows.
+        answer: see ``answer_time`` [s].
+    """
+    against = _against(model, log)
+    yield from _about_signs(model, log, against)
+    turned = _turned(model, log, against)
+    yield from [*_about_rates(model, turned)] or _about_units(model, turned, answer)
+    yield from _about_zeros(model, turned)
 
 
 def implausible_clocks(described: Description) -> tuple[str, ...]:
@@ -242,7 +258,7 @@ def _follows(measured: Array, response: Array) -> bool:
     return float(np.corrcoef(both[:, 0], both[:, 1])[0, 1]) > FOLLOWS
 
 
-def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str]:
+def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[Mistake]:
     moving = [name for name, values in log.inputs.items() if np.ptp(values) > 0.0]
     for name in against:
         cure = "give it sign = -1"
@@ -251,7 +267,7 @@ def _about_signs(model: Model, log: Log, against: Sequence[str]) -> Iterator[str
         every = len(against) == sum(not model.plant.wire[it].flag for it in log.outputs)
         if every and len(moving) == 1:
             cure += f"; or turn the sign of {_column(log, moving[0])}"
-        yield f"{_column(log, name)} goes against the command: {cure}"
+        yield Mistake(f"{_column(log, name)} goes against the command: {cure}", "gain_error")
 
 
 def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
@@ -268,42 +284,46 @@ def _turned(model: Model, log: Log, names: Sequence[str]) -> Log:
 # Columns of something else
 
 
-def _about_rates(model: Model, log: Log) -> Iterator[str]:
+def _about_rates(model: Model, log: Log) -> Iterator[Mistake]:
     """Readings that go together with the rate of what they are read as."""
     simulated = _simulated(model, log)
     for name, misfit in _misfits(model, log).items():
         measured, response = _kept(log, name), simulated[name]
         rate = np.gradient(response, log.times)[_usual(log, name)]
         alike = _follows(measured, response[_usual(log, name)])
-        if (
-            misfit > UNLIKE
-            and not alike
-            and (_follows(measured, rate) or _follows(measured, -rate))
-        ):
-            yield (
+        if misfit > UNLIKE and not alike and _follows(measured, rate):
+            yield Mistake(
                 f"{_column(log, name)} moves as the rate of '{name}' does: read it as a rate,"
-                " or read the column that was measured"
+                " or read the column that was measured",
+                "gain_error",
+                "lag",
             )
 
 
-def _about_zeros(model: Model, log: Log) -> Iterator[str]:
+def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
     """Readings with another zero than the model's, that move alike."""
     simulated = _simulated(model, log)
     for name, misfit in _misfits(model, log).items():
         measured, response = _kept(log, name), simulated[name][_usual(log, name)]
         off, unit = float(np.median(measured - response)), _unit_of(_channel(log, name))
-        if misfit < UNLIKE and abs(off) > ELSEWHERE * float(np.ptp(response)):
+        spread = float(np.std(measured - response))
+        least = max(ELSEWHERE * float(np.ptp(response)), STEADY * spread)
+        if misfit < UNLIKE and abs(off) > least:
             size = off * factor(model.plant.wire[name].unit, unit)
-            yield (
+            yield Mistake(
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
-                f" is elsewhere; give it offset = {-size:.4g}"
+                f" is elsewhere; give it offset = {-size:.4g}",
+                "offset",
+                "null_shift",
+                "constant_load",
+                "gravity_load",
             )
 
 
 # Units of columns
 
 
-def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
+def _about_units(model: Model, log: Log, answer: float) -> Iterator[Mistake]:
     """A sentence on the columns whose unit or scale makes no sense."""
     now = _misfits(model, log)
     if not now:
@@ -318,12 +338,15 @@ def _about_units(model: Model, log: Log, answer: float) -> Iterator[str]:
             found.append((_mean(then), _strangeness(model.plant, changed), correction))
     if not found:
         return
-    counts = [correction for *_, correction in found if not correction.unit]
-    found = [row for row in found if row[2].unit] or found  # a unit is a better cure than a figure
+    counts = [one for *_, one in found if not one.unit and TIME not in one.columns]
+    # a unit is a better cure than a figure
+    found = [row for row in found if row[2] not in counts] or found
     least = min(misfit for misfit, *_ in found)
     alike = [row for row in found if row[0] <= least + CLOSE]
     alike.sort(key=lambda row: row[1])
-    yield _sentence(log, [correction for *_, correction in alike], counts)
+    told = [correction for *_, correction in alike]
+    effects = {it for one in told for it in (SLOW if TIME in one.columns else ("gain_error",))}
+    yield Mistake(_sentence(log, told, counts), *sorted(effects))
 
 
 def _sentence(log: Log, corrections: Sequence[Correction], counts: Sequence[Correction]) -> str:
@@ -350,6 +373,11 @@ def _cure(log: Log, one: Correction) -> str:
             f' {them} {key} = "{one.unit}"'
         )
     told, unit = _told(channel)
+    if TIME in one.columns:
+        return (
+            f"{names} runs about {1.0 / one.ratio:.2g} times too slowly for the model, as the"
+            f' number of a row may: give it time.unit = "{one.ratio * told:.2g} {unit}"'
+        )
     return (
         f"{names} {verb} not scaled: the model moves {one.ratio:.3g} times as far; give {them}"
         f" scale = {one.ratio * told:.4g} (so many {unit or 'SI units'} is a number worth)"
@@ -432,6 +460,10 @@ def _other_times(
         longer = ratio > 1.0 and log.duration < BEYOND * answer and _mean(now) > UNLIKE
         if (shorter or longer) and ratio * log.duration < LONGEST * step:
             yield Correction((TIME,), ratio, unit)
+    ratio = 0.5 / FAR  # four times slower may be a rig
+    while _mean(now) > SEEN and ratio * log.duration > answer:
+        yield Correction((TIME,), ratio, "")
+        ratio *= 0.5
 
 
 def _makes_sense(

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.signal import butter, filtfilt, lfilter
 
 from servo_models.core.plant import Plant
 from servo_models.core.simulate import model
@@ -22,7 +23,7 @@ NOISE = 2e-3
 PLANT: Plant = model("smart_servo", "sts3215").plant
 
 
-def record(seed: int = 0) -> tuple[Array, Array, Array]:
+def record(seed: int = 0, noise: float = NOISE) -> tuple[Array, Array, Array]:
     """Times, a goal that steps, and the angle of a second-order lag that follows it, with noise."""
     random = np.random.default_rng(seed)
     times = INTERVAL * np.arange(ROWS)
@@ -33,7 +34,7 @@ def record(seed: int = 0) -> tuple[Array, Array, Array]:
         rate += INTERVAL * (900.0 * (goal[k - 1] - place) - 42.0 * rate)
         place += INTERVAL * rate
         angle[k] = place
-    return times, goal, angle + NOISE * random.standard_normal(ROWS)
+    return times, goal, angle + noise * random.standard_normal(ROWS)
 
 
 def said(times: Array, goal: Array, angle: Array) -> list[str]:
@@ -72,6 +73,14 @@ def resampled(angle: Array) -> Array:
     return np.interp(rows, rows[::6], angle[::6])
 
 
+def averaged(angle: Array) -> Array:
+    return np.asarray(np.convolve(np.pad(angle, 10, "edge"), np.full(21, 1.0 / 21.0), "valid"))
+
+
+def filtered(angle: Array) -> Array:
+    return np.asarray(filtfilt(*butter(2, 8.0 * 2.0 * INTERVAL), angle))
+
+
 def wrapped(angle: Array) -> Array:
     return (8.0 * angle + np.pi) % (2.0 * np.pi) - np.pi
 
@@ -86,6 +95,8 @@ def wrapped(angle: Array) -> Array:
         (overflowing, "overflows, or it wraps"),
         (resampled, "runs in straight lines"),
         (wrapped, "wraps"),
+        (averaged, "averaged over 21 rows"),
+        (filtered, "filtered forwards and backwards"),
     ],
 )
 def test_what_a_reading_cannot_do_is_named(
@@ -123,6 +134,29 @@ def test_two_runs_in_one_file_are_named_where_the_second_begins() -> None:
     (text,) = said(INTERVAL * np.arange(count), *joined)
     assert "two runs were joined" in text
     assert f"in row {cut}," in text
+
+
+def test_a_run_that_begins_elsewhere_with_the_largest_jump_of_its_command_is_named() -> None:
+    """No answer: at other jumps the angle does not follow within a row."""
+    _, goal, angle = record(2)
+    joined = [np.concatenate([it[:1_100], it + 0.8]) for it in (goal, angle)]
+    (text,) = said(INTERVAL * np.arange(1_100 + ROWS), *joined)
+    assert "two runs were joined" in text
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+@given(st.integers(0, 2**31))
+@example(1_000_000)
+@settings(max_examples=20, deadline=None)
+def test_a_sensor_that_filters_is_not_accused(poles: int, seed: int) -> None:
+    """Up to second order, as they do before they are read."""
+    times, goal, angle = record(seed)
+    assert said(times, goal, np.asarray(lfilter(*butter(poles, 0.2), angle))) == []
+
+
+def test_a_simulation_without_noise_is_not_accused() -> None:
+    times, goal, angle = record(noise=0.0)
+    assert said(times, goal, angle) == []
 
 
 @pytest.mark.parametrize("rows", [20, 40])

@@ -4,27 +4,71 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from servo_models.core.simulate import Model
+from servo_models.core.types import Array
+from servo_models.data.audit import audits
+from servo_models.data.log import Log
+from servo_models.diagnosis.preconditions import imitators
+from servo_models.identification.plausibility import answer_time, mistaken_columns
 from tests.conftest import Run
+from tests.support.plausible_logs import sane
 
 GIMBAL = Path(__file__).parents[2] / "examples" / "gimbal"
 
 
-def test_a_clipped_reading_is_told_first(run: Run, tmp_path: Path) -> None:
-    folder = tmp_path / "gimbal"
+def diagnosed(run: Run, folder: Path, spoil: Callable[[Array], Array]) -> dict[str, Any]:
+    """A diagnosis of the gimbal whose angle was spoilt."""
     shutil.copytree(GIMBAL, folder)
     header, *rows = (folder / "log.csv").read_text("utf-8").splitlines()
     table = np.array([row.split(",") for row in rows], dtype=float)
-    angle = table[:, header.split(",").index("angle_deg")]
-    angle[:] = np.clip(angle, *np.quantile(angle, [0.2, 0.8]))
+    column = header.split(",").index("angle_deg")
+    table[:, column] = spoil(table[:, column])
     np.savetxt(folder / "log.csv", table, "%.6g", ",", header=header, comments="")
-    path = folder / "gimbal.toml"
-    code, out, _ = run("diagnose", path, "--format", "json")
+    code, out, _ = run("diagnose", folder / "gimbal.toml", "--format", "json")
     assert code == 1
-    found = json.loads(out)
+    return dict(json.loads(out))
+
+
+def test_a_mistake_is_told_first_and_no_effect_that_imitates_it_is_taken(
+    run: Run, tmp_path: Path
+) -> None:
+    found = diagnosed(
+        run, tmp_path / "gimbal", lambda angle: np.clip(angle, *np.quantile(angle, [0.2, 0.8]))
+    )
     assert found["sentence"].startswith("Correct log 'log': 'reading' is clipped")
     assert all(effect["probability"] is None for effect in found["effects"])
     assert "explains" not in found["sentence"].partition(":")[2].partition(";")[0]
+    names = {effect["name"] for effect in found["effects"]}
+    assert names
+    assert not names & {"end_stops", "drive_saturation"}
+    assert any("not tried" in text for text in found["warnings"])
+
+
+def test_a_column_that_contradicts_the_model_is_told_first(run: Run, tmp_path: Path) -> None:
+    found = diagnosed(run, tmp_path / "gimbal", np.negative)
+    assert found["sentence"].startswith(
+        "Correct log 'log': column 'angle_deg' ('reading') goes against the command"
+    )
+    assert all(effect["probability"] is None for effect in found["effects"])
+
+
+def test_gains_imitate_a_sign_and_lags_a_time_that_runs_too_slowly() -> None:
+    chosen, log = sane("smart_servo", "xl330", 105)
+    turned = replace(log, outputs={name: -it for name, it in log.outputs.items()})
+    assert "command_gain" in left_out(chosen, turned)
+    assert "command_lag" not in left_out(chosen, turned)
+    assert "command_lag" in left_out(chosen, replace(log, times=20.0 * log.times))
+    assert not left_out(chosen, log)
+
+
+def left_out(chosen: Model, log: Log) -> tuple[str, ...]:
+    (found,) = audits([log], chosen.plant)
+    wrong = tuple(mistaken_columns(chosen, log, answer_time(chosen)))
+    return imitators([replace(found, mistakes=wrong)], chosen.plant)

@@ -122,6 +122,17 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
     assert told == pytest.approx(2.0 * np.pi / 4096.0, rel=0.1)
 
 
+@pytest.mark.parametrize("name", ["second_order_servo", "smart_servo"])
+@pytest.mark.parametrize("slower", [12.0, 50.0])
+def test_a_time_that_runs_too_slowly_is_told_within_an_octave(name: str, slower: float) -> None:
+    """The number of the row, say, where a row is no unit of time."""
+    chosen, log = sane(name, dict(SUBJECTS)[name], 105)
+    every = implausible(described(chosen, replace(log, times=slower * log.times)))
+    (said,) = (text for text in every if "runs about" in text)
+    told = float(said.split('time.unit = "')[1].split()[0])
+    assert 0.5 < told * slower < 2.0
+
+
 @pytest.mark.parametrize(("name", "variant"), SUBJECTS)
 @pytest.mark.parametrize("seed", [106, 107])
 def test_a_column_of_the_other_sign_is_told(name: str, variant: str, seed: int) -> None:
