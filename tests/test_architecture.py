@@ -237,7 +237,8 @@ OTHER_THINGS = {
 """Words that are more than the name of an effect."""
 NAMED = {
     "diagnosis/residual_map.py": "it learns the one effect that has any form",
-    "withheld/score.py": "the share of quantisers that are found is a figure of its own",
+    "data/mistakes.py": "a mistake knows which effects imitate it",
+    "identification/plausibility.py": "a mistake knows which effects imitate it",
     "identification/elements/identify.py": "the table of a hysteresis loop is one of the elements",
 }
 """Modules that name an effect, and why."""
