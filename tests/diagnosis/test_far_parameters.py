@@ -29,6 +29,7 @@ def told(true: dict[str, float]) -> Description:
 def test_a_late_servo_is_late_and_has_no_soft_gear(delay: float) -> None:
     found = diagnose(told({"transport_delay.time": delay}), jobs=1)
     assert found.verdict.kind == PARAMETERS
+    assert found.selection.taken is found.selection.retuned  # so that what it masks is sought
     values = {one.name: one for one in found.found}
     late = values["transport_delay.time"]
     assert abs(late.value - delay) < 4.0 * late.standard_error

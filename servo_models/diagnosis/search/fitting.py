@@ -259,6 +259,11 @@ class FittedModel:
         return self.problem.values(self.evidence.vector)
 
     @property
+    def nominal(self) -> tuple[Free, ...]:
+        """Nominal parameters, with the priors that it has of them."""
+        return tuple(free for free in self.problem.free if free.prior is not None)
+
+    @property
     def own(self) -> list[Free]:
         """Free parameters of its effects."""
         return [free for free in self.problem.free if free.prior is None]

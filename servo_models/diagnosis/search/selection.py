@@ -262,15 +262,14 @@ class SubsetSelection:
 
     def fitter_of(self, model: FittedModel) -> Fitter:
         """The fitter that has the priors of a model."""
-        own = tuple(model.problem.free[: len(self.fitter.nominal)])
-        return replace(self.fitter, nominal=own) if model.widened else self.fitter
+        return replace(self.fitter, nominal=model.nominal) if model.widened else self.fitter
 
     def beneath(self, model: FittedModel) -> FittedModel:
         """Nominal parameters alone, with the priors of a model."""
         known = self.models.get(frozenset({WIDER} if model.widened else ()))
-        fitter = self.fitter_of(model)
-        if known and self.fitter_of(known) == fitter:
+        if known and known.nominal == model.nominal:
             return known
+        fitter = self.fitter_of(model)
         return fitter.finish(fitter.fit((), (), model.values))
 
     def masked_by(self, retuned: FittedModel, least: float) -> list[MaskedEffect]:
