@@ -92,7 +92,8 @@ def _keys(schema: object) -> Iterator[str]:
 
 
 def test_modules_classes_and_functions_have_the_names_of_the_field() -> None:
-    for path in [*ROOT.glob("servo_models/**/*.py"), *ROOT.glob("fmu_src/*.py")]:
+    folders = ("servo_models/**", "studies/withheld/**", "fmu_src")
+    for path in (path for folder in folders for path in ROOT.glob(f"{folder}/*.py")):
         if path.relative_to(ROOT).as_posix() not in KEPT:
             for name in _names(path):
                 ours = _words(name) & OURS.keys()
@@ -100,7 +101,7 @@ def test_modules_classes_and_functions_have_the_names_of_the_field() -> None:
 
 
 def test_keys_of_json_have_the_names_of_the_field() -> None:
-    for path in ROOT.glob("servo_models/**/schema.json"):
+    for path in ROOT.glob("*/*/schema.json"):
         if path.relative_to(ROOT).as_posix() not in KEPT:
             for key in _keys(json.loads(path.read_text(encoding="utf-8"))):
                 ours = _words(key) & OURS.keys()

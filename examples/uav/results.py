@@ -13,7 +13,7 @@ from flight import COMMANDS, STEPS, Case, Step
 from margins import Array, Complex, LimitCycle, Loops, Margin
 
 from servo_models.report.numbers import Quantity
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
 

@@ -16,7 +16,7 @@ from servo_models.core.catalogue import actuators, all_actuators, effects
 from servo_models.core.own_actuator import is_file
 from servo_models.core.plant import Actuator, Parameter, Placement, Plant, unknown
 from servo_models.errors import UserError
-from servo_models.report.report import Report, data_sheet
+from servo_models.report.result import Report, data_sheet
 from servo_models.report.sections import Table
 from servo_models.units import factor
 

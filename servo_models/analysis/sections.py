@@ -20,8 +20,7 @@ from servo_models.core.plant import Wire
 from servo_models.core.simulate import Model, Result
 from servo_models.core.types import Array
 from servo_models.report.numbers import Quantity
-from servo_models.report.report import Report, data_sheet
-from servo_models.report.result import document_of, report_of
+from servo_models.report.result import Report, data_sheet, document_of, report_of
 from servo_models.report.sections import Cell, Picture, Section, Table
 from servo_models.report.style import colour
 

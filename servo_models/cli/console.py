@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 from servo_models.report.terminal import text
 
 Progress = Callable[[int, int | None, str], None]

@@ -7,7 +7,7 @@ from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.plant import Parameter
 from servo_models.data.parameters import Estimate, ParameterSet
 from servo_models.report.numbers import Quantity
-from servo_models.report.report import Report, data_sheet
+from servo_models.report.result import Report, data_sheet
 from servo_models.report.sections import Cell, Table
 
 

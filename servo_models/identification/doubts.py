@@ -22,7 +22,7 @@ from servo_models.identification.linear_inference import Spread
 from servo_models.identification.problem import FAR_DEVIATIONS, WIDER_PRIOR, Free, Problem
 from servo_models.identification.result import Doubt, Identification, doubts
 from servo_models.report.numbers import number, with_unit
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which a fit does not follow it."""

@@ -47,8 +47,7 @@ from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
-from servo_models.report.report import Report
-from servo_models.report.result import document_of, page_of, report_of
+from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 from servo_models.report.sections import Table
 
 SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~])")

@@ -6,7 +6,7 @@ registers a function for its class with ``report_of`` and ``document_of``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import singledispatch
 from importlib import import_module
 from pathlib import Path
@@ -14,14 +14,40 @@ from typing import TYPE_CHECKING, Any
 
 from servo_models.errors import UserError
 from servo_models.files import write_whole
-from servo_models.report.html import page
+from servo_models.report.html import notebook, page
 from servo_models.report.interchange import finite_json
-from servo_models.report.report import Report
+from servo_models.report.sections import Page, Section, Table
 from servo_models.report.style import figure
+from servo_models.report.terminal import group, text
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
+    from rich.console import Group
+
+
+class Report(Page):
+    """A result as people read it.
+
+    ``str(report)`` is plain text, rich prints it for a terminal, and a notebook shows it.
+    """
+
+    def __repr__(self) -> str:
+        return f"<Report of {': '.join(filter(None, (self.title, self.sentence)))}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self)
+
+    def __rich__(self) -> Group:
+        return group(self)
+
+    def __str__(self) -> str:
+        return text(self)
+
+
+def data_sheet(title: str, texts: Sequence[str], tables: Sequence[Table]) -> Report:
+    """Return a report without a verdict: paragraphs, then tables that name themselves."""
+    return Report(title, "", remarks=tuple(texts), sections=(Section("", tables=tuple(tables)),))
 
 
 @singledispatch

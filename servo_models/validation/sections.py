@@ -9,8 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from servo_models.report.numbers import Quantity, number, percent, with_unit
-from servo_models.report.report import Report
-from servo_models.report.result import document_of, report_of
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
 from servo_models.validation.any_fmu.sections import curves, faults, notes

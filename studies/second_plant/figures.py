@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from servo_models.diagnosis.verdict import NO_GAP, OUTSIDE, PARAMETERS
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 from servo_models.report.sections import Cell, Mark, Section, Table
 from studies.second_plant.judge import Observed, sets_of
 from studies.withheld.oracle import FAILED, Diagnosed

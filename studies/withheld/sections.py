@@ -7,8 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from servo_models.report.numbers import Quantity
-from servo_models.report.report import Report
-from servo_models.report.result import document_of, report_of
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Section, Table
 from studies.withheld.run import Check
 from studies.withheld.score import (

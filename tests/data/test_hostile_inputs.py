@@ -23,7 +23,7 @@ from servo_models.data.readers import read_columns
 from servo_models.data.schema import read_toml
 from servo_models.errors import LONGEST, UserError, printable
 from servo_models.files import largest_input
-from servo_models.report.report import data_sheet
+from servo_models.report.result import data_sheet
 from servo_models.report.sections import Table
 from servo_models.report.terminal import text
 from tests.conftest import Run

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 
 import numpy as np
@@ -15,7 +16,9 @@ from servo_models.core.simulate import model
 from servo_models.core.types import Array
 from servo_models.data.log import Log
 from servo_models.data.mistakes import mistakes
+from servo_models.identification.plausibility import SLOW
 from tests.support.logs import log_of
+from tests.support.sources import ROOT
 
 ROWS, INTERVAL = 1200, 2e-3
 NOISE = 2e-3
@@ -182,3 +185,16 @@ def test_an_answer_within_one_row_is_no_second_run() -> None:
     times, goal, _ = record()
     noise = NOISE * np.random.default_rng(7).standard_normal(ROWS)
     assert said(times, goal, goal + noise) == []
+
+
+def test_effects_that_imitate_a_mistake_are_in_the_catalogue() -> None:
+    """A name with a slip would imitate nothing, and nobody would notice."""
+    known = {path.stem for path in ROOT.glob("servo_models/effects/*.py")}
+    named = set(SLOW)
+    for module in ("data/mistakes.py", "identification/plausibility.py"):
+        tree = ast.parse((ROOT / "servo_models" / module).read_text("utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Mistake":
+                named |= {it.value for it in node.args[1:] if isinstance(it, ast.Constant)}
+    assert len(named) > 10
+    assert named <= known

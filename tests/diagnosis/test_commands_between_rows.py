@@ -14,7 +14,7 @@ from servo_models.data.schema import Section
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.verdict import EFFECT, PARAMETERS
-from tests.support.bus_servo import BELIEVED, NOISE
+from studies.far_parameters import BELIEVED, NOISE
 from tests.support.logs import changed, log_of
 
 FINE = 1e-3

@@ -13,7 +13,7 @@ from servo_models.diagnosis import summary
 from servo_models.diagnosis.diagnose import diagnose
 from servo_models.diagnosis.verdict import EFFECT, PARAMETERS
 from servo_models.identification.identify import identify
-from tests.support.bus_servo import BELIEVED, NOISE, TIMES, goals
+from studies.far_parameters import BELIEVED, NOISE, TIMES, goals
 from tests.support.logs import changed, measured
 
 

@@ -22,7 +22,7 @@ from servo_models.diagnosis.search.fitting import Fitter
 from servo_models.diagnosis.search.selection import Selection
 from servo_models.diagnosis.stretches import Part, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, PARAMETERS
-from tests.support.bus_servo import BELIEVED, NOISE, TIMES, goals
+from studies.far_parameters import BELIEVED, NOISE, TIMES, goals
 from tests.support.logs import changed, log_of
 
 ONE = {"natural_frequency": 22.0, "damping_ratio": 0.62, "transport_delay.time": 0.01}

@@ -27,7 +27,7 @@ from servo_models.identification.result import HELD_OUT, Identification
 from servo_models.identification.sections import identification_report, with_figures
 from servo_models.report import html
 from servo_models.report.numbers import MINUS, TIMES
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 from servo_models.units import factor
 from tests.support.html_page import Page, unpictured
 from tests.support.logs import changed, measured

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from servo_models.report import html
 from servo_models.report.numbers import Quantity, number, percent, plain
-from servo_models.report.report import Report, data_sheet
-from servo_models.report.result import Result, document_of, report_of
+from servo_models.report.result import Report, Result, data_sheet, document_of, report_of
 from servo_models.report.sections import Card, Mark, Picture, Section, Table
 from tests.support.html_page import Page
 

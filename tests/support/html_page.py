@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from servo_models.report.report import Report
+from servo_models.report.result import Report
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 

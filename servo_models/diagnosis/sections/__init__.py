@@ -15,8 +15,7 @@ from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
 from servo_models.report.numbers import ARROW, number, percent
-from servo_models.report.report import Report
-from servo_models.report.result import document_of, report_of
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Section
 
 ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"

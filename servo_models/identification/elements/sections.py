@@ -16,8 +16,7 @@ from servo_models.identification.elements.estimate import Estimate
 from servo_models.identification.elements.identify import ElementsResult, Figure
 from servo_models.identification.elements.loop import Choice, Response, Synthesis
 from servo_models.report.numbers import ERROR, Quantity, number
-from servo_models.report.report import Report
-from servo_models.report.result import document_of, report_of
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
 from servo_models.units import factor

@@ -20,8 +20,7 @@ from servo_models.identification.transfer.identify import TransferResult
 from servo_models.identification.transfer.measurements import Record, Sweep
 from servo_models.report.curves import JUDGED, MEASURED, draw_curve, draw_legend, shade
 from servo_models.report.numbers import ERROR, Quantity
-from servo_models.report.report import Report
-from servo_models.report.result import document_of, report_of
+from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import colour
 from servo_models.units import factor
