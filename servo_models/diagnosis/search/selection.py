@@ -240,6 +240,7 @@ class SubsetSelection:
         if self.settled(2):
             self.add(self.retuned, self.as_good(self.starts(self.every), self.settings.fits_beside))
         else:
+            self.grow_loaded()
             self.begin(DISCONTINUOUS)
             self.search_grids()
             self.grow(1, [one for one in self.every if one.grid])
@@ -357,6 +358,15 @@ class SubsetSelection:
         leaves."""
         results, most = self.screener.beside(base, pool), self.settings.fits_beside
         self.add(base, promising(results, share * base.cost, most))
+
+    def grow_loaded(self) -> None:
+        """Fit frictions beside every load: without the other one, either is nowhere near the best
+        where a motor runs away."""
+        frictions = [one for one in self.every if one.hints.family == "friction"]
+        loads = {one.name for one in self.every if one.hints.family == "load"}
+        for base in self.best(1):
+            if loads.intersection(base.effects):
+                self.grow_beside(base, frictions, self.settings.promised_cost)
 
     def bases(self, size: int) -> list[FittedModel]:
         """The models of a size that share no cause with a better one, best first."""
