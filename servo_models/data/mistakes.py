@@ -330,11 +330,12 @@ def _straight(name: str, values: Array) -> Iterator[Mistake]:
     moving = np.abs(values[2:] - values[:-2]) > 4.0 * STRAIGHT * np.ptp(values)
     if moving.sum() < LEAST_ROWS:
         return
-    straight = bends[moving] <= STRAIGHT * np.ptp(values)
-    bent = bends[moving][~straight]
-    if np.mean(straight) > STRAIGHT_SHARE and np.median(bent, axis=0) > 20.0 * STRAIGHT * np.ptp(
-        values
-    ):
+    flat = STRAIGHT * np.ptp(values)
+    straight = bends[moving] <= flat
+    if straight.all():  # one ramp has no bends to tell
+        return
+    bent = float(np.median(bends[moving][~straight]))
+    if np.mean(straight) > STRAIGHT_SHARE and bent > BENT * flat:
         every = round(1.0 / max(1.0 - float(np.mean(straight)), 1e-9))
         yield Mistake(
             f"'{name}' runs in straight lines, with a bend about every {every} rows: it was read"
