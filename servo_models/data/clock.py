@@ -1,8 +1,9 @@
-"""Times of a log: stamps that a clock rounded, put back on the grid on which it ticked."""
+"""Times of a log: stamps that a clock rounded, or that came late, back on the grid it ticked on."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,23 @@ FIRST_BREAKS = 2  # gaps that are no matter of share
 LEAST_STRETCH = 16  # rows between gaps that tell a period
 THIRDS = 45
 """Steps of the search for a period, each of which leaves two thirds of its interval."""
+
+BINS_PER_STEP = 8  # of the usual step, in which stamps are counted to find their period
+RATES = (0.7, 3.5)  # of that period, over the usual one: uneven rows are up to three periods apart
+LEAST_COHERENCE = 0.2  # of stamps with a period: half a period late on average leaves 0.3
+LEAST_POWER = (
+    25.0  # coherence squared times rows: stamps without a period reach it once in 1e7 logs
+)
+MOST_SPARSE = 20.0  # usual steps for each row
+PHASES = 64  # of a period, that are tried
+NEIGHBOURS = 5  # on each side, from which a reading is foretold
+CUBIC = 4  # coefficients
+MOST_FORETOLD = 20_000  # rows
+WITHOUT_WILD = 0.98  # share of the rows that tell what is usual
+WILD_SQUARE = 16.0  # above the usual one: it counts no more than this
+SURELY_SMOOTHER = 2.0
+"""Standard errors by which readings are smoother over the even clock than over their stamps; where
+the stamps are true and readings tell, they are rougher by as many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,3 +276,117 @@ def _number(off: Array, slope: float, width: float) -> NDArray[np.int64] | None:
             return None
     shifts[begin:] = high if least is None else low
     return np.asarray(rows + shifts - shifts[0])
+
+
+# Stamps that came late
+
+
+@dataclass(frozen=True, eq=False)
+class Late:
+    """The even clock after whose ticks rows were stamped.
+
+    Attributes:
+        times: of the rows on that clock [s], shape (n,), from 0.
+        period: of the clock [s].
+        delays: of the stamps after their ticks [s], shape (n,), the least about 0.
+    """
+
+    times: Array
+    period: float
+    delays: Array
+
+    @property
+    def note(self) -> str:
+        """What was done, as a sentence."""
+        return (
+            f"rows are stamped {1e3 * float(self.delays.mean()):.3g} ms late on average, up to"
+            f" {1e3 * float(self.delays.max()):.3g} ms, after an even clock with a tick every"
+            f" {1e3 * self.period:.6g} ms: readings are smooth over that clock, and not over the"
+            " stamps, so the rows are put back on it"
+        )
+
+
+def stamped_late(times: Array, readings: Iterable[Array]) -> Late | None:
+    """Return the even clock on which rows were read, None where their stamps do as well.
+
+    A host that stamps messages as they arrive shifts each by another delay.  Stamps that follow an
+    even clock do not show which of the two is true: a host that wakes late reads late, too.  The
+    readings show it.  Each is foretold by a cubic through its neighbours, once over the stamps,
+    once over the clock; the wrong times leave errors where a reading moves.
+
+    Args:
+        times: of the rows by their stamps [s], rising, shape (n,), from 0.
+        readings: measured at these rows, shape (n,) each.
+
+    Source: a period in events, Mardia, Jupp, Directional Statistics (2000), sec. 6.3 (Rayleigh
+    test); delays above a least one, exponential: the tick after which they are shortest.
+    """
+    late = _late(times)
+    if late is None:
+        return None
+    gain = square = 0.0
+    for values in readings:
+        gains = _gains(values, times / late.period, late.times / late.period)
+        gain, square = gain + float(gains.sum()), square + float(gains @ gains)
+    return late if gain > SURELY_SMOOTHER * math.sqrt(square) else None
+
+
+def _late(times: Array) -> Late | None:
+    """The even clock that stamps follow, rows between which ticks are missing among them."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    few = len(times) < LEAST_STRETCH or not usual or times[-1] > MOST_SPARSE * len(times) * usual
+    if few or np.ptp(steps) < ROUNDING * usual:
+        return None
+    rate, coherence = _rate(times, usual)
+    if coherence < LEAST_COHERENCE or coherence**2 * len(times) < LEAST_POWER:
+        return None
+    turns, rows = rate * times, np.arange(len(times))
+    shortest, since, ticks = math.inf, turns, rows
+    for phase in np.arange(PHASES) / PHASES:
+        before = np.floor(turns - phase).astype(np.int64) - rows
+        before = np.minimum.accumulate(before[::-1])[::-1] + rows  # no tick has two rows
+        delays = turns - phase - before
+        if (mean := float(delays.mean())) < shortest:
+            shortest, since, ticks = mean, delays, before
+    if shortest < ROUNDING + 1.0 / PHASES:
+        return None
+    return Late((ticks - ticks[0]) / rate, 1.0 / rate, since / rate)
+
+
+def _rate(times: Array, usual: float) -> tuple[float, float]:
+    """The rate [1/s] with which stamps agree best, and how well: 1 for all of them."""
+    counts = np.bincount((BINS_PER_STEP / usual * times).astype(np.int64))
+    powers = np.abs(np.fft.rfft(counts, 4 * len(counts)))
+    rates = np.arange(len(powers)) * BINS_PER_STEP / (4 * len(counts) * usual)
+    asked = (rates >= RATES[0] / usual) & (rates <= RATES[1] / usual)
+    if not asked.any():
+        return 0.0, 0.0
+    near = rates[asked][np.argmax(powers[asked])]
+
+    def coherence(rate: float) -> float:
+        return float(abs(np.exp(2j * np.pi * rate * times).mean()))
+
+    fine = near + np.linspace(-0.5, 0.5, 33) / times[-1]
+    found = max(fine, key=coherence)
+    return float(found), coherence(found)
+
+
+def _gains(values: Array, stamps: Array, ticks: Array) -> Array:
+    """What each reading is better foretold by over the ticks than over the stamps, squared."""
+    every = np.arange(NEIGHBOURS, len(values) - NEIGHBOURS)
+    rows = every[:: max(1, len(every) // MOST_FORETOLD)]
+    before, after = (_unforetold(values, times, rows) ** 2 for times in (stamps, ticks))
+    usual = np.sort(np.minimum(before, after))[: max(1, int(WITHOUT_WILD * len(rows)))].mean()
+    most = WILD_SQUARE * max(float(usual), 1e-24 * float(np.ptp(values)) ** 2, 1e-300)
+    return np.asarray(np.minimum(before, most) - np.minimum(after, most)) / most
+
+
+def _unforetold(values: Array, times: Array, rows: NDArray[np.int64]) -> Array:
+    """Errors of the values foretold by a cubic through their neighbours; of white noise: even."""
+    near = np.delete(np.arange(-NEIGHBOURS, NEIGHBOURS + 1), NEIGHBOURS)
+    away = (times[rows[:, None] + near] - times[rows, None]) / NEIGHBOURS
+    powers = away[..., None] ** np.arange(CUBIC)
+    weights = np.linalg.pinv(powers)[:, 0]
+    errors = values[rows] - np.sum(weights * values[rows[:, None] + near], axis=1)
+    return np.asarray(errors / np.sqrt(1.0 + np.sum(weights**2, axis=1)))

@@ -16,7 +16,7 @@ from servo_models.core.bounds import is_outside, outside
 from servo_models.core.plant import Parameter, Wire, unknown
 from servo_models.core.simulate import LONGEST_RUN, Model
 from servo_models.core.types import Array, Mask
-from servo_models.data.clock import Grid, dithered, regular
+from servo_models.data.clock import Grid, dithered, regular, stamped_late
 from servo_models.data.log import Channel, Log, Start
 from servo_models.data.outliers import off_neighbours
 from servo_models.data.readers import Columns
@@ -211,6 +211,9 @@ def read_log(
     clock = _begun(clock, others.values(), path)
     _check_duration(clock, chosen.values["internal_step"])
     times = regular((clock.stamps - clock.stamps[0]) * clock.scale)
+    late = stamped_late(times, (_read(m, clock, times) for m in outputs.values()))
+    if late:
+        times, notes = late.times, [*notes, late.note]
     for kind, signals in (("inputs", inputs), ("outputs", outputs)):
         for name, one in signals.items():
             _check_shift(section, f"{kind}.{name}.shift", one.shift, times)
@@ -487,13 +490,8 @@ def _unit_inside(mapped: Mapped, values: Array, wire: Wire) -> str:
 
 
 def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
-    """An output in SI at the times of the log; over rows that are missing it is a line."""
-    values, lost = in_si(mapped, clock.numbers(mapped.column)), _unread(mapped, clock)
-    if lost.all():
-        place = clock.columns.where(mapped.column)
-        raise UserError(f"{place} is no reading in any row: correct missing, or outliers")
-    if lost.any():
-        values = np.interp(times, times[~lost], values[~lost])
+    """An output in SI at the times of the log, if those of its rows are shifted."""
+    values = _read(mapped, clock, times)
     check_size(mapped, clock.columns, clock.rows, values, wire)
     moved = _moved(mapped.shift, times, values, wire.flag)
     if not wire.flag and np.ptp(moved) < LEAST:
@@ -503,6 +501,17 @@ def _output(mapped: Mapped, clock: Clock, times: Array, wire: Wire) -> Array:
             f" '{wire.name}' says nothing; leave it out or record one that moves"
         )
     return moved
+
+
+def _read(mapped: Mapped, clock: Clock, times: Array) -> Array:
+    """An output in SI in the rows of the log; over rows that are missing it is a line."""
+    values, lost = in_si(mapped, clock.numbers(mapped.column)), _unread(mapped, clock)
+    if lost.all():
+        place = clock.columns.where(mapped.column)
+        raise UserError(f"{place} is no reading in any row: correct missing, or outliers")
+    if lost.any():
+        values = np.interp(times, times[~lost], values[~lost])
+    return values
 
 
 def _unread(mapped: Mapped, clock: Clock) -> Mask:
