@@ -9,6 +9,10 @@
 
     python -m studies golden --cases FOLDER --out answers.jsonl    # answers of generated cases
     python -m studies golden --cases FOLDER --out now.jsonl --against then.jsonl
+    python -m studies golden --cases FOLDER --out now.jsonl --separable  # single causes
+    python -m studies golden --cases FOLDER --out now.jsonl --identify
+    python -m studies golden --cases FOLDER --out now.jsonl --separable    # asks the oracle, too
+    python -m studies golden --cases FOLDER --out now.jsonl --identify
 
 ``--compare equal`` asks for the same choices, numbers to ``--relative`` (0: to the last digit) and,
 where they are stored, the same reports.  ``--compare verdicts`` asks of diagnoses and
@@ -47,14 +51,17 @@ from unittest.mock import patch
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process a processor is all there is
 
 from servo_models.core.catalogue import actuators
+from servo_models.data.description import read_description
+from servo_models.diagnosis.search.priors import prior_parameters
 from servo_models.diagnosis.verdict import OUTSIDE
 from servo_models.errors import UserError
 from servo_models.files import scratch, write_whole
-from studies.withheld.oracle import FAILED, Diagnosed
+from studies.withheld.oracle import FAILED, Diagnosed, Question, ask_oracle, said_of
 from studies.withheld.run import work_through
 from studies.withheld.score import good, join, share
 
 Figures = dict[str, Any]
+Find = Callable[[Path], Any]
 Row = dict[str, Any]
 """``case``, its ``answer``, ``texts`` of reports, ``seconds`` of a processor, ``simulations``."""
 
@@ -77,6 +84,7 @@ SAME_SIZE = 1e-6
 """Relative difference of two sizes that counts as none, where they have no standard error."""
 SHOWN = 40
 """Differences that are printed."""
+DETERMINED = "parameters, determined"
 NORMAL_95 = 1.96
 """Standard errors to each side that hold 95 % of a normal distribution."""
 
@@ -92,14 +100,16 @@ class Job:
         inputs: files that it depends on, by the name under which their hash is stored.
         quick: whether it belongs to the small share.
         reported: whether its reports are wanted.
+        truth: of a case of which it is to be asked whether its logs tell its cause.
     """
 
     name: str
-    find: Callable[[Path], Any]
+    find: Find
     source: Path
     inputs: Mapping[str, Path]
     quick: bool = False
     reported: bool = False
+    truth: Row | None = None
 
 
 # Answers
@@ -128,7 +138,7 @@ def papers_gap(description: Path) -> Any:
         return diagnosed(folder / "gap" / description.name)
 
 
-def with_logs(find: Callable[[Path], Any], description: Path) -> Any:
+def with_logs(find: Find, description: Path) -> Any:
     """What is found from a description of real logs."""
     text = re.sub(r'"(\.\./)?logs/', f'"{LOGS.as_posix()}/', description.read_text("utf-8"))
     with scratch() as folder:
@@ -202,6 +212,10 @@ def answered(job: Job) -> Row:
         row["seconds"] = round(time.process_time() - begin, 3)
         if job.reported and result is not None:
             row["texts"] = _texts(result, job.source)
+    if job.truth and result is not None:
+        said = said_of(job.truth["case"], result, row["seconds"])
+        case = Question(job.source.parents[2], job.truth, said, left_out=False)
+        row["separable"] = ask_oracle(case)["separated"]
     return row
 
 
@@ -223,14 +237,18 @@ def _texts(diagnosis: Any, description: Path) -> dict[str, str]:
 # Jobs
 
 
-def withheld(folder: Path) -> Iterator[Job]:
+def withheld(folder: Path, find: Find = diagnosed, separable: bool = False) -> Iterator[Job]:
     """Cases in a folder, of this set or of the generator."""
+    truth = truths(folder) if separable else {}
     for path in sorted((folder / "cases").glob("*/description.toml")):
         case = path.parent.name
         inputs = {f"cases/{case}/{file.name}": file for file in sorted(path.parent.iterdir())}
         mine = folder == GOLDEN
         quick, reported = mine and case in QUICK, mine and case in REPORTED
-        yield Job(f"withheld/{case}", diagnosed, path, inputs, quick, reported)
+        name = f"withheld/{case}"
+        known = truth.get(name)
+        alone = known if known and known["kind"] == "one" else None
+        yield Job(name, find, path, inputs, quick, reported, alone)
 
 
 def examples() -> Iterator[Job]:
@@ -420,7 +438,7 @@ def paired(
     before: Mapping[str, Row], now: Mapping[str, Row], truth: Mapping[str, Row]
 ) -> Iterator[str]:
     """Lines of tables of what two answers to the same cases have found, and what they took."""
-    both = [name for name in now if name in truth]
+    both = [name for name in now if name in truth and now[name].get("separable", True)]
     yield "| | of | before | now | only before | only now |"
     yield "|---|---|---|---|---|---|"
     for title, (kinds, holds) in FOUND.items():
@@ -449,17 +467,22 @@ def paired(
         )
 
 
-def intervals(rows: Mapping[str, Row], truth: Mapping[str, Row]) -> Iterator[str]:
+def intervals(rows: Mapping[str, Row], truth: Mapping[str, Row], folder: Path) -> Iterator[str]:
     """Lines of a table of how often intervals of 95 % hold the truth, in right diagnoses of causes
-    that the catalogue has.
+    that the catalogue has, and in identifications of rigs with which nothing is wrong.
 
-    Values without a standard error, on a bound or not determined, are counted apart.
+    Values without a standard error, on a bound or not determined, are counted apart.  A parameter
+    is *determined* where its standard error is less than half of what is believed of it.
     """
-    held: dict[str, list[bool]] = {"parameters": [], "sizes of effects": []}
+    held: dict[str, list[bool]] = {"parameters": [], "sizes of effects": [], DETERMINED: []}
     unknown = dict.fromkeys(held, 0)
     for name, case in ((it, truth[it]) for it in rows if it in truth):
-        if case["kind"] == "foreign" or not right(case, rows[name]["answer"]):
+        answer = rows[name]["answer"]
+        trusted = right(case, answer) if "verdict" in answer else case["kind"] == "nothing"
+        if case["kind"] == "foreign" or not trusted:
             continue
+        told = read_description(folder / "cases" / case["case"] / "description.toml")
+        believed = {free.name: free.prior for free in prior_parameters(told)}
         sizes = {key: v for it in case["effects"] for key, v in it["parameters"].items()}
         known = {**case["parameters"], **sizes}
         for key, (value, error) in rows[name]["answer"].get("values", {}).items():
@@ -470,15 +493,16 @@ def intervals(rows: Mapping[str, Row], truth: Mapping[str, Row]) -> Iterator[str
                 unknown[what] += 1
                 continue
             inside = abs(value - known[key]) <= NORMAL_95 * error
-            for title in (what, key.partition(".")[0] if key in sizes else ""):
+            determined = DETERMINED if error < 0.5 * (believed.get(key) or 0.0) else ""
+            for title in (what, key.partition(".")[0] if key in sizes else determined):
                 held.setdefault(title, []).append(inside)
-    yield "\n| 95 % intervals of right diagnoses | of | hold the truth | without |"
+    yield "\n| 95 % intervals | of | hold the truth | without |"
     yield "|---|---|---|---|"
     for title, inside in held.items():
         if title and inside:
             it = share(inside)
-            told = f"{it.value:.2f} ({it.low:.2f} to {it.high:.2f})"
-            yield f"| {title} | {len(inside)} | {told} | {unknown.get(title, '')} |"
+            shown = f"{it.value:.2f} ({it.low:.2f} to {it.high:.2f})"
+            yield f"| {title} | {len(inside)} | {shown} | {unknown.get(title, '')} |"
 
 
 def read_rows(path: Path) -> dict[str, Row]:
@@ -566,6 +590,10 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--cases", type=Path, metavar="FOLDER", help="generated cases instead")
     parser.add_argument("--out", type=Path, metavar="FILE", help="keep answers, to go on with")
+    parser.add_argument("--identify", action="store_true", help="identify these cases instead")
+    parser.add_argument(
+        "--separable", action="store_true", help="of single causes count those that logs can tell"
+    )
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with these answers")
     given = parser.parse_args()
     if given.cases and (given.write or not given.out):
@@ -581,7 +609,8 @@ def main() -> int:
 def run(given: argparse.Namespace, folder: Path) -> int:
     """Find the answers that are asked for, and compare or write them."""
     source = given.cases or GOLDEN
-    jobs = list(withheld(source))
+    find = identified if given.identify else diagnosed
+    jobs = list(withheld(source, find, given.separable))
     if not given.cases:
         jobs += [*examples(), *(real_logs() if given.real else ())]
     jobs = [job for job in jobs if job.name.startswith(given.only) and job.quick >= given.quick]
@@ -600,7 +629,7 @@ def run(given: argparse.Namespace, folder: Path) -> int:
         write(rows, hashes)
         return 0
     if given.cases:
-        print(*intervals(rows, truths(source)), sep="\n")
+        print(*intervals(rows, truths(source), source), sep="\n")
     if given.cases and not given.against:
         return 0
     return compare(given, rows, truths(source))

@@ -123,11 +123,15 @@ class Known:
 
 @dataclass(frozen=True)
 class Question:
-    """A case to be judged: the folder of all cases, its answer, and what was said of it."""
+    """A case to be judged: the folder of all cases, its answer, and what was said of it.
+
+    ``left_out`` asks for another diagnosis, with the truth left out of the catalogue.
+    """
 
     folder: Path
     answer: dict[str, Any]
     said: Diagnosed
+    left_out: bool = True
 
 
 def diagnose_case(folder: Path) -> dict[str, Any]:
@@ -143,10 +147,11 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     except Exception as error:  # a crash is a figure of the diagnosis, not of this run
         why = f"{type(error).__name__}: {error}" if not isinstance(error, UserError) else str(error)
         return asdict(Diagnosed(folder.name, FAILED, time.perf_counter() - begin, why))
-    return asdict(_said(folder.name, found, time.perf_counter() - begin))
+    return asdict(said_of(folder.name, found, time.perf_counter() - begin))
 
 
-def _said(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
+def said_of(case: str, found: Diagnosis, seconds: float) -> Diagnosed:
+    """Return what a diagnosis says of a case."""
     selection, verdict = found.selection, found.verdict
     tried = sorted(selection.tried, key=lambda one: one.evidence.rms)
     return Diagnosed(
@@ -212,7 +217,7 @@ def _known(question: Question, names: Sequence[str]) -> Known:
         named = set(said.named) == set(names)  # to be told what one knows changes nothing
         fit = None if named else told(measured, names, measured.fit((), ()))
         after = fit.evidence.rms if fit else said.after
-    if len(names) == 1 and separated and not foreign:
+    if question.left_out and len(names) == 1 and separated and not foreign:
         without = diagnose(noisy, jobs=1, left_out=names).verdict.kind
     return Known(
         case=said.case,

@@ -1,8 +1,9 @@
-"""python -m studies withheld.generator FOLDER --cases N --seed S [--tiers easy,rough]
+"""python -m studies withheld.generator FOLDER --cases N --seed S [--tiers easy,rough] [--kinds one]
 
 Writes the cases and prints the seal of their answers; progress goes to the standard error, one
 line "done/all" a case.  The tiers are easy, hard and poor, or those that are named, rough among
-them.  Exit 0 done, 2 could not run.
+them; the kinds are nothing, one, two and foreign, or those that are named.  Exit 0 done, 2 could
+not run.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from studies.withheld.generator.cases import CLEAN, TIERS
+from studies.withheld.generator.cases import CLEAN, KINDS, TIERS
 from studies.withheld.generator.files import generate
 
 
@@ -22,17 +23,21 @@ def main() -> int:
     parser.add_argument("--cases", type=int, required=True)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--tiers", default=",".join(CLEAN))
+    parser.add_argument("--kinds", default=",".join(KINDS))
     given = parser.parse_args()
-    tiers = given.tiers.split(",")
-    unknown = [tier for tier in tiers if tier not in TIERS]
+    tiers, kinds = given.tiers.split(","), given.kinds.split(",")
+    unknown = {*tiers} - {*TIERS} or {*kinds} - {*KINDS}
     if unknown or given.cases < 1 or given.seed < 0:
-        parser.error(f"give 1 case or more, a seed of 0 or more, and tiers of {', '.join(TIERS)}")
+        parser.error(
+            f"give 1 case or more, a seed of 0 or more, tiers of {', '.join(TIERS)}, "
+            f"kinds of {', '.join(KINDS)}"
+        )
 
     def progress(done: int, every: int) -> None:
         print(f"{done}/{every}", file=sys.stderr, flush=True)
 
     try:
-        print(generate(given.folder, given.cases, given.seed, tiers, progress))
+        print(generate(given.folder, given.cases, given.seed, tiers, progress, kinds))
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -122,11 +122,21 @@ class Case:
     command_step: float = 0.0
 
 
-def draw_case(seed: int, number: int, tier: str) -> Case:
-    """Draw case ``number`` of ``seed``."""
+def kind_of(seed: int, number: int) -> str:
+    """Return the kind of case ``number`` of ``seed``, one of ``KINDS``."""
+    return _begun(seed, number)[2]
+
+
+def _begun(seed: int, number: int) -> tuple[np.random.Generator, Rig, str]:
+    """The generator of random numbers of a case, and what it draws first."""
     rng = np.random.default_rng([seed, number])
     rig = RIGS[int(rng.integers(len(RIGS)))]
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    return rng, rig, str(rng.choice(list(KINDS), p=list(KINDS.values())))
+
+
+def draw_case(seed: int, number: int, tier: str) -> Case:
+    """Draw case ``number`` of ``seed``."""
+    rng, rig, kind = _begun(seed, number)
     faults = draw_faults(rng) if tier == ROUGH else ()
     experiment = draw_experiment(rig, tier, rng, faults)
     known, foreign = CATALOGUE[rig.actuator], FOREIGN[rig.actuator]

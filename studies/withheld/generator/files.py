@@ -16,14 +16,15 @@ import io
 import json
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.withheld.generator.cases import CLEAN, Acting, Case, draw_case
+from studies.withheld.generator.cases import CLEAN, KINDS, Acting, Case, draw_case, kind_of
 from studies.withheld.generator.rigs import LOAD, Rig, Signal
 
 Array = NDArray[np.float64]
@@ -39,10 +40,12 @@ def generate(
     seed: int,
     tiers: Sequence[str] = CLEAN,
     progress: Callable[[int, int], None] | None = None,
+    kinds: Container[str] = KINDS,
 ) -> str:
     """Write cases into a new folder, whole or not at all, and return the seal of their answers.
 
-    Case i is of tier i modulo their number, and the same for any number of cases.
+    Case i is of tier i modulo their number, and the same for any number of cases.  Those that are
+    none of ``kinds`` are left out, and do not count.
 
     Raises:
         FileExistsError: the folder is there already.
@@ -54,11 +57,12 @@ def generate(
         part = Path(beside) / folder.name
         part.mkdir()
         answers = []
-        for number in range(cases):
+        numbers = (number for number in count() if kind_of(seed, number) in kinds)
+        for number in islice(numbers, cases):
             case = draw_case(seed, number, tiers[number % len(tiers)])
             answers.append(write_case(part, f"{number:04d}", case))
             if progress:
-                progress(number + 1, cases)
+                progress(len(answers), cases)
         content = {"version": VERSION, "seed": seed, "cases": answers}
         text = json.dumps(content, indent=1).encode()
         (part / "answers.json").write_bytes(text)
