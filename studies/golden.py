@@ -138,10 +138,15 @@ def papers_gap(description: Path) -> Any:
         return diagnosed(folder / "gap" / description.name)
 
 
+def located(text: str) -> str:
+    """The text of a description of real logs, which are where SERVO_MODELS_DATA says."""
+    return re.sub(r'"(\.\./)?logs/', f'"{LOGS.as_posix()}/', text)
+
+
 def with_logs(find: Find, description: Path) -> Any:
     """What is found from a description of real logs."""
-    text = re.sub(r'"(\.\./)?logs/', f'"{LOGS.as_posix()}/', description.read_text("utf-8"))
     with scratch() as folder:
+        text = located(description.read_text("utf-8"))
         (folder / description.name).write_text(text, encoding="utf-8")
         return find(folder / description.name)
 
@@ -489,7 +494,7 @@ def intervals(rows: Mapping[str, Row], truth: Mapping[str, Row], folder: Path) -
             what = "sizes of effects" if key in sizes else "parameters"
             if key not in known:
                 continue
-            if not math.isfinite(error):
+            if error is None or not math.isfinite(error):
                 unknown[what] += 1
                 continue
             inside = abs(value - known[key]) <= NORMAL_95 * error

@@ -4,6 +4,8 @@
     python -m studies mistakes CASES --out found.jsonl            # resumable; then the table
     python -m studies mistakes CASES --out found.jsonl --only swapped --show
     python -m studies mistakes CASES --out found.jsonl --clean    # the same logs as they are
+    python -m studies mistakes REAL --out real.jsonl --each 9 --lay-out \
+        examples/real_logs/diagnosis/{xl330,so101_rotation,sg90_video}.toml
 
 A mistake is made in a copy of a case whose columns allow it.  It is *named* where a sentence of
 ``check``, or the error that refuses the file, says what it is; a *misleading* answer warns of
@@ -26,9 +28,12 @@ from typing import Any
 import numpy as np
 
 from servo_models.core.types import Array
+from servo_models.data.description import read_description
 from servo_models.errors import UserError
 from servo_models.files import scratch
 from servo_models.identification.check import check
+from servo_models.units import factor
+from studies.golden import located
 from studies.withheld.score import share
 
 SERVOS = ("smart_servo", "second_order_servo", "sg90")
@@ -498,6 +503,39 @@ def rigs(cases: Path) -> Iterator[tuple[str, Rig]]:
         yield name, rig
 
 
+SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "s": "us"}
+"""Units in which a column is written, by those that a signal has."""
+HEAD = re.compile(r"^\[\[logs\]\]", re.M)
+
+
+def lay_out(description: Path, cases: Path) -> None:
+    """Write the first log of a description as a case: one file of columns in usual units."""
+    text, found = description.read_text("utf-8"), read_description(_with_logs(description, cases))
+    log, wires = found.logs[0], found.model.plant.wire
+    columns, lines = {"time_ms": 1e3 * log.times}, ['time = { column = "time_ms", unit = "ms" }']
+    for kind, signals in (("inputs", log.inputs), ("outputs", log.outputs)):
+        for name, values in signals.items():
+            unit = SHOWN_IN.get(wires[name].unit, wires[name].unit)
+            column = f"{name}_{unit}"
+            columns[column] = values / factor(unit, wires[name].unit)
+            lines.append(f'{kind}.{name} = {{ column = "{column}", unit = "{unit}" }}')
+    lines += [f"constants.{name} = {value!r}" for name, value in log.constants.items()]
+    lines += [f'settle = "{log.settle!r} s"'] if log.settle else ['start = "rest"']
+    head = HEAD.split(text)[0]
+    logs = "\n".join(["[[logs]]", 'file = "log.csv"', *lines, ""])
+    folder = cases / "cases" / f"{len(list(cases.glob('cases/*'))):04d}"
+    folder.mkdir(parents=True)
+    Rig(found.model.actuator.name, head + logs, {"log.csv": columns}).write(folder)
+
+
+def _with_logs(description: Path, folder: Path) -> Path:
+    """A description of real logs, where these are."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / description.name
+    path.write_text(located(description.read_text("utf-8")), encoding="utf-8")
+    return path
+
+
 def said(rig: Rig) -> list[str]:
     """What ``check`` says of a rig: warnings, notes, or why it is refused."""
     with scratch() as folder, warnings.catch_warnings():
@@ -533,7 +571,8 @@ def work(cases: Path, out: Path, each: int, only: str, clean: int) -> None:
             continue
         fit = [it for it in every if it[1].actuator in mistake.actuators]
         fit = [it for it in fit if name != "two servos" or it[1].other]
-        for case, rig in fit[number % 3 :: 3][:each]:
+        rare = slice(number % 3, None, 3) if len(fit) >= 3 * each else slice(None)
+        for case, rig in fit[rare][:each]:
             if (name, case) not in done:
                 texts = said(made(rig, mistake, int(case)))
                 before = {numberless(text) for text in said(rig)}
@@ -594,9 +633,14 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--each", type=int, default=6, help="rigs that a mistake is made in")
     parser.add_argument("--clean", type=int, default=0, help="logs that are checked as they are")
+    parser.add_argument(
+        "--lay-out", type=Path, nargs="+", default=(), metavar="TOML", help="cases of real logs"
+    )
     parser.add_argument("--only", default="", choices=("", *MISTAKES), help="one mistake")
     parser.add_argument("--show", action="store_true", help="what was said")
     given = parser.parse_args()
+    for description in given.lay_out:
+        lay_out(description, given.cases)
     work(given.cases, given.out, given.each, given.only, given.clean)
     rows = [row for row in read(given.out) if given.only in ("", row["mistake"])]
     for row in rows if given.show else ():

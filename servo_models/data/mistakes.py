@@ -304,7 +304,7 @@ def _stands(log: Log, plant: Plant, name: str, values: Array) -> Iterator[Mistak
             continue
         yield Mistake(
             f"'{name}' stands from row {log.rows[begin]} on at the latest, while '{other}' goes on:"
-            " the drive was switched off; end the log before",
+            " the drive was switched off, or the sensor was dead; end the log before",
             "supply_limit",
             "supply_sag",
             "stiction",
