@@ -48,8 +48,8 @@ MOST_CHANGES = 300
 """In a log: of more only the largest, since each is a simulation."""
 SAMPLES_PER_CHANGE = 4
 """At least: with as many changes as samples, what they may have done is anything."""
-MEAN_SQUARE_SHARE = 1.0 / 3.0
-"""Of a share that is anything from 0 to 1."""
+INSTANTS = 3
+"""Between lost rows, at which a command is tried: what follows may depend on it in any way."""
 LOOKS = 2
 """Copies by which it is asked whether the step of a column matters."""
 MATTERS = 0.3
@@ -257,10 +257,10 @@ def _with_unsure_inputs(
         usual = prepared(model, log).outputs(values)
 
         def moved(copy: Log) -> Array:
-            return prepared(model, copy).outputs(values) - usual
+            rows = np.searchsorted(copy.times, log.times)
+            return prepared(model, copy).outputs(values)[rows] - usual
 
-        at_once = _sent_at_once(log, between_rows)
-        changes = [np.sqrt(MEAN_SQUARE_SHARE) * moved(copy) for copy in at_once]
+        changes = [share * moved(copy) for copy, share in _sent_before(log, between_rows)]
         for name, column in log.inputs.items():
             if not (step := _column_step(column)):
                 continue
@@ -279,9 +279,13 @@ def _with_unsure_inputs(
     return replace(log, unsure={name: unsure[:, i] for i, name in enumerate(log.outputs)})
 
 
-def _sent_at_once(log: Log, every: bool) -> Iterator[Log]:
-    """Logs whose command after lost rows, or after ``every`` row, has come at once, those of the
-    largest changes."""
+def _sent_before(log: Log, every: bool) -> Iterator[tuple[Log, float]]:
+    """Logs whose command after lost rows, or after ``every`` row, has come before, those of the
+    largest changes; each with how much of what that moves is a standard deviation.
+
+    It may have come at any time since the last row: the covariance is the mean over that time, by
+    Gauss's quadrature.
+    """
     before = np.arange(len(log.times) - 1) if every else lost_rows(log)
     if not every and len(before) > MOST_LOST_SHARE * len(log.times):
         return
@@ -289,11 +293,14 @@ def _sent_at_once(log: Log, every: bool) -> Iterator[Log]:
     for held in log.inputs.values():
         sizes += np.abs(held[before + 1] - held[before]) / (np.ptp(held) or 1.0)
     most = min(MOST_CHANGES, int(log.fitted.sum()) // SAMPLES_PER_CHANGE)
+    nodes, weights = np.polynomial.legendre.leggauss(1 if every else INSTANTS)
     for row in before[np.argsort(-sizes)[: min(most, np.count_nonzero(sizes))]]:
-        inputs = {name: values.copy() for name, values in log.inputs.items()}
-        for values in inputs.values():
-            values[row] = values[row + 1]
-        yield replace(log, inputs=inputs)
+        for node, weight in zip(nodes, weights):
+            begin, end = log.times[row], log.times[row + 1]
+            instant = 0.5 * (begin + end + node * (end - begin))
+            inputs = {name: np.insert(it, row + 1, it[row + 1]) for name, it in log.inputs.items()}
+            copy = replace(log, times=np.insert(log.times, row + 1, instant), inputs=inputs)
+            yield copy, float(np.sqrt(0.5 * weight))
 
 
 def _block_by_block(log: Log, name: str, step: float, count: int) -> Iterator[tuple[Log, float]]:

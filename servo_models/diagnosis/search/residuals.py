@@ -86,16 +86,19 @@ class Residuals:
 def residuals_of(problem: Problem, evidence: CrossValidation) -> Residuals:
     """Return how much of the errors of a fit is structured, all records and outputs together.
 
-    Readings with fewer than ``LEAST_SAMPLES`` count as noise, as far as that may be so loud.
+    Readings with fewer than ``LEAST_SAMPLES`` count as noise, as far as that may be so loud.  An
+    error within half a step of its reading has no structure: without noise on it, a reading that
+    rests is off by the same all the time.
     """
     power = structured = variance = noise = 0.0
-    for errors, white, most in _readings(problem, evidence):
-        own, spread = _noise(errors, white)
+    for errors, step, most in _readings(problem, evidence):
+        own, spread = _noise(errors, step**2 / 12.0)
         allowed = min(1.0, most**2 / max(own, 1e-30))
         own, spread = allowed * own, allowed * spread
+        beyond = np.maximum(np.abs(errors) - 0.5 * step, 0.0)
         power += float(errors @ errors)
         noise += len(errors) * own
-        structured += float(errors @ errors) - len(errors) * own
+        structured += min(float(errors @ errors) - len(errors) * own, float(beyond @ beyond))
         variance += (len(errors) * spread) ** 2
     n = max(problem.samples, 1)
     return Residuals(
@@ -133,8 +136,8 @@ def sure(left: Residuals, settings: Settings = DEFAULT) -> bool:
 
 
 def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Array, float, float]]:
-    """Errors of each output of each log, the noise power that its reading step adds, and how loud
-    noise may be."""
+    """Errors of each output of each log, its reading step, and how loud noise may be, all in noise
+    floors."""
     start = 0
     for log in problem.logs:
         count = int(log.fitted.sum())
@@ -143,7 +146,7 @@ def _readings(problem: Problem, evidence: CrossValidation) -> Iterator[tuple[Arr
             start += count
             if count:
                 (step, most), floor = _codes(log, name), problem.sigma[name]
-                yield errors, (step / floor) ** 2 / 12.0, min(most / floor, LOUDEST_NOISE_IN_FLOORS)
+                yield errors, step / floor, min(most / floor, LOUDEST_NOISE_IN_FLOORS)
 
 
 @cached(LRUCache(64), key=lambda log, name: (ref(log), name), lock=Lock())
@@ -152,8 +155,9 @@ def _codes(log: Log, name: str) -> tuple[float, float]:
 
     Every fit of a diagnosis asks it of the same few records.
     """
-    step = reading_step(log.outputs[name]).size
-    return step, loudest(log.outputs[name], step)
+    values = log.outputs[name] if log.skipped is None else log.outputs[name][~log.skipped]
+    step = reading_step(values).size
+    return step, loudest(values, step)
 
 
 def _noise(errors: Array, white: float) -> tuple[float, float]:
