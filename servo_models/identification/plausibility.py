@@ -22,7 +22,7 @@ from servo_models.core.types import Array, Mask
 from servo_models.data.description import Description
 from servo_models.data.log import Channel, Log
 from servo_models.data.mistakes import Mistake
-from servo_models.data.outliers import outliers
+from servo_models.data.outliers import POSITIONS, outliers
 from servo_models.data.schema import named
 from servo_models.errors import UserError
 from servo_models.identification.simulation import prepared
@@ -301,15 +301,19 @@ def _about_rates(model: Model, log: Log) -> Iterator[Mistake]:
 
 
 def _about_zeros(model: Model, log: Log) -> Iterator[Mistake]:
-    """Readings with another zero than the model's, that move alike."""
-    simulated = _simulated(model, log)
-    for name, misfit in _misfits(model, log).items():
+    """Positions with another zero than the model's, that move alike; a load moves that of a drive
+    and of its current."""
+    simulated, wires = _simulated(model, log), model.plant.wire
+    positions = {
+        name: it for name, it in _misfits(model, log).items() if wires[name].unit in POSITIONS
+    }
+    for name, misfit in positions.items():
         measured, response = _kept(log, name), simulated[name][_usual(log, name)]
         off, unit = float(np.median(measured - response)), _unit_of(_channel(log, name))
         spread = float(np.std(measured - response))
         least = max(ELSEWHERE * float(np.ptp(response)), STEADY * spread)
         if misfit < UNLIKE and abs(off) > least:
-            size = off * factor(model.plant.wire[name].unit, unit)
+            size = off * factor(wires[name].unit, unit)
             yield Mistake(
                 f"{_column(log, name)} moves as the model does, but {size:.4g} {unit} off: its zero"
                 f" is elsewhere; give it offset = {-size:.4g}",

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from servo_models.core.simulate import Model
+from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
 from servo_models.data.audit import audits
 from servo_models.data.log import Log
 from servo_models.diagnosis.preconditions import imitators
 from servo_models.identification.plausibility import answer_time, mistaken_columns
 from tests.conftest import Run
+from tests.support.logs import log_of
 from tests.support.plausible_logs import sane
 
 GIMBAL = Path(__file__).parents[2] / "examples" / "gimbal"
@@ -66,6 +67,24 @@ def test_gains_imitate_a_sign_and_lags_a_time_that_runs_too_slowly() -> None:
     assert "command_lag" not in left_out(chosen, turned)
     assert "command_lag" in left_out(chosen, replace(log, times=20.0 * log.times))
     assert not left_out(chosen, log)
+
+
+def test_a_load_is_no_zero_of_a_current_that_is_elsewhere() -> None:
+    """It moves the current for good, as the loop holds the speed: a load is to be found there."""
+    motor = model("dc_motor_speed", "direct")
+    loaded = replace(motor, values={**motor.values, "constant_load.torque": -0.06})
+    times = 0.002 * np.arange(800)
+    sent = np.repeat([0.0, 60.0, -40.0, 20.0], 200)
+    speed, current = (
+        simulate(loaded, times, {"speed_command": sent})[it] for it in ("encoder_speed", "current")
+    )
+    log = log_of(times, {"speed_command": sent}, {"encoder_speed": speed, "current": current})
+    assert np.median(current) < -1.0
+    assert not left_out(motor, log)
+    bench = log_of(
+        times, {"speed_command": sent}, {"encoder_angle": 90.0 + np.cumsum(speed) * 0.002}
+    )
+    assert "constant_load" in left_out(motor, bench)
 
 
 def left_out(chosen: Model, log: Log) -> tuple[str, ...]:
