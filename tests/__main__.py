@@ -21,14 +21,12 @@ REST = ["-m", "thorough and not long"]
 
 
 def compiled(name: str) -> str:
-    """Compile an actuator into the cache, in C and by numba."""
-    from servo_models.core.compiled import compiled_run, run_by_numba
+    """Compile an actuator into the cache: in C where there is a compiler, else by numba."""
+    from servo_models.core.compiled import compiled_run
     from servo_models.core.simulate import model
     from servo_models.core.stepper import run_text
 
-    text = run_text(model(name).flat)
-    compiled_run(text)
-    run_by_numba(text)
+    compiled_run(run_text(model(name).flat))
     return name
 
 

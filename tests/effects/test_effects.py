@@ -35,6 +35,8 @@ PLANTS = {
     or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
 }
 FIRST = {a.name: f"{a.name}-{a.variants[0].name}" for a in actuators().values()}
+QUICK = FIRST["dc_motor"]
+"""The one that numba compiles fastest."""
 TWINS = ("dc_motor_current", "dc_motor_speed")
 """Actuators of the blocks of another one, behind another drive."""
 MARKS = {
@@ -170,20 +172,11 @@ def compiled(
     return code, row, out if code == 0 else out[:row]
 
 
-def through(plant: str, vector: list[float], by: Callable[[str], Run] = compiled_run) -> Array:
+def through(plant: str, vector: list[float]) -> Array:
     """Outputs of a run that succeeds."""
-    code, _, out = compiled(plant, vector, by)
+    code, _, out = compiled(plant, vector)
     assert code == 0
     return out
-
-
-every_compiler = pytest.mark.parametrize(
-    "by",
-    [
-        pytest.param(run_in_c, id="c", marks=in_c_only),
-        pytest.param(run_by_numba, id="numba"),
-    ],
-)
 
 
 def without(plant: Plant, names: set[str]) -> Plant:
@@ -255,33 +248,33 @@ def test_block_at_neutral_returns_its_wires(effect: Block, data: st.DataObject) 
 
 @every_placement
 @pytest.mark.parametrize("level", ["typical", "low", "high"])
-@every_compiler
-def test_plain_is_compiled_bit_for_bit_and_finite(
-    plant: str, name: str, level: str, by: Callable[[str], Run]
-) -> None:
+def test_plain_is_compiled_bit_for_bit_and_finite(plant: str, name: str, level: str) -> None:
     vector = values(plant, **at(plant, name, level))
     out = response(plant, vector)
     assert np.all(np.isfinite(out))
-    assert same(out, through(plant, vector, by))
+    assert same(out, through(plant, vector))
 
 
 @every_plant
-@every_compiler
-def test_plain_is_compiled_bit_for_bit_with_all_effects_active(
-    plant: str, by: Callable[[str], Run]
-) -> None:
+def test_plain_is_compiled_bit_for_bit_with_all_effects_active(plant: str) -> None:
     vector = values(plant, **all_typical(plant))
     assert not neutral_effects(chosen(plant).flat, vector)
     out = response(plant, vector)
     assert np.all(np.isfinite(out))
-    assert same(out, through(plant, vector, by))
+    assert same(out, through(plant, vector))
 
 
 RANDOM_SETS = 500
 
 
 @in_c_only
-@every_plant
+@pytest.mark.parametrize(
+    "plant",
+    [
+        pytest.param(plant, marks=MARKS[plant] or (() if plant == QUICK else pytest.mark.thorough))
+        for plant in PLANTS
+    ],
+)
 def test_c_is_numba_for_random_sets_of_effects_and_where_they_fail(plant: str) -> None:
     """A third of the switches on, anywhere between typical and a bound, internal steps that may be
     too long."""
