@@ -24,8 +24,7 @@ COMMANDS = {
         *("-m", "servo_models", "simulate", "torque_motor", "--stop", "10")
     ],
 }
-BARS = {"--help": 0.3, "simulate sg90, 10 s": 2.0, "simulate torque_motor, 10 s": 2.0}
-"""Seconds."""
+BARS = {"--help": 0.3, "simulate sg90, 10 s": 2.0, "simulate torque_motor, 10 s": 2.0}  # seconds
 
 
 def run(words: list[str]) -> tuple[float, float, float]:

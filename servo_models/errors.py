@@ -7,12 +7,9 @@ import re
 import unicodedata
 from collections.abc import Iterable
 
-LONGEST = 1000
-"""Characters of an error: of more the middle is left out."""
-MOST_MEANT = 4
-"""Names that are suggested at once."""
-LEAST_SIMILARITY = 0.6
-"""Of a name that is suggested, 1 for the same; 'voltage' is 0.5 like 'anlge'."""
+LONGEST = 1000  # characters of an error: of more the middle is left out
+MOST_MEANT = 4  # names that are suggested at once
+LEAST_SIMILARITY = 0.6  # of a name that is suggested, 1 for the same; 'voltage' is 0.5 like 'anlge'
 
 
 class UserError(Exception):

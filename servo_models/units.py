@@ -46,8 +46,7 @@ def registry() -> pint.UnitRegistry[Any]:
     return pint.UnitRegistry(cache_folder=folder)
 
 
-LONGEST_TEXT = 200
-"""Letters of a number with its unit."""
+LONGEST_TEXT = 200  # letters of a number with its unit
 _CHARACTERS = re.compile(r"[\w%./^*() \u00b0-]{1,60}")
 """What a unit is written with; the last but one is the degree sign."""
 _TOWER = re.compile(r"\d\d|[\d)]\s*(?:\^|\*\*)")

@@ -49,8 +49,7 @@ from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification import resolution
 from studies.golden import answered, change, read_rows, truths, withheld
 
-ALL = "all"
-"""Name of the answers with all rules."""
+ALL = "all"  # name of the answers with all rules
 Search = selection.SubsetSelection
 
 

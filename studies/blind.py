@@ -29,8 +29,7 @@ from studies.withheld.sections import BARS, MOST_WANTED, standing
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "blind.md"
 TABLES = Path(__file__).with_name("blind_runs")
-BEFORE = TABLES / "before"
-"""Runs of the diagnosis before, of which ``calibrate.py`` learns."""
+BEFORE = TABLES / "before"  # runs of the diagnosis before, of which ``calibrate.py`` learns
 RUNS, NOTES = "runs.csv", TABLES / "notes.md"
 HEAD = """# Withheld checks of the diagnosis
 
@@ -80,8 +79,7 @@ confuses it with parameters alone. Intervals are 95 %.
 Where fewer than {most} cases stand behind a figure its bar is met or missed *so far*.
 """
 Row = dict[str, str]
-UNASKED = "?"
-"""What a row says of effects that parameters imitate where none was looked for."""
+UNASKED = "?"  # what a row says of effects that parameters imitate where none was looked for
 
 
 def row_of(case: Mapping[str, Any]) -> Row:

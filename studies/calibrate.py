@@ -37,8 +37,7 @@ from studies.withheld.score import (
 FIGURES = (calibration_error, sure_ones_right, log_loss, told_surely)
 FOLDS, FEWEST_SEEDS = 6, 3
 """Parts of the seeds, each left out in turn."""
-DIGITS = 4
-"""Of a probability, which no study knows better."""
+DIGITS = 4  # of a probability, which no study knows better
 
 
 class Run(NamedTuple):

@@ -35,12 +35,10 @@ from servo_models.identification.doubts import PRIOR_ONLY
 from servo_models.report.numbers import Quantity, with_error
 
 SAMPLES = 500
-NORMAL_95 = 1.96
-"""Half width of the 95 % interval of a normal number, in standard deviations."""
+NORMAL_95 = 1.96  # half width of the 95 % interval of a normal number, in standard deviations
 PRIOR_SHARE = 0.2
 """Prior standard deviation of every free parameter over its nominal value, for diagnose."""
-FARTHEST = 2.0
-"""Prior deviations that a truth lies from nominal at most."""
+FARTHEST = 2.0  # prior deviations that a truth lies from nominal at most
 
 
 @dataclass(frozen=True)
@@ -75,8 +73,7 @@ class Rig:
     base: dict[str, float] = field(default_factory=dict)
 
 
-SMOOTH = ("chirp", "ramps", "sines")
-"""Commands of a stiff loop, which a step throws to its limits."""
+SMOOTH = ("chirp", "ramps", "sines")  # commands of a stiff loop, which a step throws to its limits
 FRICTION = "coulomb_friction.level"
 RIGS = {
     "sg90": Rig(
@@ -175,10 +172,8 @@ RIGS = {
 EXACT = 0.02
 """Change of an output over its scatter, by rounding that steps and friction amplify, up to which a
 group is exactly degenerate."""
-BLIND = 1e3
-"""Standard error over the value from which nothing is known of a parameter."""
-NOISE = (1e-3, 1e-2)
-"""Least and largest standard deviation of the noise over that of the output."""
+BLIND = 1e3  # standard error over the value from which nothing is known of a parameter
+NOISE = (1e-3, 1e-2)  # least and largest standard deviation of the noise over that of the output
 
 
 @dataclass(frozen=True)

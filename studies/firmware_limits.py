@@ -36,12 +36,9 @@ STEP_S = 5e-3
 NOISE_COUNTS = 0.5
 UNCERTAINTY = {"torque_constant": 0.1, "resistance": 0.1, "inertia": 0.15, "loop_factor": 0.1}
 VARIANTS = ("xl330", "sts3215")
-TOP_SPEED = {"xl330": 10.8, "sts3215": 5.4}
-"""No-load speed [rad/s] of the data sheet."""
-STALL_CURRENT = {"xl330": 1.1, "sts3215": 1.4}
-"""The same, stall current [A]."""
-SIZES = (0.25, 0.5)
-"""Of a limit, over what the motor can do."""
+TOP_SPEED = {"xl330": 10.8, "sts3215": 5.4}  # no-load speed [rad/s] of the data sheet
+STALL_CURRENT = {"xl330": 1.1, "sts3215": 1.4}  # the same, stall current [A]
+SIZES = (0.25, 0.5)  # of a limit, over what the motor can do
 LIMITS = {
     "current": "current_limit",
     "duty": "drive_saturation",

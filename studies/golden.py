@@ -76,17 +76,14 @@ QUICK = (
     *("0015", "0031", "0043", "0047", "0059"),
 )
 """Withheld cases of the small share: fast ones of all rigs, kinds and faults, five a tier."""
-REPORTED = QUICK[::2]
-"""Cases of which reports are stored."""
+REPORTED = QUICK[::2]  # cases of which reports are stored
 ROUNDING = 1e-12
 """Difference up to which two numbers are equal whatever they are; probabilities may be 1e-30."""
 SAME_SIZE = 1e-6
 """Relative difference of two sizes that counts as none, where they have no standard error."""
-SHOWN = 40
-"""Differences that are printed."""
+SHOWN = 40  # differences that are printed
 DETERMINED = "parameters, determined"
-NORMAL_95 = 1.96
-"""Standard errors to each side that hold 95 % of a normal distribution."""
+NORMAL_95 = 1.96  # standard errors to each side that hold 95 % of a normal distribution
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,7 @@ SCATTER = {
 """Relative standard deviations of the rigs' constants."""
 NOMINAL = model("torque_motor", "identified", {"end_stops.half_range": 0.0})
 KNOWN_TO = 0.01
-COLOUR = 0.9
-"""Correlation of neighbouring samples of coloured noise."""
+COLOUR = 0.9  # correlation of neighbouring samples of coloured noise
 
 
 @dataclass(frozen=True)

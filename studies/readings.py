@@ -34,8 +34,7 @@ from servo_models.data.reading_steps import reading_steps
 from servo_models.data.sensor import noise_under_steps
 
 KINDS = ("before", "before", "before", "after", "none")
-MEMORY = 0.5
-"""Correlation of coloured noise from sample to sample."""
+MEMORY = 0.5  # correlation of coloured noise from sample to sample
 
 
 class Row(NamedTuple):

@@ -59,8 +59,7 @@ WIRES = {
 }
 """On which a named effect is a function of the same thing, beside the wire of the curve."""
 GAP_OVER_FLOOR = (5.0, 20.0)
-SAMPLES = 600
-"""Of a log."""
+SAMPLES = 600  # of a log
 CLOSED_BAR, DISTANCE_BAR = 0.8, 0.2
 
 Size = Annotated[float, Param("signal", "size", low=-100.0, high=100.0, switch=True)]

@@ -48,15 +48,12 @@ FURTHER = {
     "lag of the gyro": ["gyro_lag.time_constant"],
 }
 """Effects that are tried beside drive saturation and delay."""
-TRIED = 2000
-"""Permutations that judge whether arrivals keep a clock."""
+TRIED = 2000  # permutations that judge whether arrivals keep a clock
 WIDE, NARROW = np.arange(49.75, 50.25, 2e-4), np.arange(49.95, 50.05, 2e-4)
 """Frequencies of frames around 20 ms [Hz].  A command comes every 2.004 s, and an amplitude is
 fitted every 8 s, so that the clock shows up again 0.5 and 0.125 Hz farther."""
-JUDGED = 0.8
-"""Time [s] after a command in which errors count."""
-DRAWN = (15, 55, 125)
-"""Held-out amplitudes [deg] that are drawn."""
+JUDGED = 0.8  # time [s] after a command in which errors count
+DRAWN = (15, 55, 125)  # held-out amplitudes [deg] that are drawn
 
 
 def described(name: str) -> Description:

@@ -25,12 +25,9 @@ from studies.sg90_measured import ANGLE, PULSE, described, save, table
 
 STEP, BEFORE = 1e-3, 1.0
 """Communication step and time at rest before the log [s]."""
-EARLY = 0.15
-"""A swing is looked at from so long [s] before the command: the horn moves ahead of it."""
-PERIOD = 1.0
-"""Time [s] between swings."""
-MOVING = 100.0
-"""Rate [deg/s] of the simulated servo above which it counts as moving."""
+EARLY = 0.15  # a swing is looked at from so long [s] before the command: the horn moves ahead of it
+PERIOD = 1.0  # time [s] between swings
+MOVING = 100.0  # rate [deg/s] of the simulated servo above which it counts as moving
 
 
 def response(chosen: Model, log: Log) -> tuple[Array, Array]:

@@ -47,14 +47,10 @@ ACTUATORS = {
 }
 """With the parameter that is off, and identified."""
 WAYS = ("rest", "settled", "stepped", "moving", "released")
-NOISE = 2e-3
-"""Of the range of the angle."""
-RIGHT = 1.2
-"""Noise that is left where a start is right."""
-OFF = 1.2
-"""Nominal value over the true one."""
-AT_REST = 1e-3
-"""Of full scale: a first row that counts as at rest."""
+NOISE = 2e-3  # of the range of the angle
+RIGHT = 1.2  # noise that is left where a start is right
+OFF = 1.2  # nominal value over the true one
+AT_REST = 1e-3  # of full scale: a first row that counts as at rest
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from pathlib import Path
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "servo-models"
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
-OTHER_REFERENCE = 1.5
-"""Factor on the last column of a reference, which no tolerance allows."""
+OTHER_REFERENCE = 1.5  # factor on the last column of a reference, which no tolerance allows
 
 
 def expect(code: int, said: str, *words: str, **environment: str) -> None:

@@ -19,8 +19,7 @@ from servo_models.core.simulate import model
 from tests.support.own_actuators import write
 from tests.support.sources import ROOT
 
-TIME_CONSTANT = 0.2
-"""Of the joint that follows its goal, in s; its goal begins at 1 rad."""
+TIME_CONSTANT = 0.2  # of the joint that follows its goal, in s; its goal begins at 1 rad
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="the steps are for bash")
 

@@ -24,8 +24,7 @@ from tests.conftest import Run
 from tests.support.document import follow
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-ERRORS = 3.0
-"""Standard errors by which an estimate may miss the truth."""
+ERRORS = 3.0  # standard errors by which an estimate may miss the truth
 Copy = Callable[[str], Path]
 
 

@@ -13,8 +13,7 @@ from servo_models.core.simulate import Model, Result, simulate
 from servo_models.errors import UserError
 from servo_models.units import factor, parse
 
-LONGEST = 10_000_000
-"""Communication points of a step; more is a slip of the unit."""
+LONGEST = 10_000_000  # communication points of a step; more is a slip of the unit
 
 
 def step(

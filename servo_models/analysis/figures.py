@@ -33,10 +33,8 @@ from servo_models.units import parse
 SUFFIXES = (".json", ".mat", ".npz")
 
 HALF_POWER = math.sqrt(0.5)
-RATIO = 10.0 ** (1.0 / 12.0)
-"""From one frequency of a sweep to the next."""
-DECADES = 5
-"""A sweep that has not ended by then has no end."""
+RATIO = 10.0 ** (1.0 / 12.0)  # from one frequency of a sweep to the next
+DECADES = 5  # a sweep that has not ended by then has no end
 
 Response = Callable[[float], complex]
 """Output over input [SI] at a frequency [Hz]."""

@@ -27,13 +27,10 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = (".svg", ".png", ".pdf")
-PANEL = 1.25
-"""Height of a panel [inch]."""
-MARGIN = 1.0
-"""Height of title and time axis together [inch]."""
+PANEL = 1.25  # height of a panel [inch]
+MARGIN = 1.0  # height of title and time axis together [inch]
 WIDTH = 7.0
-LEAD = 0.04
-"""Rest shown before time 0, as a share of the run, so that a step can be seen as one."""
+LEAD = 0.04  # rest shown before time 0, as a share of the run, so that a step can be seen as one
 SMALL = 1e-9
 """A signal that moves by less than this part of its full scale is drawn as a straight line."""
 

@@ -23,10 +23,8 @@ POINTS = 499
 
 A prime, so that a clock in the model seldom ticks in time with the points; what such a clock
 mistakes of the held input is below 1/POINTS.  More would fill the line of a long delay."""
-STEP_POINTS = 4000
-"""Communication points of a step."""
-WAITS = 20
-"""Default experiments to wait at most for rest."""
+STEP_POINTS = 4000  # communication points of a step
+WAITS = 20  # default experiments to wait at most for rest
 
 
 class SineTest:

@@ -13,13 +13,11 @@ from servo_models.core.types import Array, Mask
 
 LAGS = 25
 ORDERS = 20
-LONGEST = 2000
-"""Lags that an autocovariance has at most."""
+LONGEST = 2000  # lags that an autocovariance has at most
 PREDICTED = 1e-8
 """Part of the variance that a past leaves unpredicted, below which it is what rounding makes of
 none: orders from there on may be unstable."""
-FAINT = 1e-3
-"""Part of its variance below which it has died out."""
+FAINT = 1e-3  # part of its variance below which it has died out
 
 
 def correlations(one: Array, other: Array, lags: int) -> Array:

@@ -30,8 +30,7 @@ from servo_models.cli.validate import validate
 from servo_models.errors import UserError, did_you_mean
 
 EXIT_FAILED = 2
-INTERRUPTED = 130
-"""What typer makes of Ctrl-C, without a word."""
+INTERRUPTED = 130  # what typer makes of Ctrl-C, without a word
 USAGE_ERROR: Any = typer.BadParameter.__mro__[2]
 """Base of all complaints about the command line, which typer has no public name for."""
 

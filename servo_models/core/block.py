@@ -37,14 +37,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-SIGNAL = "signal"
-"""Unit of a parameter that takes the unit and the scale of the wire it acts on."""
-TIME = "time"
-"""``{time}`` in a unit is the plant's full scale of time."""
+SIGNAL = "signal"  # unit of a parameter that takes the unit and the scale of the wire it acts on
+TIME = "time"  # ``{time}`` in a unit is the plant's full scale of time
 
 RESERVED = ("now", "due", "elapsed", "input_age")
-START = "start_"
-"""``start_<state>`` is a reserved argument too."""
+START = "start_"  # ``start_<state>`` is a reserved argument too
 
 LIMITS_OVER_TYPICAL = (
     0.06, 0.1, 0.16, 0.24, 0.35, 0.5, 0.65, 0.8, 0.95, 1.15, 1.45, 2.0, 2.5, 3.0, 3.4, 4.0,
@@ -234,8 +231,7 @@ class Harmonic:
 
 
 Signature = Literal["", "codes", "clock"]
-OTHER_UNITS = ""
-"""In ``Hints.parameter_units``: every unit that no other effect names."""
+OTHER_UNITS = ""  # in ``Hints.parameter_units``: every unit that no other effect names
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,7 @@ takes arrays of float64 in C order and no other."""
 
 FAST = ("-fno-math-errno", "-fno-trapping-math")
 """Flags that change no bit: nobody reads ``errno`` and the flags of the processor."""
-KEPT = 64
-"""Compiled texts that a process keeps, the latest ones."""
+KEPT = 64  # compiled texts that a process keeps, the latest ones
 _FILE = "model.py"
 _HEAD = '''"""Compiled by servo-models from one declaration; delete freely."""
 from numba import njit, types

@@ -21,8 +21,7 @@ from collections.abc import Mapping, Sequence
 from servo_models.core.block import Block, Function
 from servo_models.core.flat import local
 
-KEPT = 512
-"""Templates that a process keeps, the latest ones."""
+KEPT = 512  # templates that a process keeps, the latest ones
 _BUILTINS = {"abs": abs, "int": int, "float": float, "math": math}
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.While, ast.Return, ast.Pass)
 _EXPRESSIONS = (

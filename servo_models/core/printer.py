@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from servo_models.core.flat import Chunk, Flat, kept
 
 STAGES = 5
-CREDIT = 8.0
-"""Sub-steps that may be thrown away one after the other; 7 halvings locate a jump."""
+CREDIT = 8.0  # sub-steps that may be thrown away one after the other; 7 halvings locate a jump
 
 ACCURATE = 1e-5
 """Error that may be made in an internal step, in full scales or, where they are larger, in states;

@@ -33,14 +33,11 @@ LONGEST_RUN = 1e8
 """Internal steps in a run: some ten seconds of work.  More is a slip of a unit or of a clock."""
 MOST_TRIED = 10
 """Changed parameters of a run that fails, up to which each is put back alone to name its part."""
-SHORTEST = 1e-12
-"""Communication step [s] below which an internal step is not halved."""
-PLANTS = 64
-"""Plants whose texts are kept, the latest ones: a person's own come and go."""
+SHORTEST = 1e-12  # communication step [s] below which an internal step is not halved
+PLANTS = 64  # plants whose texts are kept, the latest ones: a person's own come and go
 CHANGED = 1e-3
 """Change of an output with half the internal step, in full scales, that is worth a word."""
-FAR = 100.0
-"""Full scales beyond which an output is hardly meant."""
+FAR = 100.0  # full scales beyond which an output is hardly meant
 NUMBERS = "biufO"
 """Kinds of arrays that are taken as numbers: bool, whole, float, and objects that float() takes."""
 SECONDS = "give seconds, shape (n,)"

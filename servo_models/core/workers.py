@@ -77,5 +77,4 @@ def _results(begun: list[Future[S]]) -> Iterator[S]:
         wait(begun)
 
 
-ALONE = Workers(1)
-"""No threads: tasks are done one by one."""
+ALONE = Workers(1)  # no threads: tasks are done one by one

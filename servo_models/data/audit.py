@@ -27,16 +27,12 @@ from servo_models.data.sensor import (
     stale_share,
 )
 
-EXACT = 1e-6
-"""A reading without steps or noise counts as exact to this share of its range."""
-NO_NOISE = "millionth of the range, no noise"
-"""The origin of such a floor."""
+EXACT = 1e-6  # a reading without steps or noise counts as exact to this share of its range
+NO_NOISE = "millionth of the range, no noise"  # the origin of such a floor
 INNER = (1.0, 99.0)
 """Percentiles between which readings count: noise is 4.7 times its floor wide there."""
-MOVES = 10.0
-"""That width over the noise floor, from which something moves."""
-STRETCHES = 100
-"""Of a log; within one of them nothing moves where it rests."""
+MOVES = 10.0  # that width over the noise floor, from which something moves
+STRETCHES = 100  # of a log; within one of them nothing moves where it rests
 SPEEDS = ("m/s", "rad/s")
 ODD = 3.0
 """Medians of all logs above which the floor of one is its own: of two logs both always count."""
@@ -212,10 +208,8 @@ def _at_rest(log: Log, plant: Plant, readings: Sequence[Reading]) -> float:
 
 # The clock
 
-NANOSECOND = 9
-"""Decimals of a time stamp [s] below which its digits are rounding."""
-GAP = 1.5
-"""A step longer than this many usual ones has lost samples."""
+NANOSECOND = 9  # decimals of a time stamp [s] below which its digits are rounding
+GAP = 1.5  # a step longer than this many usual ones has lost samples
 STAMPS = 3
 """Different steps that time stamps need to show their digits, 0 among them: no clock rests."""
 COARSE_STAMPS_PER_STEP = 0.3
@@ -224,10 +218,8 @@ SHORT_STEPS = 3
 """Steps below the usual one that show rounded stamps: a lost row only makes steps longer."""
 LONG_STEPS = 0.1
 """Share of steps one stamp longer than the usual one that shows rounded stamps as well."""
-USUAL_ROWS = 33
-"""Rows about a step that tell the usual one: a clock may wander."""
-STRAIGHT_ROWS = 16
-"""Rows over which stamps are compared with a straight line."""
+USUAL_ROWS = 33  # rows about a step that tell the usual one: a clock may wander
+STRAIGHT_ROWS = 16  # rows over which stamps are compared with a straight line
 BENT_STAMPS = 2.0
 """Second difference of the stamps, in their steps, that three roundings of a line do not reach."""
 BENT_ROWS = 0.1
@@ -336,10 +328,8 @@ def _are_bent(steps: Array) -> bool:
 # Outputs and inputs
 
 QUANTUM, REPEATS, RESIDUAL = "reading step", "repeated commands", "fast residual"
-FLAG = 1.0 / math.sqrt(12.0)
-"""Noise floor of a reading that says yes or no."""
-SAME_CLOCK = 1.5
-"""Intervals below this many shortest ones are one period of a command's clock."""
+FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a reading that says yes or no
+SAME_CLOCK = 1.5  # intervals below this many shortest ones are one period of a command's clock
 
 
 @dataclass(frozen=True)

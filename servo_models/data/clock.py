@@ -14,8 +14,7 @@ from servo_models.core.types import Array
 ROUNDING = 1e-3
 """Share of a sampling step up to which a deviation from a regular grid is rounding of a clock
 that ticks evenly."""
-NANOSECOND = 1e-9
-"""Finest step of stamps [s] that is looked for."""
+NANOSECOND = 1e-9  # finest step of stamps [s] that is looked for
 DIGITS_LEFT = 4.0
 """Spacings of the floating-point numbers in which a stamp stands, below which its digits are
 rounding."""
@@ -32,8 +31,7 @@ TURNS = 3  # odd steps that show a rounding: fewer may be lost rows, or one that
 MOST_BREAKS = 0.02  # gaps in rows: more of them are jitter
 FIRST_BREAKS = 2  # gaps that are no matter of share
 LEAST_STRETCH = 16  # rows between gaps that tell a period
-THIRDS = 45
-"""Steps of the search for a period, each of which leaves two thirds of its interval."""
+THIRDS = 45  # steps of the search for a period, each of which leaves two thirds of its interval
 
 BINS_PER_STEP = 8  # of the usual step, in which stamps are counted to find their period
 RATES = (0.7, 3.5)  # of that period, over the usual one: uneven rows are up to three periods apart

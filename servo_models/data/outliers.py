@@ -14,23 +14,18 @@ from servo_models.data.log import Log
 from servo_models.data.reading_steps import reading_step
 from servo_models.units import factor
 
-WINDOW = 5
-"""Readings of a running median; it passes over up to two neighbouring outliers."""
+WINDOW = 5  # readings of a running median; it passes over up to two neighbouring outliers
 APART = 5.0
 """An outlier is this many times as far from its neighbours as any other reading, or step."""
 LEAST_SHARE = 0.02  # of the range of most readings: less than that harms no fit
-MOST = 0.01
-"""Share of the readings that may be outliers: more of them belong to the signal."""
-FEW = 5
-"""Readings that may be outliers in a log however short."""
+MOST = 0.01  # share of the readings that may be outliers: more of them belong to the signal
+FEW = 5  # readings that may be outliers in a log however short
 JUMP = 0.02  # of its range: a command that moves so far between two samples excuses a peak
 SMOOTH = 0.005  # of its range: an input that moves so far between most samples is noise or smooth
 BEFORE, AFTER = 2, 5
 """Samples before and after such a jump at which a peak is an answer; stamps may be late."""
-POSITIONS = ("m", "rad")
-"""Units of what does not leap; rates, currents and voltages do."""
-NAMED = 3
-"""Outliers of an output that a sentence names."""
+POSITIONS = ("m", "rad")  # units of what does not leap; rates, currents and voltages do
+NAMED = 3  # outliers of an output that a sentence names
 
 
 class Outlier(NamedTuple):

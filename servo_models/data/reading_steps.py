@@ -19,30 +19,25 @@ import numpy as np
 
 from servo_models.core.types import Array
 
-ROUNDED = 1e-12
-"""Readings closer than this share of the largest are equal but for rounding."""
+ROUNDED = 1e-12  # readings closer than this share of the largest are equal but for rounding
 ON_STEP = 0.1
 """Distance from a multiple of the step, in steps, that still is on it: two digits are left."""
-FINEST = 24
-"""Steps that the two closest values are apart at most."""
+FINEST = 24  # steps that the two closest values are apart at most
 REACHES = tuple(3.0**k for k in range(1, 16))
 """Distances in steps up to which codes are counted, one after the other: each makes the step known
 to a part of the next."""
 LANDINGS = 10
 """Values that met codes of twice the step alone: by chance once in a thousand (2**-10)."""
-CODES = 4
-"""Different values that readings take at least: three may be places of rest."""
+CODES = 4  # different values that readings take at least: three may be places of rest
 EVEN = 0.2
 """Changes of speed for each move: fewer are a ramp, whose samples lie as far apart as codes."""
-UNLIKELY = math.log(1e4)
-"""How much likelier, as a logarithm, a lattice is to be than chance."""
+UNLIKELY = math.log(1e4)  # how much likelier, as a logarithm, a lattice is to be than chance
 RESAMPLED = 0.1
 """Share of the readings that occur more than once where a resampled log shows its codes."""
 SETTLING = 0.4
 """Share of the values between codes that are near one: 0.2 of those that lie anywhere.  Above,
 they settle there, and the codes are places of rest."""
-EQUAL = 1e-6
-"""Part of a step that interpolation between two equal readings may leave."""
+EQUAL = 1e-6  # part of a step that interpolation between two equal readings may leave
 COARSER = 1.5
 """How much larger codes of repeated readings are than a step of all, if these were resampled."""
 

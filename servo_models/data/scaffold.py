@@ -27,10 +27,8 @@ from servo_models.files import write_whole
 from servo_models.units import WRITTEN_IN, exponents, factor
 
 CHECK = "# guessed"
-HEAD_BYTES = 4096
-"""Of a file, in which it may name the motor."""
-LONGEST_SENTENCE = 4000
-"""Characters of a sentence about columns, whose names are anybody's."""
+HEAD_BYTES = 4096  # of a file, in which it may name the motor
+LONGEST_SENTENCE = 4000  # characters of a sentence about columns, whose names are anybody's
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,14 +371,10 @@ QUANTITIES = {
 }
 """Words that tell a quantity, and its SI unit."""
 KNOWN = {word for text in QUANTITIES for word in text.split()}
-SIDE_SCORE = 4.0
-"""Score from which a column is taken for another input than the command."""
-NEAR_REST = 1.2
-"""Full scales by which an input may be away from its rest."""
-WOBBLE_PER_SIZE = 0.1
-"""Range of a column over its distance from rest, below which it is no command."""
-LEAST_SCORE = 2.0
-"""Score from which a column is taken for the command or a reading."""
+SIDE_SCORE = 4.0  # score from which a column is taken for another input than the command
+NEAR_REST = 1.2  # full scales by which an input may be away from its rest
+WOBBLE_PER_SIZE = 0.1  # range of a column over its distance from rest, below which it is no command
+LEAST_SCORE = 2.0  # score from which a column is taken for the command or a reading
 LONGEST_STEP = 0.5
 """A log is not sampled more slowly than this [s]; decides the unit of times without one."""
 

@@ -55,12 +55,9 @@ else:
 
 T = TypeVar("T")
 
-DEEPEST = 20
-"""Tables and lists inside each other; the longest dotted names have a few parts."""
-LONGEST_PLACE = 100
-"""Characters that are told of a dotted name."""
-LARGEST = 4 << 20
-"""Bytes of a file that a person wrote."""
+DEEPEST = 20  # tables and lists inside each other; the longest dotted names have a few parts
+LONGEST_PLACE = 100  # characters that are told of a dotted name
+LARGEST = 4 << 20  # bytes of a file that a person wrote
 DATES = (datetime.date, datetime.datetime, datetime.time)
 
 

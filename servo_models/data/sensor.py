@@ -13,33 +13,22 @@ import numpy as np
 
 from servo_models.core.types import Array
 
-ROUNDED = 1e-12
-"""Readings closer than this share of the largest are equal but for rounding."""
-STILL = 0.01
-"""Share of its range by which a reading at rest may move."""
-SAME_START = 0.05
-"""Share of its range within which readings at rest begin a repetition alike."""
+ROUNDED = 1e-12  # readings closer than this share of the largest are equal but for rounding
+STILL = 0.01  # share of its range by which a reading at rest may move
+SAME_START = 0.05  # share of its range within which readings at rest begin a repetition alike
 REST_SAMPLES = 5
 """Samples for which a command must stand still so that its next move begins a repetition."""
 REST_SHARE, REST_PARTS = 0.5, 4
 """Last part of the stretch before such a move that is compared, and in how many pieces."""
-MOVES = 8.0
-"""Change in noise floors from which a reading moves."""
-SMALL = 10.0
-"""Percentile of such changes between two samples that is a step of a coarse sensor."""
-FEW = 20
-"""Moving samples, below which a share of them is chance."""
-LATE_SAMPLES = 2
-"""By which stretches of one command may differ in length: it is sampled late."""
-FAST = 12.0
-"""Speed of a motion, in noise floors a sample."""
-LEVELS = 2
-"""Levels beside the extremes at which a reading rests that sticks."""
+MOVES = 8.0  # change in noise floors from which a reading moves
+SMALL = 10.0  # percentile of such changes between two samples that is a step of a coarse sensor
+FEW = 20  # moving samples, below which a share of them is chance
+LATE_SAMPLES = 2  # by which stretches of one command may differ in length: it is sampled late
+FAST = 12.0  # speed of a motion, in noise floors a sample
+LEVELS = 2  # levels beside the extremes at which a reading rests that sticks
 ORDERS = (1, 2, 3)
-DITHERS = 8
-"""Draws of dither: its own scatter is then a third of what one draw adds."""
-HARMONICS = 50
-"""Of the rounding error's series: a thousandth of a step^2 is left of 1/12."""
+DITHERS = 8  # draws of dither: its own scatter is then a third of what one draw adds
+HARMONICS = 50  # of the rounding error's series: a thousandth of a step^2 is left of 1/12
 SPAN = 4
 """Samples over which the speed of a motion is taken: rounding adds a tenth of a step a sample."""
 

@@ -40,26 +40,20 @@ Clocks = Callable[[Columns, str | int, str, bool, float | None], "Clock"]
 LEAST_SAMPLES = 16
 LARGEST, LEAST = 1e100, 1e-100
 """Sizes [SI] of a signal outside of which its square is none that a number holds."""
-SAME_TIME = 1e-9
-"""Instants closer than this [s] are one: times and shifts are rounded."""
-AT_REST = 1e-3
-"""An input within this share of its scale from rest counts as at rest."""
-MOST_EMPTY = 1000.0
-"""Usual steps in a log for each of its rows: more is a clock that has jumped."""
-MOST_PER_ROW = 3e3
-"""Internal steps of the model between two rows: more is a wrong unit."""
+SAME_TIME = 1e-9  # instants closer than this [s] are one: times and shifts are rounded
+AT_REST = 1e-3  # an input within this share of its scale from rest counts as at rest
+MOST_EMPTY = 1000.0  # usual steps in a log for each of its rows: more is a clock that has jumped
+MOST_PER_ROW = 3e3  # internal steps of the model between two rows: more is a wrong unit
 SENSIBLE_PER_ROW = 300.0  # the same, of a unit that is offered instead
 MOST_REPEATS_PER_ROW = 0.2
 """Share of stamps that repeat the one before, above which they are coarser than the clock."""
 ROUNDED_QUANTA = 1.01
 """How far rounded stamps may be about an even clock, in their quanta: one, and its last digits."""
-EXACT_QUANTA = 0.01
-"""Drift of the rows against the stamps, up to which these are the very times."""
+EXACT_QUANTA = 0.01  # drift of the rows against the stamps, up to which these are the very times
 LOST_QUANTA = 0.5
 """The same where a row takes one quantum: a row that is lost, and no rounding, shifts them by 1."""
 SHORTER = ("ms", "us", "ns")
-SHORTEST = 1e-12
-"""Usual step [s] below which no clock of a log has ticked."""
+SHORTEST = 1e-12  # usual step [s] below which no clock of a log has ticked
 
 
 # The schema: docs/description.md says what every key means
@@ -129,8 +123,7 @@ class Judged(Table):
     after_change: Seconds
 
 
-SIGNAL: Any = Column | Signal
-"""What stands at the name of an input or an output."""
+SIGNAL: Any = Column | Signal  # what stands at the name of an input or an output
 
 
 class LogTable(Table):

@@ -28,8 +28,7 @@ from servo_models.core.types import Array
 DATA = Path(__file__).with_name("calibration.json")
 LEAST_PROBABILITY = 0.001
 """That is told: rigs behind a map are too few to show that something is rarer."""
-MOST_PROBABILITY = 0.97
-"""The same for what is surer: a real log differs from every withheld rig."""
+MOST_PROBABILITY = 0.97  # the same for what is surer: a real log differs from every withheld rig
 
 Map = tuple[Array, Array]
 """Weights, growing, and the probability at each; between them it is a straight line."""

@@ -20,26 +20,20 @@ from servo_models.core.types import Array
 HISTOGRAM_BINS = 4096
 CODE_FREQUENCIES = 8
 """At which the characteristic function is known, for each code in the range of a reading."""
-FEWEST_CODES = 1.5
-"""In that range, for a histogram to show them."""
+FEWEST_CODES = 1.5  # in that range, for a histogram to show them
 MOST_CODES = 600
-MULTIPLE_RELATIVE_ERROR = 0.03
-"""Of a frequency that is still a multiple of a peak's."""
-HIGH_OVER_HIGHEST = 0.9
-"""Height of a peak that is as high as the highest."""
-SHARP_HEIGHT = 0.95
-"""Of a peak from which values lie on codes without noise."""
+MULTIPLE_RELATIVE_ERROR = 0.03  # of a frequency that is still a multiple of a peak's
+HIGH_OVER_HIGHEST = 0.9  # height of a peak that is as high as the highest
+SHARP_HEIGHT = 0.95  # of a peak from which values lie on codes without noise
 MOST_STEPS = 4
 """Taken from a code histogram: of a reading that is rounded itself, one is its own, and places
 where an actuator rests make others of a few codes."""
-MOST_COUNTS = 20
-"""Times that codes are counted, along the line through those before."""
+MOST_COUNTS = 20  # times that codes are counted, along the line through those before
 NOISE_MEMORY_SAMPLES = 5.0
 """Of so many samples of noise one is independent: half of the memory that the diagnosis allows."""
 LOG_RARITY = 4.0
 """Natural logarithm of how much rarer than once in all frequencies a peak by chance may be."""
-FAINT_HEIGHT = 0.05
-"""Below which a peak tells nothing of the noise."""
+FAINT_HEIGHT = 0.05  # below which a peak tells nothing of the noise
 
 
 class Step(NamedTuple):

@@ -49,29 +49,22 @@ TELLING = 0.3
 """Difference [noise floors, RMS] below which models that are a little wrong tell nothing apart."""
 TELLING_ODDS = 100.0
 """Odds that the log of a command is expected to give for the right one of two explanations."""
-MOST = 6
-"""Likeliest explanations that a command is designed for."""
+MOST = 6  # likeliest explanations that a command is designed for
 LENGTH = 5.0
 """Length of an experiment over the actuator's default one, or over the longest log if that is
 shorter: whoever made it knows how fast the actuator is."""
 SIZES = (1.0, 0.3, 0.1, 0.03)
 PACES = (0.02, 0.06, 0.2, 0.6)
 """Sizes over the largest one, and times over the response time, that a search begins with."""
-SMALLEST = 0.02
-"""Smallest step of a ladder over its largest."""
-SHORTLIST = 2
-"""Commands of each family that look best before anything is re-fitted."""
-RATIOS = (1.8, 1.35)
-"""Steps of size and pace around the best one."""
-EARNEST = 3
-"""Commands on which the models are re-fitted in earnest."""
-EVALUATIONS = 15
-"""Slopes that such a fit may take."""
+SMALLEST = 0.02  # smallest step of a ladder over its largest
+SHORTLIST = 2  # commands of each family that look best before anything is re-fitted
+RATIOS = (1.8, 1.35)  # steps of size and pace around the best one
+EARNEST = 3  # commands on which the models are re-fitted in earnest
+EVALUATIONS = 15  # slopes that such a fit may take
 FARTHEST = 1000.0
 """Outputs over the largest ones of the logs from which a fitted model runs away: its command is no
 experiment."""
-FINEST = 5.0
-"""Sampling steps that a pace takes at least."""
+FINEST = 5.0  # sampling steps that a pace takes at least
 MOTION_AS_NOISE = 0.5
 """Noise [floors] that the audit may see in a response without any: more would hide what differs."""
 REPEATS_WANTED = 4

@@ -27,8 +27,7 @@ from servo_models.errors import UserError
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
-VERSION = 3
-"""Of the schema: it counts up when a reader of the one before would go wrong."""
+VERSION = 3  # of the schema: it counts up when a reader of the one before would go wrong
 FLOORS = "noise floor"
 
 

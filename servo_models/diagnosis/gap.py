@@ -17,8 +17,7 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 
 STAGES = ("before", "retuned", "after")
-DRAWS = 400
-"""Draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1989))."""
+DRAWS = 400  # draws of the block bootstrap (Kuensch, Annals of Statistics 17 (1989))
 SHIFTS, CONVERGED = 30, 0.9999
 """Steps to the equivalent delay at most, and the squared error over that before from which another
 step is none."""

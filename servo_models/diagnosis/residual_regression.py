@@ -30,10 +30,8 @@ from servo_models.diagnosis.localisation.samples import moving_input
 from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.identification.problem import Problem
 
-SHIFTS = 499
-"""Shifts of the errors that the regression is compared with."""
-LEAST_SHIFT = 0.05
-"""Share of a log by which its errors are shifted at least, either way round."""
+SHIFTS = 499  # shifts of the errors that the regression is compared with
+LEAST_SHIFT = 0.05  # share of a log by which its errors are shifted at least, either way round
 LEAST_SAMPLES = 128
 """Of an output, all logs together, that is tested: of fewer the colour is hardly known."""
 ORDER = 2
@@ -42,15 +40,13 @@ is that of the errors as they are: what a regression leaves of them looks too wh
 RIDGE = 1.0
 """Of the test, where each function has length 1: directions that hardly any function has do
 not count, since noise fits them as well as any other."""
-STILL = 0.01
-"""Rate over the largest of its log up to which nothing moves."""
+STILL = 0.01  # rate over the largest of its log up to which nothing moves
 FADING_IN_TIME_SCALES = (1.0, 4.0)
 """Within which errors after a reversal or a change of the command fade; a time scale of the motion
 is its RMS rate over its RMS acceleration."""
 LONGEST_TIME_SCALE = 0.05
 """Of the motion, as a share of the log: a longer one is not seen often enough."""
-DEPENDENT = 1e-6
-"""Part of a function that is its own, below which slopes can do all of it."""
+DEPENDENT = 1e-6  # part of a function that is its own, below which slopes can do all of it
 FORCES = (
     "position^2",
     "position^3",

@@ -25,8 +25,7 @@ from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.limit_cycle import lacks
 from servo_models.diagnosis.search.selection import Selection
 
-APART_ERRORS = 5.0
-"""Combined standard errors between two parts, from which a parameter has changed."""
+APART_ERRORS = 5.0  # combined standard errors between two parts, from which a parameter has changed
 
 
 @dataclass(frozen=True)

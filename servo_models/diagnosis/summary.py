@@ -29,8 +29,7 @@ from servo_models.identification.doubts import doubt, surprise, together, with_d
 from servo_models.identification.resolution import shifted_outputs, supposed
 from servo_models.identification.simulation import false_starts
 
-SEEN = 1.0
-"""Movement [noise floors] from which logs can show an effect."""
+SEEN = 1.0  # movement [noise floors] from which logs can show an effect
 ELSEWHERE = 2.0
 """Error of a log that is held out over that of the others, from which something else acts there."""
 UNLIKE = 3.0
@@ -39,10 +38,8 @@ MOTION = 0.5
 """Share of a noise floor that is found in a simulation without noise, from which it is doubtful."""
 NOTHING_ERRORS = 2.0
 """Standard errors from nothing up to which the size of an effect may be nothing."""
-MOST_SURPRISES = 2
-"""Parameters that a sentence names."""
-MOST_ALTERNATIVES = 3
-"""Alternatives of a confidence set that a sentence names."""
+MOST_SURPRISES = 2  # parameters that a sentence names
+MOST_ALTERNATIVES = 3  # alternatives of a confidence set that a sentence names
 
 
 def sentence(diagnosis: Diagnosis) -> str:

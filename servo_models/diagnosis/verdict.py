@@ -36,8 +36,7 @@ EFFECTS = "effects"
 OUTSIDE = "outside-catalogue"
 NOT_IDENTIFIABLE = "not-identifiable"
 
-DRAWS = 400
-"""Of blocks with replacement, over which weights are averaged."""
+DRAWS = 400  # of blocks with replacement, over which weights are averaged
 
 
 @dataclass(frozen=True, eq=False)

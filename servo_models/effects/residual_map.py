@@ -11,12 +11,9 @@ from typing import Annotated
 from servo_models.core.block import Hints, Memory, Mode, Notice, Param, effect
 
 SOURCE = "Hastie, Tibshirani, Generalized Additive Models, 1990, ch. 4 (additive curves)"
-KNOTS = 9
-"""Of each curve, evenly spaced from its low to its high end."""
-LAST = KNOTS - 1.0
-"""Place of the last knot, where the first one is at 0."""
-ROUNDING = 1e-6
-"""Beyond an end, in distances of two knots, up to which it is still there."""
+KNOTS = 9  # of each curve, evenly spaced from its low to its high end
+LAST = KNOTS - 1.0  # place of the last knot, where the first one is at 0
+ROUNDING = 1e-6  # beyond an end, in distances of two knots, up to which it is still there
 BEYOND = (
     "'{regressor}' went beyond the range of its curve, which is held at its edge there (and is off"
     " if its ends are crossed); learn it again from logs that go as far"

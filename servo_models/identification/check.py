@@ -29,8 +29,7 @@ from servo_models.report.result import Result
 WELL, ROUGHLY = 0.1, 0.8
 """Expected standard error over the size of a parameter, its prior or value, up to which logs
 determine it well, or at all."""
-NOTHING = 1e-6
-"""Movement in noise floors that is rounding of the simulation."""
+NOTHING = 1e-6  # movement in noise floors that is rounding of the simulation
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -26,27 +26,21 @@ from servo_models.report.result import Report
 
 HARDLY = 0.7
 """Error left over the standard deviation of a reading, from which a fit does not follow it."""
-FAR_LEFT = 100.0
-"""Error left in noise floors, from which values make up for what the model lacks."""
+FAR_LEFT = 100.0  # error left in noise floors, from which values make up for what the model lacks
 WILD_SHARE = 0.02  # of the readings
 WILD_SQUARES = 0.5
 """Share of the squared errors in so few single readings, from which a fit follows these."""
-LEAST_LEFT = 2.0
-"""Error left in noise floors, below which no single reading moves a fit."""
+LEAST_LEFT = 2.0  # error left in noise floors, below which no single reading moves a fit
 NAMED = 3
-ALIKE_CORRELATION = 0.95
-"""Correlation from which two estimates cannot be told apart."""
+ALIKE_CORRELATION = 0.95  # correlation from which two estimates cannot be told apart
 ILL_CONDITIONED = 1e3
 """Ratio of the largest to the smallest singular value of the slopes with unit columns."""
-WORST_CONDITION = 1e6
-"""Above which the ratio is rounding."""
+WORST_CONDITION = 1e6  # above which the ratio is rounding
 UNDETERMINED = 0.5
 """Standard error over the value from which a log does not determine a parameter; over the usual
 size of one that may be of either sign."""
-PRIOR_ONLY = 0.8
-"""Standard error over the prior from which a log says nothing about a parameter."""
-FAR = 3.0
-"""Standard deviations of its way from the prior from which an estimate has gone too far."""
+PRIOR_ONLY = 0.8  # standard error over the prior from which a log says nothing about a parameter
+FAR = 3.0  # standard deviations of its way from the prior from which an estimate has gone too far
 
 ON_LOW, ON_HIGH = "on its low bound", "on its high bound"
 FROM_PRIOR = "from its prior only"

@@ -31,10 +31,8 @@ SHOWN = 0.5
 and models are never quite right."""
 SINGULAR = 1e-9
 """Share of the largest eigenvalue up to which one of a Gram matrix of unit slopes is rounding."""
-ALIKE_COSINE = 0.98
-"""Cosine between two differences from which they cannot be told apart."""
-EXPLAINED = 1e-6
-"""Share of the square of a difference that may be rounding."""
+ALIKE_COSINE = 0.98  # cosine between two differences from which they cannot be told apart
+EXPLAINED = 1e-6  # share of the square of a difference that may be rounding
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,55 +34,42 @@ LOCAL = "local"
 GLOBAL = "global"
 SEARCHES = (LOCAL, GLOBAL)
 TOLERANCE = 1e-8
-LIMIT = 60
-"""Steps of one least-squares search."""
+LIMIT = 60  # steps of one least-squares search
 GENERATIONS = 60
-RUNS = 3
-"""Runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)."""
+RUNS = 3  # runs of CMA-ES, each with twice the population (Auger, Hansen, IEEE CEC 2005)
 
 SLOPE_STEPS = (1e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # of the scale of a parameter
 """Wider steps that are tried in turn where the response is rough."""
 SLOPE_DISAGREEMENT = 0.5  # of the slope over the wider step
 """From which two slopes differ."""
-POLISHES = 2
-"""Runs of CMA-ES over the dents of a rough surface, each about the best point so far."""
+POLISHES = 2  # runs of CMA-ES over the dents of a rough surface, each about the best point so far
 POLISH_GENERATIONS = 30
-POLISH_WIDTH = 0.1
-"""Standard deviation of a value, relative to it, where logs tell nothing of it."""
-POLISH_REACH = 3.0
-"""First step of such a run, in standard errors."""
+POLISH_WIDTH = 0.1  # standard deviation of a value, relative to it, where logs tell nothing of it
+POLISH_REACH = 3.0  # first step of such a run, in standard errors
 WORTHWHILE = 0.1
 """Decrease of the squared errors, in their mean, below which a polish or a valley ends: less is
 within the noise."""
 VALLEY_STEPS = 12
-VALLEY_PARTS = (1.0, 0.5, 0.25, 0.1)
-"""Of a whole step, the first that leaves less is taken."""
+VALLEY_PARTS = (1.0, 0.5, 0.25, 0.1)  # of a whole step, the first that leaves less is taken
 LARGEST_FACTOR_LOG = 0.7
 """Natural logarithm of the factor by which such a step moves a value at most."""
 STEEP_OVER_PRIOR = 30.0
 """Slopes of the data over those of the priors, along a combination, from which it leads across a
 valley."""
-STEPS_BACK = 3
-"""Into the valley, with the slopes of where a step began."""
-MISPREDICTED_SHARE = 0.4
-"""Part of a change that slopes may miss and still be corrected."""
+STEPS_BACK = 3  # into the valley, with the slopes of where a step began
+MISPREDICTED_SHARE = 0.4  # part of a change that slopes may miss and still be corrected
 FIRST_DAMPING = 1e-3  # of the diagonal of the normal equations
 LEAST_DAMPING = 1e-9
-MOST_DAMPING = 1e8
-"""With which a search gives up."""
+MOST_DAMPING = 1e8  # with which a search gives up
 DAMPING_AFTER_GOOD = 0.2  # of that before
 DAMPING_AFTER_FAILED = 5.0
 POOR_DECREASE = 0.01  # of the predicted one
 """Below which a step fails."""
-GOOD_DECREASE = 0.5
-"""Above which damping falls."""
-PROMISED_AT_MOST = 4.0
-"""Times that a search may still gain what its next step promises."""
-ROUNDS = 4
-"""Of so many steps at most, while one takes away a fifth of the squared errors."""
+GOOD_DECREASE = 0.5  # above which damping falls
+PROMISED_AT_MOST = 4.0  # times that a search may still gain what its next step promises
+ROUNDS = 4  # of so many steps at most, while one takes away a fifth of the squared errors
 ROUND_COST_RATIO = 0.8
-STEPS_PER_JACOBIAN = 3
-"""For which a search may afford slopes once."""
+STEPS_PER_JACOBIAN = 3  # for which a search may afford slopes once
 
 
 @dataclass(frozen=True)

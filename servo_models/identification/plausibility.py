@@ -33,38 +33,28 @@ TIME = "time"
 UNLIKE = 0.5
 """Misfit from which a log moves otherwise than the nominal model.  Of 42 measured outputs of real
 logs beside simple models 4 reach it, by friction, and none 0.6; a factor of 6 makes it 0.68."""
-BETTER = 0.5
-"""Share of the misfit that may be left with another unit."""
-CLOSE = 0.05
-"""Misfits that differ by less count as alike."""
-SLOWER = 0.8
-"""The same as ``BETTER`` for a log sampled more slowly than the actuator answers."""
+BETTER = 0.5  # share of the misfit that may be left with another unit
+CLOSE = 0.05  # misfits that differ by less count as alike
+SLOWER = 0.8  # the same as ``BETTER`` for a log sampled more slowly than the actuator answers
 STILL_FITS = 1.05
 """Misfit with another unit over that without, where the motion exceeds the full scale."""
-SEEN = 0.02
-"""Misfit below which no other unit of time is looked for."""
-FAR = 4.0
-"""Ratio of two motions from which one of them is not scaled."""
+SEEN = 0.02  # misfit below which no other unit of time is looked for
+FAR = 4.0  # ratio of two motions from which one of them is not scaled
 FOLLOWS = 0.8
 """Correlation with the model from which a reading is one of its output, scaled or turned."""
 DRIFT_DEGREE = 2
 """Of the polynomial that is taken from both before: a constant torque makes it of a free motor."""
 ELSEWHERE = 0.5
 """Distance to the model over its range, from which the zero of a reading is elsewhere."""
-STEADY = 3.0
-"""The same over its standard deviation: a zero is elsewhere in all rows."""
-BEYOND = 3.0
-"""Full scales of a rate, or of an output, that no actuator reaches."""
+STEADY = 3.0  # the same over its standard deviation: a zero is elsewhere in all rows
+BEYOND = 3.0  # full scales of a rate, or of an output, that no actuator reaches
 SLOW = ("lag", "transport_delay", "rate_limit", "sample_hold")
 """Effects that imitate a time that runs too slowly, or too fast."""
-LONGEST = 5e6
-"""Internal steps that are worth a look at another unit of time."""
+LONGEST = 5e6  # internal steps that are worth a look at another unit of time
 MOST_SUPPLY, LEAST_SUPPLY = 2.0, 0.2
 """Supply over the one that a variant is for, beyond which no motor stands or turns."""
-MOST_LOAD = 5.0
-"""Full scales of a constant load: several times what stalls the actuator."""
-MOST_PRIOR = 3.0
-"""Standard deviation over a positive value: more says less than no prior."""
+MOST_LOAD = 5.0  # full scales of a constant load: several times what stalls the actuator
+MOST_PRIOR = 3.0  # standard deviation over a positive value: more says less than no prior
 MOST_INTERVAL = 2.0
 """Sampling interval over the time of an answer, from which a log shows only where it ends."""
 LEAST_DURATION = 0.1  # of the time of an answer

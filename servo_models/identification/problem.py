@@ -24,8 +24,7 @@ from servo_models.identification.simulation import InternalSteps, Run, prepared
 
 DIFFERENCE = 1e-4
 """Step of a difference quotient in scales: small against curvature, large against rounding."""
-EDGE = 1e-6
-"""Distance from a bound, in scales and relative to the value, that counts as on it."""
+EDGE = 1e-6  # distance from a bound, in scales and relative to the value, that counts as on it
 REFUSED, LARGEST = 1e3, 1e100
 """Weighted residual of a run that leaves the finite numbers, or those with finite squares, over
 the measured range where that is more than 1: no motion at all leaves less."""
@@ -33,8 +32,7 @@ the measured range where that is more than 1: no motion at all leaves less."""
 
 FAR_DEVIATIONS = 3.0
 """Prior deviations that a fit moves a parameter, from which its prior was too narrow."""
-WIDER_PRIOR = 10.0
-"""Factor on such a prior."""
+WIDER_PRIOR = 10.0  # factor on such a prior
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,9 @@ from servo_models.report.style import colour
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHOWN = 8
-"""Responses that are drawn; further ones are in the table only."""
-NOTED = 5
-"""Notes on logs that are told one by one."""
-ZOOM = 8
-"""Width of the zoomed panel, in times over which errors hang together ..."""
+SHOWN = 8  # responses that are drawn; further ones are in the table only
+NOTED = 5  # notes on logs that are told one by one
+ZOOM = 8  # width of the zoomed panel, in times over which errors hang together ..
 LARGEST, FEWEST = 0.1, 60
 """... at most that share of the log, at least so many samples."""
 RUNS_AWAY = "runs away"

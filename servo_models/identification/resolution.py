@@ -37,23 +37,19 @@ from servo_models.errors import UserError
 from servo_models.identification.simulation import Run, prepared
 from servo_models.report.numbers import number, with_unit
 
-COPIES = 8
-"""Of a log, for each column and reason: the figure is known to a quarter."""
+COPIES = 8  # of a log, for each column and reason: the figure is known to a quarter
 STEPS_IN_RANGE = 50.0
 """Of a column, from which these are how it is written, and no levels that were commanded."""
 STEP, ROW = "step", "row"
 MOST_LOST_SHARE = 0.1
 """Of the rows: where more are far apart, rows are uneven, and none is known to be lost."""
-MOST_CHANGES = 300
-"""In a log: of more only the largest, since each is a simulation."""
+MOST_CHANGES = 300  # in a log: of more only the largest, since each is a simulation
 SAMPLES_PER_CHANGE = 4
 """At least: with as many changes as samples, what they may have done is anything."""
 INSTANTS = 3
 """Between lost rows, at which a command is tried: what follows may depend on it in any way."""
-LOOKS = 2
-"""Copies by which it is asked whether the step of a column matters."""
-MATTERS = 0.3
-"""Movement by it [noise floors] from which it does."""
+LOOKS = 2  # copies by which it is asked whether the step of a column matters
+MATTERS = 0.3  # movement by it [noise floors] from which it does
 BLOCKS_PER_FLOOR, LEAST_BLOCKS, MOST_BLOCKS = 6.0, 20, 400
 """Of rows, in each of which values are off by their steps on average, for each noise floor of that
 movement: what they are off within a block is noise then."""
@@ -179,10 +175,8 @@ def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.
 
 MUCH_LESS = 0.25
 """Squared errors in another row over those in its own, below which a reading is of that one."""
-SEEN_FLOORS = 2.0
-"""Error in its own row [RMS, noise floors] from which that matters."""
-LEAST_ROWS = 50
-"""Of a log, below which chance may prefer another row."""
+SEEN_FLOORS = 2.0  # error in its own row [RMS, noise floors] from which that matters
+LEAST_ROWS = 50  # of a log, below which chance may prefer another row
 
 
 def shifted_outputs(

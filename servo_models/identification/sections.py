@@ -54,25 +54,17 @@ from servo_models.report.style import colour
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-IN_CARD = 8
-"""Parameters that the answer names; all are in the table."""
+IN_CARD = 8  # parameters that the answer names; all are in the table
 AT_FLOOR = 1.5
 """Error over the noise floor up to which the model leaves nothing that a diagnosis could name."""
-MANY = 12
-"""Largest number of parameters whose correlations are drawn."""
-LEAST_BLUR = 0.1
-"""Movement [noise floors] by the resolution of a column, from which it is listed."""
+MANY = 12  # largest number of parameters whose correlations are drawn
+LEAST_BLUR = 0.1  # movement [noise floors] by the resolution of a column, from which it is listed
 BINS = 41
-NUMBERS = 5
-"""Numbers on an axis of long ones."""
-LAGS = 40
-"""Lags that are drawn at least; else twice as many as matter."""
-FINE = 300
-"""Points of a line of a Bode plot."""
-OWN_CLOCK = 1.5
-"""Steps from which on a command is held for longer than a sample."""
-EVEN = 1e-4
-"""Share of a step up to which its jitter is rounding."""
+NUMBERS = 5  # numbers on an axis of long ones
+LAGS = 40  # lags that are drawn at least; else twice as many as matter
+FINE = 300  # points of a line of a Bode plot
+OWN_CLOCK = 1.5  # steps from which on a command is held for longer than a sample
+EVEN = 1e-4  # share of a step up to which its jitter is rounding
 PARAMETERS, ERRORS = "Parameters", "Errors"
 NOTES = "Notes on the logs"
 

@@ -34,8 +34,7 @@ from servo_models.core.types import Array
 from servo_models.data.log import Log, Start
 from servo_models.errors import UserError
 
-FIRST_SAMPLES = 3
-"""The beginning of a log."""
+FIRST_SAMPLES = 3  # the beginning of a log
 OFF_AT_FIRST = 0.02  # of the range of an output
 """Error at the beginning from which a log may have begun in another state."""
 OFF_LATER = 5.0  # times the error of the second half
@@ -44,22 +43,17 @@ MAYBE_AT_FIRST = 0.01  # of the range of an output
 """Error at the beginning from which it is asked how else a log may begin."""
 MAYBE_LATER = 2.0  # times the error of the second half
 """The same of a log that was taken as settled."""
-START_STEPS = 6
-"""Gauss-Newton steps of the fit of a start."""
-START_PARTS = (1.0, 0.25, 0.05)
-"""Of such a step, the largest that leaves less is taken."""
-START_DIFFERENCE = 1e-4
-"""Step of its difference quotients, in full scales."""
-START_PRIOR = 1e-3
-"""Weight of a full scale beside an error of the whole range of an output."""
+START_STEPS = 6  # Gauss-Newton steps of the fit of a start
+START_PARTS = (1.0, 0.25, 0.05)  # of such a step, the largest that leaves less is taken
+START_DIFFERENCE = 1e-4  # step of its difference quotients, in full scales
+START_PRIOR = 1e-3  # weight of a full scale beside an error of the whole range of an output
 STEP = "internal_step"
 MOST_SUBSTEPS_OVER_USUAL = 8.0
 """Sub-steps of a run in a search, over those of the nominal model with the same internal step: a
 trial value so stiff that it takes more acts as none does, and costs as much as many others."""
 REMEMBERED = 12_000_000
 """Bytes of the latest simulations that are kept: a search comes back to a tenth of them."""
-SHARE = 0.05
-"""Error [noise floors, RMS] that a longer step may make."""
+SHARE = 0.05  # error [noise floors, RMS] that a longer step may make
 VISIBLE = 1.0
 """Sum of the squares of these errors in a log: the noise has a standard deviation of that size
 along any course of errors, so what is less cannot be told from noise."""

@@ -29,29 +29,24 @@ from servo_models.identification.simulation import (
 from servo_models.report.numbers import Quantity
 from servo_models.units import factor
 
-SLOPE_SAMPLES = 6
-"""Fewest readings of which a parabola tells the rate at first."""
-SLOPE_SPAN = 0.2
-"""Of the time in which the actuator answers a step, the most that they take."""
+SLOPE_SAMPLES = 6  # fewest readings of which a parabola tells the rate at first
+SLOPE_SPAN = 0.2  # of the time in which the actuator answers a step, the most that they take
 STRAIGHT = 1.5
 """Noise floors that a parabola may leave; a shorter one is taken where it leaves more."""
-SURE_SIGMAS = 5.0
-"""Standard errors of a rate from which a log begins in motion."""
+SURE_SIGMAS = 5.0  # standard errors of a rate from which a log begins in motion
 MOVED = 0.1
 """Of the range of a reading, in the time in which the actuator answers a step: the least rate."""
 TURNS_ON = (0.5, 1.1)
 """Ratio, of the way in the second half of a hold over the last rate times its duration: 0.75 of a
 motor that speeds up evenly, 1 at its full speed, more of one that slows down, less of one that
 swings about a place."""
-SIMPLER_SQUARES = 1.3
-"""Squares of errors over the least, up to which a simpler start is taken."""
+SIMPLER_SQUARES = 1.3  # squares of errors over the least, up to which a simpler start is taken
 NO_STEP_SQUARES = 0.5
 """Squares of errors from rest over those of a settled start, below which a log that shows no angle
 begins at rest."""
 STILL = 1e-3
 """Of full scale: a slower shaft stands still, and an angle that moves less does not answer."""
-NOTHING = 1e-6
-"""Of full scale: a start that is less is told as 0."""
+NOTHING = 1e-6  # of full scale: a start that is less is told as 0
 WORSE_SQUARES = 4.0
 """Ratio of squared errors, from the stated start over from the one that the first samples show, at
 which the stated one is wrong.  A poor model leaves much from either."""

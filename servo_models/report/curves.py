@@ -16,22 +16,17 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BUCKETS = 400
-"""Stretches of a long curve of which extremes are drawn, about one a pixel."""
-WIDE_LABELS = 44
-"""Characters of names of curves that fit on a line above a panel."""
-ROOM = 0.15
-"""Space above and below the measured and the judged curve, as a part of their range."""
-SMALL = 1e-3
-"""Numbers below this are drawn with a power of ten at the axis."""
+BUCKETS = 400  # stretches of a long curve of which extremes are drawn, about one a pixel
+WIDE_LABELS = 44  # characters of names of curves that fit on a line above a panel
+ROOM = 0.15  # space above and below the measured and the judged curve, as a part of their range
+SMALL = 1e-3  # numbers below this are drawn with a power of ten at the axis
 DASHED = (0, (4, 3))
 
 Style = tuple[str, Any, float, float]
 MEASURED: Style = ("muted", "-", 3.0, 0.55)
 NOMINAL: Style = ("orange", "--", 1.1, 1.0)
 BETWEEN: Style = ("green", (0, (1, 1.2)), 1.3, 1.0)
-JUDGED: Style = ("blue", "-", 1.1, 1.0)
-"""Colour, dash, width and opacity of a curve."""
+JUDGED: Style = ("blue", "-", 1.1, 1.0)  # colour, dash, width and opacity of a curve
 
 
 def draw_curve(axes: Axes, x: Array, y: Array, name: str, style: Style) -> None:

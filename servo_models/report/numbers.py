@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 NONE, MINUS, TIMES = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 ERROR, ARROW = "\N{PLUS-MINUS SIGN}", "\N{RIGHTWARDS ARROW}"
-MOST_DIGITS = 10
-"""Digits that a value is worth, however small its error."""
+MOST_DIGITS = 10  # digits that a value is worth, however small its error
 PREFIXES = ((1e-4, "u", 1e6), (0.1, "m", 1e3))
 """Figures below the first number are told with this prefix, of which so many make one."""
 PREFIXED = ("m", "rad", "V", "A", "N", "s")

@@ -36,13 +36,10 @@ PALETTE = {
 }
 """Colours by name: (on a light page, on a dark page)."""
 
-SERIES = ("blue", "orange", "green", "purple")
-"""Names of the colours of curves, in order."""
+SERIES = ("blue", "orange", "green", "purple")  # names of the colours of curves, in order
 
-WIDTH = 4.2
-"""Width of a figure [inch]; text of 9 points stays legible when a phone shrinks it."""
-WIDE = 5.5
-"""Width [inch] from which a figure takes the whole page, and is moved by hand on a phone."""
+WIDTH = 4.2  # width of a figure [inch]; text of 9 points stays legible when a phone shrinks it
+WIDE = 5.5  # width [inch] from which a figure takes the whole page, and is moved by hand on a phone
 
 
 def colour(name: str) -> str:

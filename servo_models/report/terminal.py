@@ -15,10 +15,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-WIDE = 160
-"""Columns of plain text."""
-LONGEST_CELL = 400
-"""Characters of a cell, which may be a name out of anybody's file."""
+WIDE = 160  # columns of plain text
+LONGEST_CELL = 400  # characters of a cell, which may be a name out of anybody's file
 LONGEST_TEXT = 4000  # the same of a paragraph
 STYLES = {True: "green", False: "bold red", None: ""}
 

@@ -28,8 +28,7 @@ if sys.platform != "win32":
 WARNING, ERROR = 1, 3
 """Status of a call: more than a warning is a failed one; messages from an error on are kept."""
 CO_SIMULATION = 1
-LARGEST_FILE = 1 << 28
-"""Bytes that a slave may write to one file."""
+LARGEST_FILE = 1 << 28  # bytes that a slave may write to one file
 PLATFORMS = {
     "win32": ("win64", ".dll"),
     "linux": ("linux64", ".so"),

@@ -26,8 +26,7 @@ from servo_models.validation.host_process import (
     RefusedError,
 )
 
-LONGEST_REASON = 300
-"""Characters that are told of what an FMU says."""
+LONGEST_REASON = 300  # characters that are told of what an FMU says
 
 
 class FmuError(UserError):

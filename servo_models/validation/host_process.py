@@ -37,17 +37,14 @@ class Limits:
     unpacked_megabytes: float = 256.0
 
 
-LIMITS = Limits()
-"""Ours take a tenth of each."""
+LIMITS = Limits()  # ours take a tenth of each
 
-LARGEST_ANSWER = 1 << 28
-"""Characters that are read of one answer; a row of ten outputs has 200."""
+LARGEST_ANSWER = 1 << 28  # characters that are read of one answer; a row of ten outputs has 200
 PASSED_ON = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT")
 """Variables of the environment that the process gets."""
 TEMPORARY = ("HOME", "TMPDIR", "TEMP", "TMP")
 """Those that name folders to write to: here the one in which the process runs."""
-GRACE = 5.0
-"""Seconds for a process to end that has closed its pipe."""
+GRACE = 5.0  # seconds for a process to end that has closed its pipe
 
 
 class RefusedError(Exception):

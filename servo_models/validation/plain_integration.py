@@ -31,8 +31,7 @@ from servo_models.errors import UserError
 Key = Any
 """Of what has a value: the name of a wire, or (number of the link, name in its block)."""
 
-DUE = 1e-6
-"""Of the internal step: a clock this near has struck; see the contract of a step."""
+DUE = 1e-6  # of the internal step: a clock this near has struck; see the contract of a step
 RELATIVE, ABSOLUTE = 1e-10, 1e-12
 """Tolerances of ``solve_ivp``; the absolute one is a share of a state's full scale."""
 

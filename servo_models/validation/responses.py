@@ -36,14 +36,11 @@ FACTORS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 REPEATS, LONGER = 5, 10
 """Runs that are timed, and how many times over the case is in each."""
 
-FINER = 10
-"""Steps of the plain integration in an internal step."""
+FINER = 10  # steps of the plain integration in an internal step
 STEPS = (1.0, 2.5, 0.4, 7.3, 1.0, 3.7, 5.0, 1.1, 2.0, 10.0) * 3
 """Communication steps over the internal step: together a hundred internal steps."""
-HELD = 6
-"""Communication steps from one jump of the inputs to the next."""
-FLOOR = 1e-4
-"""Least tolerance, of the range of an output: what the references allow too."""
+HELD = 6  # communication steps from one jump of the inputs to the next
+FLOOR = 1e-4  # least tolerance, of the range of an output: what the references allow too
 SAFETY = 2.0
 """Tolerance over the change of the plain integration from one step in an internal step to
 ``FINER``: a model that locates its jumps, or does not, differs by no more than that change."""
@@ -51,8 +48,7 @@ LOOSE = 0.05
 """Of the range: where the plain integration itself changes by more, nothing is compared."""
 JUMP = 0.5
 """An output jumps where one plain step makes this part of its change in two internal steps."""
-TOGETHER = 0.5
-"""Typical sizes of all effects at once."""
+TOGETHER = 0.5  # typical sizes of all effects at once
 
 
 def response_rows(case: Case, model: Model, run: Run, subject: str = "") -> list[Row]:

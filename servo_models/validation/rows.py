@@ -8,21 +8,17 @@ from dataclasses import dataclass, field
 from servo_models.report.result import Result
 from servo_models.validation.any_fmu.comparison import Compared
 
-IMPLEMENTATION = "implementation"
-"""Claim: the FMU equals the simulation in this process."""
-MODEL = "model"
-"""Claim: the response equals an independent reference."""
+IMPLEMENTATION = "implementation"  # claim: the FMU equals the simulation in this process
+MODEL = "model"  # claim: the response equals an independent reference
 PAPER = "paper"
 """Claim: the model gives the figures printed in its paper, or else those recomputed from the
 paper's own numbers.  What these numbers do not give is named, with the reason."""
 
 REFERENCE = "reference"
 """Claim: the outputs of an FMU equal a reference that came with the question."""
-FILES = "files"
-"""Claim: the files of an FMU are as FMI has them; nothing was run."""
+FILES = "files"  # claim: the files of an FMU are as FMI has them; nothing was run
 
-OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)
-"""Those about our own models."""
+OWN_CLAIMS = (IMPLEMENTATION, MODEL, PAPER)  # those about our own models
 CLAIMS = (*OWN_CLAIMS, REFERENCE, FILES)
 
 

@@ -86,8 +86,7 @@ BRIEF = {
 PLACE = ("actuator", "variant", "case", "quantity")
 FIGURE = ("", *PLACE, "run", "value", "limit", "used", "note")
 PRINTED = ("", *PLACE, "printed", "recomputed", "model", "within", "note")
-DIGITS = 7
-"""Enough for every coefficient that the papers print."""
+DIGITS = 7  # enough for every coefficient that the papers print
 MARKERS = "os^D"
 
 

@@ -35,8 +35,7 @@ Edges = list[tuple[float, float]]
 Segment = tuple[float, float, tuple[float, ...]]
 """Begin [s], end [s], values of all signals between."""
 
-SAME_TIME = 1e-9
-"""Instants closer than this [s] are one: sums of communication steps are rounded."""
+SAME_TIME = 1e-9  # instants closer than this [s] are one: sums of communication steps are rounded
 
 
 def changes(times: Array, values: Array, delay: float = 0.0, rest: float = 0.0) -> Edges:

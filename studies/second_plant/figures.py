@@ -19,8 +19,7 @@ from studies.withheld.score import NOTHING, Figure, mean, share
 from studies.withheld.sections import AT_LEAST, AT_MOST, Bar, met, quantity
 
 PLAY = frozenset({"backlash", "coasting_backlash"})
-UNCLAIMED = (OUTSIDE, FAILED)
-"""Verdicts beside which effects that are named are no claim."""
+UNCLAIMED = (OUTSIDE, FAILED)  # verdicts beside which effects that are named are no claim
 
 
 @dataclass(frozen=True)

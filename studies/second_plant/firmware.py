@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CODE = 2.0 * math.pi / 4096.0
-"""Angle [rad] of a code of a 12 bit encoder."""
+CODE = 2.0 * math.pi / 4096.0  # angle [rad] of a code of a 12 bit encoder
 
 
 class Plant(Protocol):

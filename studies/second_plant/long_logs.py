@@ -28,10 +28,8 @@ from studies.second_plant.firmware import CODE, Array, Firmware, run
 from studies.second_plant.rigs import REST
 from studies.second_plant.two_mass import MOTOR_ANGLE, Drive, TwoMass
 
-TICK = 2e-3
-"""Of a firmware [s]."""
-NOISE = 0.4
-"""Of a magnetic encoder [codes, standard deviation]."""
+TICK = 2e-3  # of a firmware [s]
+NOISE = 0.4  # of a magnetic encoder [codes, standard deviation]
 
 
 def sts3215_joint(folder: Path, seed: int = 1) -> Path:

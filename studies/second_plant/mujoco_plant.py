@@ -13,12 +13,10 @@ from typing import Any
 from servo_models.errors import UserError
 from studies.second_plant.two_mass import Drive
 
-STEP = 1e-4
-"""Longest step [s]."""
+STEP = 1e-4  # longest step [s]
 LONGEST_ARM, EARTH = 0.1, 9.81
 """Distance [m] of the centre of mass, at most, and gravity [m/s2]."""
-TINY = 1e-7
-"""Inertia [kg m2] of the motor's body, which only carries the armature."""
+TINY = 1e-7  # inertia [kg m2] of the motor's body, which only carries the armature
 STIFF = 'solreffriction="0.002 1" solimpfriction="0.99 0.9999 0.001 0.5 2"'
 """Friction that hardly creeps; without it MuJoCo's default, which does."""
 

@@ -119,16 +119,12 @@ UNCERTAINTY = {
     "coulomb_friction.level": 0.3,
 }
 """Standard deviations that the owner states, as shares."""
-FARTHEST = 2.0
-"""Standard deviations by which a true value is off, at the most."""
+FARTHEST = 2.0  # standard deviations by which a true value is off, at the most
 BEHIND = (0.02, 0.3)
 """Inertia behind the gear over all of it: from a bare servo to one that carries an arm."""
-SHARES = (0.02, 0.1, 0.3, 0.5)
-"""The same behind the play of the mix of limits, each alike often."""
-BINDS = 4.0
-"""RMS of the codes by which a limit has to move the logs at least."""
-REST = 1.0
-"""Time [s] for which the first goal is held before a log begins."""
+SHARES = (0.02, 0.1, 0.3, 0.5)  # the same behind the play of the mix of limits, each alike often
+BINDS = 4.0  # RMS of the codes by which a limit has to move the logs at least
+REST = 1.0  # time [s] for which the first goal is held before a log begins
 
 
 @dataclass(frozen=True)
@@ -438,10 +434,8 @@ def _with(rig: Rig, near: Mapping[str, float], **drive: float) -> Rig:
     return replace(rig, effects={**rig.effects, **near}, drive=replace(rig.drive, **drive))
 
 
-LIMITED = (0.25, 0.6)
-"""A limit over what the motor can do."""
-FULL_SPEED = 10.0
-"""Speed [rad/s] that friction of a ``smart_servo`` calls full."""
+LIMITED = (0.25, 0.6)  # a limit over what the motor can do
+FULL_SPEED = 10.0  # speed [rad/s] that friction of a ``smart_servo`` calls full
 WRONG: dict[str, Wrong] = {
     "delay": _delay,
     "play": _play,

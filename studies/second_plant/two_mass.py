@@ -19,8 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-STEP = 2e-5
-"""Longest step [s]: a contact of 300 Hz takes 167 of them for a period."""
+STEP = 2e-5  # longest step [s]: a contact of 300 Hz takes 167 of them for a period
 
 
 @dataclass(frozen=True)

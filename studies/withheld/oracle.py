@@ -50,8 +50,7 @@ from servo_models.identification.problem import Problem
 FAILED = "failed"
 HALF = 0.5
 DISTANCE = 5.0
-RIVALS = 4
-"""Nearest rivals that are fitted, of those that the diagnosis has tried."""
+RIVALS = 4  # nearest rivals that are fitted, of those that the diagnosis has tried
 
 
 @dataclass(frozen=True)

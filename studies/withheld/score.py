@@ -22,12 +22,10 @@ from studies.withheld.oracle import FAILED, Diagnosed, Known
 NOTHING = "nothing"
 BINS = (0.0, 0.05, 0.5, 0.7, 0.9, 0.99, 1.0)
 """Edges between which probabilities are compared with what happened."""
-ERROR_BINS = 10
-"""Of equal width, over which the calibration error is taken."""
+ERROR_BINS = 10  # of equal width, over which the calibration error is taken
 SURE, ALMOST_CERTAIN = 0.9, 0.99
 """Probabilities between which an effect is told as sure."""
-LEAST_CHANCE = 0.001
-"""Of being wrong, which the log loss grants every probability."""
+LEAST_CHANCE = 0.001  # of being wrong, which the log loss grants every probability
 CONFIDENCE = 0.95
 DRAWS, SEED = 2000, 0
 """Of the bootstrap of a mean."""

@@ -20,12 +20,9 @@ from studies.withheld.score import (
     good,
 )
 
-VERSION = 1
-"""Of the schema: it counts up when a reader of the one before would go wrong."""
-MOST_WANTED = 300
-"""Cases behind a figure from which it can stand beside its bar."""
-SHOWN = 12
-"""Confusions on the terminal."""
+VERSION = 1  # of the schema: it counts up when a reader of the one before would go wrong
+MOST_WANTED = 300  # cases behind a figure from which it can stand beside its bar
+SHOWN = 12  # confusions on the terminal
 
 AT_LEAST, AT_MOST = ">=", "<="
 Bar = tuple[str, float]

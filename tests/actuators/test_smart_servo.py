@@ -16,8 +16,7 @@ from tests.support.sliding import slide
 
 TICK = 1e-3
 GRAVITY = 0.49 * 9.81 * 0.1
-ARM = 0.49 * 0.1 * 0.1
-"""Inertia [kg m^2] of the pendulum of the real rig."""
+ARM = 0.49 * 0.1 * 0.1  # inertia [kg m^2] of the pendulum of the real rig
 ROTOR = model("smart_servo", "xl330").values["inertia"]
 RPM = 2.0 * math.pi / 60.0
 KG_CM = 0.0980665
@@ -33,8 +32,7 @@ SHEETS = {
 a variant rests first: ROBOTIS e-manual, XL330-M288; Feetech, STS3215."""
 ROTORS = {"xl330": (0.00199, 0.00257), "sts3215": (0.0216, 0.0280)}
 """Least and largest inertia of the bare servo [kg m^2] that Duclusaud et al. publish."""
-ELSEWHERE = 0.1
-"""A motor of two points meets a data sheet at other supplies to this share."""
+ELSEWHERE = 0.1  # a motor of two points meets a data sheet at other supplies to this share
 PENDULUM = {
     "torque_constant": 0.6,
     "resistance": 4.0,

@@ -44,8 +44,7 @@ def test_residual_tests_see_correlation_and_what_the_input_left() -> None:
     assert dependence(white + 0.3 * np.roll(u, 3), u) < 1e-6
 
 
-SEEN = np.arange(2200) % 44 < 22
-"""Stretches of 22 samples, with as many held out between them."""
+SEEN = np.arange(2200) % 44 < 22  # stretches of 22 samples, with as many held out between them
 
 
 def test_residual_tests_keep_their_nominal_rate_across_samples_held_out() -> None:

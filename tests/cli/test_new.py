@@ -23,8 +23,7 @@ from tests.conftest import Run
 from tests.support.document import complaints
 from tests.support.template_servo import STEP_SIZE, STEPS, VALUES, angles, write_log
 
-ERRORS = 4.0
-"""Standard errors by which an estimate may miss the truth."""
+ERRORS = 4.0  # standard errors by which an estimate may miss the truth
 
 
 @pytest.fixture

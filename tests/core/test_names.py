@@ -35,18 +35,13 @@ from servo_models.diagnosis.localisation.open_loop import measured_name, opened
 from servo_models.effects.lag import lag
 from tests.support.compilers import in_c_only
 
-GAIN = 1745.3
-"""Angle for a pulse width above 1.5 ms [rad/s]."""
-OWN_RATE = 15.0
-"""Undamped natural frequency [rad/s]."""
+GAIN = 1745.3  # angle for a pulse width above 1.5 ms [rad/s]
+OWN_RATE = 15.0  # undamped natural frequency [rad/s]
 DAMPING = 0.7
-PULSE = 2.0e-3
-"""[s], from the start on."""
+PULSE = 2.0e-3  # [s], from the start on
 TIMES = np.linspace(0.0, 0.4, 41)
-LOST = 0.25
-"""Part of the aim that the effect takes off."""
-SUB_STEP = 1e-3
-"""[s]; RK4 makes an error of 1e-9 rad with it."""
+LOST = 0.25  # part of the aim that the effect takes off
+SUB_STEP = 1e-3  # [s]; RK4 makes an error of 1e-9 rad with it
 
 TIME = ("now", "due", "elapsed", "time")
 """Names of the stepper's own that a block may read, and what tables call their first column."""

@@ -30,8 +30,7 @@ CATALOGUE = {
 """What the effects' files held in SI before their bounds were fractions of full scales."""
 BEFORE = ("sg90", "torque_motor", "linear_drive", "smart_servo")
 """Actuators that there were then; later ones follow their own scales."""
-RESIZED = ("sts3215", "sts3215_12v")
-"""Variants whose loads are sized by their own torque since."""
+RESIZED = ("sts3215", "sts3215_12v")  # variants whose loads are sized by their own torque since
 PRODUCTS = {
     ("torque_motor", "transport_delay.time"): ("s", 0.0, 0.02, 0.0011),
     ("torque_motor", "sample_hold.period"): ("s", 0.0, 0.02, 0.001),

@@ -23,10 +23,8 @@ from tests.fuzz.parameters import Found, every_variant, judged
 from tests.support.bench import step_constant
 from tests.support.fmu_host import Host
 
-COARSE = 5e-3
-"""Internal step [s] of the plants below."""
-WITHIN = 1e-3
-"""Error that a run may make in silence, in full scales."""
+COARSE = 5e-3  # internal step [s] of the plants below
+WITHIN = 1e-3  # error that a run may make in silence, in full scales
 
 
 def own(*chain: Block, states: tuple[State, ...], outputs: tuple[str, ...]) -> Actuator:

@@ -25,11 +25,9 @@ from tests.support import logs
 from tests.support.descriptions import LOG, complaint, describe, text_of
 
 MS = 1e-3
-QUANTUM = 1.0
-"""[ms] of the stamps below."""
+QUANTUM = 1.0  # [ms] of the stamps below
 GAPPY = Plant((Wire("u", "V", ""),), (Wire("y", "rad", ""),), (), (), ("y",))
-RATES = st.floats(0.3, 40.0)
-"""Periods [ms]: several rows for a stamp up to many stamps for a row."""
+RATES = st.floats(0.3, 40.0)  # periods [ms]: several rows for a stamp up to many stamps for a row
 
 
 def spread(times: Array, truth: Array) -> float:
@@ -135,8 +133,7 @@ def test_even_stamps_and_numbers_that_are_no_clock_are_left_alone() -> None:
 
 # in a description
 
-PERIOD = 1.3
-"""[ms]; steps of 1 and 2 ms look like gaps."""
+PERIOD = 1.3  # [ms]; steps of 1 and 2 ms look like gaps
 ROWS = 1500
 
 

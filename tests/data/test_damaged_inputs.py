@@ -88,8 +88,7 @@ def test_a_column_without_rows_is_left_out_of_a_draft(tmp_path: Path, run: Run) 
     assert "rate" not in path.with_suffix(".toml").read_text().split("[[logs]]")[1].split("#")[0]
 
 
-HUGE = "0x1" + "0" * 4000
-"""Of more decimal digits than Python prints."""
+HUGE = "0x1" + "0" * 4000  # of more decimal digits than Python prints
 
 
 @pytest.mark.parametrize(

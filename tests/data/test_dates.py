@@ -24,8 +24,7 @@ from tests.support.descriptions import HEAD, LOG, TABLE, complaint, describe, te
 
 DATED = LOG.replace('{ column = "time_ms", unit = "ms" }', '"stamp"')
 HEADER = "stamp,u,angle_deg"
-FIRST = dt.datetime(2024, 2, 29, 23, 59, 59, 950_000)
-"""Midnight of a leap day lies in the log."""
+FIRST = dt.datetime(2024, 2, 29, 23, 59, 59, 950_000)  # midnight of a leap day lies in the log
 
 
 def stamps(form: str, zone: str = "") -> list[str]:

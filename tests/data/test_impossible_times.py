@@ -25,8 +25,7 @@ time = { column = "t", unit = "UNIT" }
 inputs.pulse_width = { column = "command", unit = "us" }
 outputs.angle = { column = "angle", unit = "deg" }
 """
-STEP = 0.02
-"""[s] between rows of the sane log."""
+STEP = 0.02  # [s] between rows of the sane log
 ROWS = 150
 
 

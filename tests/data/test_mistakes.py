@@ -21,8 +21,7 @@ from tests.support.logs import log_of
 from tests.support.sources import ROOT
 
 ROWS, INTERVAL = 1200, 2e-3
-NOISE = 2e-3
-"""Of a range of 1 rad."""
+NOISE = 2e-3  # of a range of 1 rad
 PLANT: Plant = model("smart_servo", "sts3215").plant
 
 

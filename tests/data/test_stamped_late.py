@@ -14,8 +14,7 @@ from servo_models.data.clock import stamped_late
 from servo_models.identification.check import check
 from servo_models.report.result import document_of
 
-PERIOD = 0.01
-"""[s] from one tick to the next."""
+PERIOD = 0.01  # [s] from one tick to the next
 SEEDS = st.integers(0, 10_000)
 
 

@@ -14,8 +14,7 @@ from servo_models.core.types import Array
 from tests.conftest import Run
 
 NOISE = 1e-3
-LEVELS = (0.0, 0.5, -0.3, 0.2, 0.8, -0.5, 0.0)
-"""Commanded angles [rad]."""
+LEVELS = (0.0, 0.5, -0.3, 0.2, 0.8, -0.5, 0.0)  # commanded angles [rad]
 AS_TORQUE_MOTOR = """
 actuator = "torque_motor"
 variant = "estimated"

@@ -67,8 +67,7 @@ def verdict_on(*logs: Log) -> Verdict:
     return decide(selection_on(*logs))
 
 
-STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}
-"""All make 10 V into 8.5 V."""
+STATIC = {"drive_dead_zone", "drive_saturation", "gain_error"}  # all make 10 V into 8.5 V
 
 
 @pytest.fixture(scope="module")

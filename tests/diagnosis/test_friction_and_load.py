@@ -16,8 +16,7 @@ NOISE = 1.0  # rad/s
 TRUE = {"torque_constant": 0.033, "rotor_inertia": 1.2e-5}
 BELIEVED = {"torque_constant": "20 %", "rotor_inertia": "30 %", "viscous_coefficient": "50 %"}
 FRICTIONS = {"coulomb_friction", "load_friction"}
-LOADS = {"constant_load", "command_offset"}
-"""Effects that nearly the same log would have."""
+LOADS = {"constant_load", "command_offset"}  # effects that nearly the same log would have
 
 
 @pytest.mark.thorough

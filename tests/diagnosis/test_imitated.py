@@ -42,8 +42,7 @@ stiffness = "1 %"
 rotor_inertia = "1 %"
 """
 
-STEP_SHARE = 2e-3
-"""What the longer internal step of a search may change, far below the noise."""
+STEP_SHARE = 2e-3  # what the longer internal step of a search may change, far below the noise
 
 
 def rig(effects: dict[str, float]) -> Model:

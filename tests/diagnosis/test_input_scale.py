@@ -18,8 +18,7 @@ from tests.support.logs import log_of
 
 STEP, NOISE = 5e-3, 1e-3
 TIMES: Array = STEP * np.arange(1080.0)
-LEVELS = np.repeat([0.0, 0.3, -0.3, 0.6, 0.1, 0.15, 0.12, 0.0, -0.2], 120)
-"""Commanded angles [rad]."""
+LEVELS = np.repeat([0.0, 0.3, -0.3, 0.6, 0.1, 0.15, 0.12, 0.0, -0.2], 120)  # commanded angles [rad]
 LOAD = 0.04 * np.repeat([0.0, 1.0, -1.0, 0.5, -0.5, 0.0], 180)
 TRUE_OVER_LOGGED = 1.5
 

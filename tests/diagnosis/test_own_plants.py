@@ -13,8 +13,7 @@ from servo_models.diagnosis.verdict import EFFECT
 from tests.support.document import ROOT
 
 PLANTS = ROOT / "examples" / "own_plants"
-NOISE = 1e-3
-"""Of the range of the output."""
+NOISE = 1e-3  # of the range of the output
 
 CASES = [
     ("servo", {"coulomb_friction.level": 0.08, "gain": 6.4}),

@@ -35,8 +35,7 @@ PLANTS = {
     or not actuator.plant_of(variant.name).has_equations_of(actuator.plant_of())
 }
 FIRST = {a.name: f"{a.name}-{a.variants[0].name}" for a in actuators().values()}
-QUICK = FIRST["dc_motor"]
-"""The one that numba compiles fastest."""
+QUICK = FIRST["dc_motor"]  # the one that numba compiles fastest
 TWINS = ("dc_motor_current", "dc_motor_speed")
 """Actuators of the blocks of another one, behind another drive."""
 MARKS = {

@@ -13,8 +13,7 @@ from servo_models.analysis.isolability import cause, experiment
 from servo_models.diagnosis.search.candidates import candidates
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effect.md"
-STEP = 0.06
-"""[rad/s], that the document's rig has."""
+STEP = 0.06  # [rad/s], that the document's rig has
 
 
 def listings() -> tuple[str, str, str]:

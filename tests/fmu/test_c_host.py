@@ -23,8 +23,7 @@ from tests.support.document import alike
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "c_host"
 LINES = 60
-ROWS = 3000
-"""Of a run: more text than fits into a pipe, so the host waits until it is read."""
+ROWS = 3000  # of a run: more text than fits into a pipe, so the host waits until it is read
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or shutil.which("cc") is None, reason="needs Linux and a C compiler"

@@ -29,10 +29,8 @@ from servo_models.validation.host_process import LIMITS
 from tests.support.foreign_faults import FAULTS
 from tests.support.foreign_fmus import FOREIGN, Array, Foreign, table
 
-OWN_STEP = ("sampled", "gears", "line", "pulses")
-"""Models whose references hold at their own step."""
-MOST_OUTLIERS = 0.1
-"""Share of points outside that passes in fmpy's Cross-Check."""
+OWN_STEP = ("sampled", "gears", "line", "pulses")  # models whose references hold at their own step
+MOST_OUTLIERS = 0.1  # share of points outside that passes in fmpy's Cross-Check
 
 
 def checked(

@@ -36,11 +36,9 @@ from servo_models.validation.runner import every_model
 from tests.fuzz.parameters import drawn, vector
 from tests.support.fmu_host import Host
 
-STEPS = 60
-"""Communication steps of a run."""
+STEPS = 60  # communication steps of a run
 THREADS = 4
-LOADING = Lock()
-"""fmpy changes the working directory while it loads a library."""
+LOADING = Lock()  # fmpy changes the working directory while it loads a library
 
 
 @dataclass(frozen=True)

@@ -38,14 +38,10 @@ from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import step_text
 from tests.support.fmu_host import Host
 
-BATCH = 200
-"""Sequences in a process."""
-PATIENCE = 120.0
-"""Seconds for a batch, which takes one or two."""
-CALLS = 30
-"""Calls of a sequence at most."""
-FRESH = 20
-"""Sequences after which the instance is new; before that it is reset."""
+BATCH = 200  # sequences in a process
+PATIENCE = 120.0  # seconds for a batch, which takes one or two
+CALLS = 30  # calls of a sequence at most
+FRESH = 20  # sequences after which the instance is new; before that it is reset
 CHANGED = 4
 """Parameters that a sequence may change: no switches, since an effect that wakes begins at rest."""
 SLACK = 1e-9  # of a master's clock, relative

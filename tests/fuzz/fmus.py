@@ -32,10 +32,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 XML = "modelDescription.xml"
-LIMIT_SECONDS = 8
-"""For an FMU: given as --timeout; good ones take less than one second."""
-NO_END_SECONDS = 400
-"""For the command, which by then does not end."""
+LIMIT_SECONDS = 8  # for an FMU: given as --timeout; good ones take less than one second
+NO_END_SECONDS = 400  # for the command, which by then does not end
 PASSED, FAILED, COULD_NOT_RUN = 0, 1, 2
 NO_REFERENCES = '''
 """A joint with play that follows its goal; validated without the catalogue's references."""

@@ -49,12 +49,9 @@ else:
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROCESSOR_SECONDS = 10
-CLOCK_SECONDS = 60
-"""Other work on the machine may slow a case down this much."""
-WORK_SECONDS = 20
-"""What ``check`` may do with an input that it has accepted, before it is stopped."""
-LARGEST = 1_000_000_000
-"""Bytes of memory."""
+CLOCK_SECONDS = 60  # other work on the machine may slow a case down this much
+WORK_SECONDS = 20  # what ``check`` may do with an input that it has accepted, before it is stopped
+LARGEST = 1_000_000_000  # bytes of memory
 ADDRESSES = 6_000_000_000
 """Bytes of addresses that a case may reserve: above it would harm the machine."""
 

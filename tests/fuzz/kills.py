@@ -43,8 +43,7 @@ from tests.support.own_actuators import SOURCE
 EARLIEST_SECONDS, LATEST_SECONDS = 1e-5, 3e-3
 """Delay of a kill after its moment."""
 PATIENCE_SECONDS = 300
-PEACE_SECONDS = 10.0
-"""In which processes that a killed one has begun end."""
+PEACE_SECONDS = 10.0  # in which processes that a killed one has begun end
 CRASHED, REFUSED = 70, 2
 MOMENTS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.chmod", "shutil.rmtree")
 """Events of Python's audit table that change folders; ``open`` counts where it writes."""

@@ -38,19 +38,15 @@ HERE = Path(__file__).parent
 SUPPORT = HERE.parent / "support"
 BATCH = {"plain": 1000, "sanitize": 500, "valgrind": 100, "threads": 100}
 """Sequences in a process, by mode: some seconds."""
-PATIENCE = 600.0
-"""Seconds for a batch; the driver itself gives up a sequence after 60."""
-LAST_CALLS = 40
-"""Lines shown of a sequence at fault."""
-REPORTED = 99
-"""Exit code of valgrind and the sanitizers, after a report."""
+PATIENCE = 600.0  # seconds for a batch; the driver itself gives up a sequence after 60
+LAST_CALLS = 40  # lines shown of a sequence at fault
+REPORTED = 99  # exit code of valgrind and the sanitizers, after a report
 FLAGS = ("-O1", "-g", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
 MODE_FLAGS = {
     "sanitize": ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"),
     "threads": ("-fsanitize=thread",),
 }
-SCARCE = ("-Dmalloc=scarce_malloc", "-Dcalloc=scarce_calloc")
-"""The driver lets memory run out."""
+SCARCE = ("-Dmalloc=scarce_malloc", "-Dcalloc=scarce_calloc")  # the driver lets memory run out
 VALGRIND = (
     *("valgrind", "-q", f"--error-exitcode={REPORTED}", "--exit-on-first-error=yes"),
     *("--leak-check=full", "--errors-for-leak-kinds=definite,indirect,possible"),

@@ -27,18 +27,13 @@ from servo_models.core.simulate import Model, Result, model, simulate
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 
-STEPS = 60
-"""Communication steps of a run."""
-SMALLEST = 1e-4
-"""Smallest magnitude that is drawn where a bound is 0 or below, of the largest."""
-ALLOWED = 1e-3
-"""Change with half the internal step that a quiet run may show, in full scales."""
+STEPS = 60  # communication steps of a run
+SMALLEST = 1e-4  # smallest magnitude that is drawn where a bound is 0 or below, of the largest
+ALLOWED = 1e-3  # change with half the internal step that a quiet run may show, in full scales
 BEYOND = "went beyond the range of its curve"
 """A warning that doubts no number: a curve of a residual map is held, or its ends are crossed."""
-FAR = 100.0
-"""Full scales that no quiet run may pass."""
-LONGEST = 10.0
-"""Seconds of processor time that a run may take."""
+FAR = 100.0  # full scales that no quiet run may pass
+LONGEST = 10.0  # seconds of processor time that a run may take
 
 
 def drawn(param: Param, rng: np.random.Generator) -> float:

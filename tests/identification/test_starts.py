@@ -24,10 +24,8 @@ from tests.conftest import Run
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
 from tests.support.logs import changed, log_of, measured
 
-SILENT = np.zeros(400)
-"""A free decay: no voltage."""
-BEGIN = (0.0, 0.03, -2.0)
-"""Current [A], angle [rad] and rate [rad/s]."""
+SILENT = np.zeros(400)  # a free decay: no voltage
+BEGIN = (0.0, 0.03, -2.0)  # current [A], angle [rad] and rate [rad/s]
 
 
 def decay(noise: float = 0.0) -> Log:

@@ -39,8 +39,7 @@ RUNNERS = {
     "linux-aarch64": [["qemu-aarch64", "-L", ARM_LIBRARIES]],
     "windows-x86_64": [["wine64"], ["wine"]],
 }
-SECONDS = 600
-"""For one run; the first of wine makes its folder."""
+SECONDS = 600  # for one run; the first of wine makes its folder
 
 Columns = dict[str, list[float]]
 

@@ -21,11 +21,9 @@ from servo_models.units import WRITTEN_IN, factor
 from tests.support.logs import log_of
 
 ROWS = 400
-ANSWERS = 12.0
-"""Length of a log in answers to a step of the actuator."""
+ANSWERS = 12.0  # length of a log in answers to a step of the actuator
 NOISE = 0.01  # of the full range
-TRUE_TO = 0.2
-"""Relative deviation of the rig's parameters from the nominal ones."""
+TRUE_TO = 0.2  # relative deviation of the rig's parameters from the nominal ones
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 

@@ -14,8 +14,7 @@ VALUES = {"inertia": 2e-3, "top_speed": 8.0, "stall_torque": 1.0, "gain": 6.0}
 """As in the file [SI]."""
 STEPS = np.repeat(np.radians([0, 10, -20, 2, 0, 3, 25, -6, -4, 15]), 60)
 """Commands [rad] that a log holds, each for 0.6 s."""
-STEP_SIZE = 0.01
-"""Of the log [s]."""
+STEP_SIZE = 0.01  # of the log [s]
 NOISE = np.radians(0.02)
 DESCRIPTION = """actuator = "{name}.py"
 

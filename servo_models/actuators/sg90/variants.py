@@ -23,8 +23,7 @@ import math
 from servo_models.actuators.sg90.plant import HALF_RANGE, OSCILLATORY_PLANT, PAPER_PLANT
 from servo_models.core.plant import Variant
 
-PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi
-"""Seconds of pulse per radian."""
+PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi  # seconds of pulse per radian
 FEEDBACK = 0.1
 SUPPLY, FRAME = 5.0, 0.02
 

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 NUMBER = 8  # bytes
-LEAST_RUN = 8
-"""Rows of a run of its own; fewer are rows out of order."""
+LEAST_RUN = 8  # rows of a run of its own; fewer are rows out of order
 SHORTEST_STEP = 1e-18  # s, far below the step of any clock or solver
 
 

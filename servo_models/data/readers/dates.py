@@ -32,8 +32,7 @@ OTHER_DATE = re.compile(
 EXAMPLE = "2024-05-01T12:00:00"
 NANOSECONDS = 10**9  # in a second
 DAY = 86400  # s
-KEPT = ("zone", "part")
-"""Parts of a time whose text is no number of its own."""
+KEPT = ("zone", "part")  # parts of a time whose text is no number of its own
 
 
 def seconds(cells: pl.Series, where: Callable[[int], str]) -> Array | None:

@@ -13,14 +13,11 @@ from servo_models.diagnosis.gap import closed
 
 Rows = NDArray[np.int64]
 
-MOVING = 3.0
-"""Local amplitude in noise floors from which a relative error says something."""
-STANDS_OUT = 2.0
-"""Relative error over that of everything from which it is worth saying."""
+MOVING = 3.0  # local amplitude in noise floors from which a relative error says something
+STANDS_OUT = 2.0  # relative error over that of everything from which it is worth saying
 CONCENTRATED = 0.1
 """Share of the squared error beyond the share of the samples that is worth saying."""
-WORSE = 1.1
-"""Error after over error before from which a regime gets worse."""
+WORSE = 1.1  # error after over error before from which a regime gets worse
 SURE = 3.0
 """Standard errors by which it does, as blocks of time scatter, or samples where that is more."""
 

@@ -18,10 +18,8 @@ from servo_models.diagnosis.search.selection import Selection
 from servo_models.identification.problem import Problem
 from servo_models.identification.simulation import Run
 
-STILL = 0.003
-"""Speed over the largest one of a log up to which nothing moves."""
-HELD = 0.01
-"""Change of a command over its range that is none."""
+STILL = 0.003  # speed over the largest one of a log up to which nothing moves
+HELD = 0.01  # change of a command over its range that is none
 
 
 @dataclass(frozen=True, eq=False)

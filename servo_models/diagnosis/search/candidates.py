@@ -23,10 +23,8 @@ from servo_models.diagnosis.codes import Step, steps_under_noise
 from servo_models.identification.problem import Free, free_parameter, travel
 from servo_models.identification.simulation import prepared
 
-LEAST_SAMPLES_IN_A_PERIOD = 10.0
-"""Of the fastest resonance that logs can show."""
-LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7
-"""With less, a ripple looks like any load."""
+LEAST_SAMPLES_IN_A_PERIOD = 10.0  # of the fastest resonance that logs can show
+LEAST_RIPPLE_PERIODS_IN_TRAVEL = 0.7  # with less, a ripple looks like any load
 RESONANCE_REACH_FACTOR = 4.0
 """By which a fit may move compliance and inertia: a high frequency is slow to simulate."""
 
@@ -279,25 +277,18 @@ SIGNED_TRIALS_OVER_TYPICAL = (0.3, 3.0)
 """Of one of either sign, to which the response is nearly straight."""
 SHAPED_TRIALS_OVER_TYPICAL = (0.02, 0.1, 0.5, 2.0, 8.0)
 """Of one whose effect has a shape, with each of which they are tried."""
-SHAPE_TRIALS_OVER_DEFAULT = (0.1, 0.3, 1.0, 3.0, 10.0)
-"""Of a parameter that is no switch."""
+SHAPE_TRIALS_OVER_DEFAULT = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a parameter that is no switch
 GRID_SPACING_IN_PERIODS = 0.1
 """Between two values of a grid the last of the periods that logs hold moves by this part of one."""
 LARGEST_RELATIVE_GRID_SPACING = 0.06
-INERTIAS_OVER_DEFAULT = (0.03, 0.1, 0.3, 1.0, 3.0)
-"""Behind a compliance."""
-RESONANCES_OVER_DEFAULT = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Frequencies of such a resonance."""
-RIPPLE_OVER_TYPICAL = 0.3
-"""Amplitude at which a ripple is tried: its response is straight."""
-RIPPLE_COUNTS = 48
-"""Values of the count of a ripple."""
+INERTIAS_OVER_DEFAULT = (0.03, 0.1, 0.3, 1.0, 3.0)  # behind a compliance
+RESONANCES_OVER_DEFAULT = (0.5, 1.0, 2.0, 4.0, 8.0)  # frequencies of such a resonance
+RIPPLE_OVER_TYPICAL = 0.3  # amplitude at which a ripple is tried: its response is straight
+RIPPLE_COUNTS = 48  # values of the count of a ripple
 COUNT_SPACING_RAD = 1.5
 """By which the phase of a ripple changes over the travel from one count to the next."""
-LEAST_OVER_TYPICAL = 0.01
-"""Of a switch in a fit: a smaller effect is none, and may be slow."""
-LEAST_RELATIVE_CODE_SPACING = 0.001
-"""Between trial values about a step that a code histogram shows."""
+LEAST_OVER_TYPICAL = 0.01  # of a switch in a fit: a smaller effect is none, and may be slow
+LEAST_RELATIVE_CODE_SPACING = 0.001  # between trial values about a step that a code histogram shows
 CODE_TRIALS_TO_A_SIDE = 4
 CODE_TRIALS_REACH_IN_STANDARD_ERRORS = 3.0
 

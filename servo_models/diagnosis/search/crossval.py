@@ -28,8 +28,7 @@ LARGEST_CHANGE_OVER_ERRORS = 1.0
 """Largest change of a block's errors, relative to them, that slopes are trusted with."""
 LEAST_LOSS_OVER_LARGEST = 1e-12
 """Errors of a block, relative to the largest, below which they are none."""
-SIGN_DRAWS = 999
-"""Signs at random that a sum over blocks is compared with."""
+SIGN_DRAWS = 999  # signs at random that a sum over blocks is compared with
 
 
 @dataclass(frozen=True, eq=False)

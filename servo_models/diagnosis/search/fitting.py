@@ -45,30 +45,22 @@ from servo_models.identification.resolution import (
 )
 from servo_models.identification.simulation import InternalSteps
 
-WIDER = "wider priors"
-"""A cause beside the effects: what is believed of some parameters is wrong."""
+WIDER = "wider priors"  # a cause beside the effects: what is believed of some parameters is wrong
 FINAL_TOLERANCE = 1e-7  # of the cost
 """Of a fit that is reported."""
 FINAL_STEPS = 60
-HOPELESS_RATIO = 1.5
-"""Cost of a fit over what it has to reach, from which no other start is made."""
-COARSE_WIDTH_IN_SCALES = 0.02
-"""Of slopes where an effect makes the response jump."""
-COARSE_RELATIVE_WIDTH = 0.01
-"""Of the slope along a discontinuous parameter."""
-WIDE_RELATIVE_CHANGES = (0.02, 0.01)
-"""Of a discontinuous parameter, tried in turn before a search."""
-NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)
-"""The same after it."""
+HOPELESS_RATIO = 1.5  # cost of a fit over what it has to reach, from which no other start is made
+COARSE_WIDTH_IN_SCALES = 0.02  # of slopes where an effect makes the response jump
+COARSE_RELATIVE_WIDTH = 0.01  # of the slope along a discontinuous parameter
+WIDE_RELATIVE_CHANGES = (0.02, 0.01)  # of a discontinuous parameter, tried in turn before a search
+NARROW_RELATIVE_CHANGES = (0.005, 0.0025, 0.0012, 0.0006, 0.0003)  # the same after it
 JUMP_OVER_RANGE = 0.2
 """Between two samples of a reading: every delay of a sample more then puts the jump between two
 other ones."""
-DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)
-"""Of the delay before such a reading."""
+DELAY_MOVES_IN_SAMPLES = (0.5, 1.0, 1.5, 2.5, 4.0)  # of the delay before such a reading
 DELAY_MOVES_IN_PERIODS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0, 2.0)
 """Of a delay before a hold: one tick off, it would be made up for by a friction or an inertia."""
-MOVED_COST_OVER_COST = 0.98
-"""From which a move is taken."""
+MOVED_COST_OVER_COST = 0.98  # from which a move is taken
 MOST_MOVES = 8
 LEAST_ROW_SHARE = 0.7
 """Movement by commands between rows over the structured part of what is left, from which they may

@@ -19,19 +19,15 @@ from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.screening import Screened, residual_beside, screen
 from servo_models.identification.linear_inference import linearised
 
-BRIEF_SAMPLES = 1000
-"""Of the parts of the logs in which every value is screened."""
-LONG_SAMPLES = 5000
-"""Of those in which the best are: the longer a log, the narrower is the minimum."""
+BRIEF_SAMPLES = 1000  # of the parts of the logs in which every value is screened
+LONG_SAMPLES = 5000  # of those in which the best are: the longer a log, the narrower is the minimum
 BRIEF_MEAN_SQUARE_RATIO = 0.1
 """Of what is left to explain in the shorter part over that in the longer one, from which it shows
 enough of it."""
-VALUES_IN_LONG = 60
-"""Screened in the longer part after that."""
+VALUES_IN_LONG = 60  # screened in the longer part after that
 VALUES_CORRECTED = 24
 """Screened there again, other parameters corrected, and half of them with values around."""
-AROUND_RELATIVE = (-0.0005, 0.0005)
-"""Where these lie, relative to the value."""
+AROUND_RELATIVE = (-0.0005, 0.0005)  # where these lie, relative to the value
 AROUND_PERIOD_RELATIVE = (-0.00075, -0.0005, -0.00025, 0.00025, 0.0005, 0.00075)
 """The same of the period of a hold: where a log is over, one so much longer is a sample late."""
 FIRST_RELATIVE_SPACING = 0.01
@@ -40,14 +36,10 @@ longer, is screened at all values that logs tell apart."""
 NEIGHBOURS_LEFT_SHARE = 0.7
 """Of what is left, that the best of them has to leave at most for its neighbours to be screened: a
 narrow minimum may lie beside what resembles it."""
-NEIGHBOURS_FACTOR = 2.0
-"""Within which of the best they lie."""
-LEAST_MOVE = 0.2
-"""What a discontinuous effect moves over what is left to explain, to be the cause."""
-LARGEST_MOVE = 3.0
-"""The same, up to which it may be the cause."""
-VALUES_LISTED = 12
-"""Screened with the whole logs, and their neighbours that only these tell apart."""
+NEIGHBOURS_FACTOR = 2.0  # within which of the best they lie
+LEAST_MOVE = 0.2  # what a discontinuous effect moves over what is left to explain, to be the cause
+LARGEST_MOVE = 3.0  # the same, up to which it may be the cause
+VALUES_LISTED = 12  # screened with the whole logs, and their neighbours that only these tell apart
 
 
 def shortlist(

@@ -36,10 +36,8 @@ SPACING_RAD = 1.0
 """By which the phase of a sine changes over the travel from one count of a spectrum to the next."""
 LEAST_PERIODS_IN_TRAVEL = 2.0
 """Of a further sine: with fewer, some of them are any shape over the position."""
-MOST_SAMPLES = 10_000
-"""Of a log, for its spectrum: twice as many take four times as long."""
-PEAKS = 12
-"""Of the spectrum, the highest, that are simulated."""
+MOST_SAMPLES = 10_000  # of a log, for its spectrum: twice as many take four times as long
+PEAKS = 12  # of the spectrum, the highest, that are simulated
 
 
 def with_sines(

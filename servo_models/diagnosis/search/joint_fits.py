@@ -15,12 +15,10 @@ from servo_models.diagnosis.search.fitting import HOPELESS_RATIO, FittedModel, F
 from servo_models.diagnosis.search.screening import Screened
 from servo_models.identification.problem import Free
 
-MOST_REFITS = 4
-"""Of a discontinuous effect."""
+MOST_REFITS = 4  # of a discontinuous effect
 REFIT_COST = 0.5
 """Cost of a discontinuous effect over that without it, below which it is fitted again."""
-SLOW_COST_RATIO = 0.98
-"""Of two fits in turn, above which there is no third."""
+SLOW_COST_RATIO = 0.98  # of two fits in turn, above which there is no third
 
 
 def beside(

@@ -14,12 +14,9 @@ from servo_models.core.types import Array
 from servo_models.diagnosis.search.fitting import FittedModel, discontinuous_of
 from servo_models.diagnosis.search.residuals import unmodelled
 
-DRAWS = 8
-"""Other parameters that are tried."""
-MOVE_IN_STANDARD_ERRORS = 0.3
-"""How far they are away."""
-NEARER = 0.1
-"""Share of that move at which they are tried once more."""
+DRAWS = 8  # other parameters that are tried
+MOVE_IN_STANDARD_ERRORS = 0.3  # how far they are away
+NEARER = 0.1  # share of that move at which they are tried once more
 
 
 def unrepeatable(fitted: FittedModel) -> float:

@@ -19,14 +19,11 @@ from servo_models.diagnosis.search.screening import Screened
 from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Linearisation
 
-HALVINGS = 2
-"""Of the way between a size that does not show and the next one, which does."""
+HALVINGS = 2  # of the way between a size that does not show and the next one, which does
 UNMASKED_SHARE = 0.3
 """Share of a change that slopes of the parameters leave, above which they do not imitate it."""
-SHAPES_TRIED = 2
-"""Shapes and signs of an effect, those first that may move most."""
-MASKED_FIT_STEPS = 8
-"""Of a fit: what parameters imitate they find at once."""
+SHAPES_TRIED = 2  # shapes and signs of an effect, those first that may move most
+MASKED_FIT_STEPS = 8  # of a fit: what parameters imitate they find at once
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,7 @@ from servo_models.core.simulate import Model
 from servo_models.data.description import Description
 from servo_models.identification.problem import Free, free_parameter
 
-PRIOR_BOUND_SIGMAS = 4.0
-"""Prior deviations that a nominal parameter may move."""
+PRIOR_BOUND_SIGMAS = 4.0  # prior deviations that a nominal parameter may move
 
 
 def prior_parameters(told: Description, widened: float = 1.0) -> tuple[Free, ...]:

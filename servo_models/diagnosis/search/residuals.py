@@ -40,8 +40,7 @@ from servo_models.identification.problem import Problem
 
 LONGEST_STRETCH = 48  # samples
 SHORTEST_STRETCH = 16  # samples
-LEAST_STRETCHES = 8
-"""In a record."""
+LEAST_STRETCHES = 8  # in a record
 LEAST_SAMPLES = SHORTEST_STRETCH * LEAST_STRETCHES
 """Of a record that is judged: a shorter one counts as noise."""
 NOISE_FREQUENCY_PER_SAMPLE = 0.08

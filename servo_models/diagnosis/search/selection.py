@@ -46,12 +46,9 @@ from servo_models.diagnosis.search.screening import (
     survey,
 )
 
-TOLERANCE = 2.0
-"""Gap in noise floors that counts as none."""
-FIRST_ALONE = 4
-"""Those that are fitted before it is asked whether the others could do as well."""
-SAME_COSINE = 0.99
-"""Between two changes of the response, from which they are one."""
+TOLERANCE = 2.0  # gap in noise floors that counts as none
+FIRST_ALONE = 4  # those that are fitted before it is asked whether the others could do as well
+SAME_COSINE = 0.99  # between two changes of the response, from which they are one
 
 RETUNING, SINGLY, PAIRS = "re-tuned parameters", "effects alone", "pairs of effects"
 DISCONTINUOUS, FURTHER = "discontinuous effects", "a third effect and further ones"

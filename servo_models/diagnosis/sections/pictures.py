@@ -35,20 +35,15 @@ if TYPE_CHECKING:
 
 ROW, MARGIN = 0.44, 0.85
 """Height of a row of a chart, and of everything else [inch]."""
-CURVE = 2.4
-"""Height of a curve of the residual map [inch]."""
+CURVE = 2.4  # height of a curve of the residual map [inch]
 SIGMAS_95 = 1.96
-PANEL = 1.45
-"""Height of a panel [inch]."""
+PANEL = 1.45  # height of a panel [inch]
 EXPLANATIONS = (curves.JUDGED, curves.NOMINAL, curves.BETWEEN)
 """How the likeliest explanations are drawn in what an experiment is expected to show."""
-NUMBERS = 5
-"""Numbers on the axis of a short stretch, which are long ones."""
+NUMBERS = 5  # numbers on the axis of a short stretch, which are long ones
 BARS = 40
-BEYOND = 3.0
-"""Errors above this many times that of the nominal model are drawn at the edge."""
-NEAR = 2.7
-"""Prior standard deviations that are drawn at least."""
+BEYOND = 3.0  # errors above this many times that of the nominal model are drawn at the edge
+NEAR = 2.7  # prior standard deviations that are drawn at least
 DOTTED = (0, (1, 1.5))
 
 

@@ -17,12 +17,9 @@ from servo_models.core.types import Array
 CONFIDENCE = 0.95
 EXACT = 1e-24
 """Mean square of residuals, relative to that of the values, below which a fit is exact."""
-ROUNDING = 1e-9
-"""Relative difference of two estimates that is nothing but rounding."""
-TIGHT = 1e-12
-"""Relative tolerance of the unknowns of a fit."""
-STEP = 1e-5
-"""Step of a slope, relative to the unknown."""
+ROUNDING = 1e-9  # relative difference of two estimates that is nothing but rounding
+TIGHT = 1e-12  # relative tolerance of the unknowns of a fit
+STEP = 1e-5  # step of a slope, relative to the unknown
 
 
 @dataclass(frozen=True)
@@ -161,12 +158,10 @@ def rounding(measured: Array) -> float:
     return EXACT * float(measured @ measured)
 
 
-BENT = 4.0
-"""Curvature in standard errors from which a line counts as bent."""
+BENT = 4.0  # curvature in standard errors from which a line counts as bent
 CORRELATED = 3.0
 """Correlation of neighbours from which residuals count as no chance, over 1 / sqrt(n)."""
-FEWEST = 8
-"""Residuals that either judgement needs."""
+FEWEST = 8  # residuals that either judgement needs
 
 
 def is_bent(x: Array, residuals: Array) -> bool:

@@ -31,11 +31,9 @@ from servo_models.identification.elements.estimate import (
 )
 
 KNEE_COST = 3.0
-KNOTS = 12
-"""Places at which knees are looked for first."""
+KNOTS = 12  # places at which knees are looked for first
 STARTS = 3
-LEAST_ROWS = 3
-"""Rows that a flat, and a piece of the line, needs to be believed."""
+LEAST_ROWS = 3  # rows that a flat, and a piece of the line, needs to be believed
 NO_SLOPE = "no slope; name another column, or measure over a range"
 
 

@@ -21,8 +21,7 @@ from servo_models.identification.elements.estimate import Estimate
 from servo_models.identification.elements.tables import Wish
 
 USUAL_BANDS = (0.05, 0.02)
-ROWS = (0.25, 0.5, 0.75, 1.5, 2.0)
-"""Rows of the table of K_f, over the K_f to set."""
+ROWS = (0.25, 0.5, 0.75, 1.5, 2.0)  # rows of the table of K_f, over the K_f to set
 REACHED = 1.0 - math.exp(-2.0)
 """Share of the step at the time constant: with it the paper's 4.6 s and 2.6 s come out."""
 TOUCHES = 1e-9

@@ -49,24 +49,18 @@ Regions = NDArray[np.int64]
 NAMES = ("positive", "negative")
 SETTINGS = tuple(inspect.signature(physics.motor_curve.function).parameters)[1:]
 """What the block takes besides the voltage; 0 where a fit has no value for it."""
-HALF = "half"
-"""Half shift of the line between both branches [V]; no parameter of the block."""
+HALF = "half"  # half shift of the line between both branches [V]; no parameter of the block
 STILL, LINE, TOP = 0, 1, 2
-FIRST_GUESS = 0.05
-"""Share of the highest speed above which a row counts as turning at first."""
+FIRST_GUESS = 0.05  # share of the highest speed above which a row counts as turning at first
 TOP_COST = 4.0
 """Criterion's cost of a top speed, in ln n: its level, and that its edge is searched for."""
 LINE_VOLTAGES, TOP_ROWS = 3, 2
-LEAST_RISE = 0.05
-"""Share of the highest speed by which a line rises at least."""
+LEAST_RISE = 0.05  # share of the highest speed by which a line rises at least
 ROUNDS = 20
-JUMP = 3.0
-"""Standard errors of a row by which a jump must explain the rows better than a corner."""
+JUMP = 3.0  # standard errors of a row by which a jump must explain the rows better than a corner
 STEP_ROWS = 6
-BEGUN = 0.1
-"""Share of the change from which the step counts as made, where no voltage tells it."""
-LEAST_SPAN = 1.0
-"""Time constants that the rows must span, or the final speed is a guess."""
+BEGUN = 0.1  # share of the change from which the step counts as made, where no voltage tells it
+LEAST_SPAN = 1.0  # time constants that the rows must span, or the final speed is a guess
 
 
 @dataclass(frozen=True)

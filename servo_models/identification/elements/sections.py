@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 
 LOOP = "Closed loop over K_f"
 PARAMETERS = "Parameters"
-MARKS = ("o", "s", "D")
-"""Of the choices, in their order."""
-IN_CARD = 6
-"""Parameters that the answer names; all are in the table."""
+MARKS = ("o", "s", "D")  # of the choices, in their order
+IN_CARD = 6  # parameters that the answer names; all are in the table
 
 
 @document_of.register(ElementsResult)

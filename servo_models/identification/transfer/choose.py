@@ -22,21 +22,14 @@ from servo_models.identification.transfer.fit import Fit
 from servo_models.identification.transfer.functions import TransferFunction
 from servo_models.identification.transfer.measurements import Measurements, Point, Record
 
-WORSE = 10.0
-"""Difference of the BIC that counts as very strong evidence (Kass and Raftery)."""
-SIGNIFICANT = 2.0
-"""Held-out losses differ if their mean difference is so many standard errors."""
-COLOURED = 0.01
-"""Probability below which residuals do not pass for noise."""
-BLOCKS = 20
-"""Held-out samples are compared in so many blocks, since neighbours are not independent."""
-UNDAMPED = 0.01
-"""Damping ratio below which a pole pair counts as undamped."""
-SETTLED = 4.0
-"""Time constants of an oscillation until it is within 2 %."""
+WORSE = 10.0  # difference of the BIC that counts as very strong evidence (Kass and Raftery)
+SIGNIFICANT = 2.0  # held-out losses differ if their mean difference is so many standard errors
+COLOURED = 0.01  # probability below which residuals do not pass for noise
+BLOCKS = 20  # held-out samples are compared in so many blocks, since neighbours are not independent
+UNDAMPED = 0.01  # damping ratio below which a pole pair counts as undamped
+SETTLED = 4.0  # time constants of an oscillation until it is within 2 %
 CERTAIN = 0.95
-CLOSE = 0.01
-"""A zero and a pole that are closer, relative to their size, leave nothing to be seen."""
+CLOSE = 0.01  # a zero and a pole that are closer, relative to their size, leave nothing to be seen
 VAGUE = 0.5
 """A zero whose standard error is a larger part of its size, or of the slowest pole's where that
 is larger (a differentiator's zero at 0), is not determined."""

@@ -25,20 +25,15 @@ from servo_models.core.types import Array
 from servo_models.identification.transfer.functions import Structure, TransferFunction
 from servo_models.identification.transfer.measurements import Measurements, Point, Record, band
 
-PASSES = 6
-"""Rounds of coefficients given noise levels, then noise levels given coefficients."""
-STEADY = 0.01
-"""A noise level that moves by less than this part has settled."""
+PASSES = 6  # rounds of coefficients given noise levels, then noise levels given coefficients
+STEADY = 0.01  # a noise level that moves by less than this part has settled
 EVALUATIONS = 60
-SCOUTED = 12
-"""Evaluations after which the most promising start goes on alone."""
+SCOUTED = 12  # evaluations after which the most promising start goes on alone
 ROUNDS = 4
 FILTERS = 6
 DELAYS = 7
-KEPT = 2
-"""Starts that go on to the fit, besides those grown from smaller structures."""
-FASTER = 5.0
-"""An added pole is this much faster than the fastest before it."""
+KEPT = 2  # starts that go on to the fit, besides those grown from smaller structures
+FASTER = 5.0  # an added pole is this much faster than the fastest before it
 
 
 @dataclass(frozen=True, eq=False)

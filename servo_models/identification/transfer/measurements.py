@@ -28,8 +28,7 @@ from servo_models.data.log import Log
 from servo_models.errors import UserError, did_you_mean
 from servo_models.identification.transfer.functions import TransferFunction
 
-TICKS = 1e9
-"""Ticks in a median sampling step; instants within one tick are one instant."""
+TICKS = 1e9  # ticks in a median sampling step; instants within one tick are one instant
 
 
 @dataclass(frozen=True)

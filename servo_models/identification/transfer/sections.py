@@ -34,8 +34,7 @@ Points = tuple[Array, Complex]
 BODE = "Bode plot with the data"
 CANDIDATES = "Candidates"
 CONSTANTS = "Physical constants"
-MARGIN = 1.5
-"""The curve goes on beyond the data by this factor."""
+MARGIN = 1.5  # the curve goes on beyond the data by this factor
 
 
 @document_of.register(TransferResult)

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from servo_models.core.types import Array
 from servo_models.report.numbers import number, plain, prefix, with_unit
 
-RTOL = 0.002
-"""Default value tolerance, of the range of the reference [1]."""
+RTOL = 0.002  # default value tolerance, of the range of the reference [1]
 OF_LARGEST = 1e-6
 """What a file of seven digits and a number of 32 bits leave, of the largest absolute value."""
 TIME, STEP_SHARE = 0.001, 0.6

@@ -17,8 +17,7 @@ from servo_models.core.types import Array
 from servo_models.validation.solvers import SAME_TIME, Edges, Sliding, changes, value_at
 
 TICK = 1e-3
-LATE = 1e-7
-"""Time [s] by which the controller's clock ticks after whole milliseconds."""
+LATE = 1e-7  # time [s] by which the controller's clock ticks after whole milliseconds
 K_P, K_V, G_TAU = 160.18, 243.45, 35.15
 FULL_DRIVE = 10.0
 

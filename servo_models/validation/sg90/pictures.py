@@ -23,8 +23,7 @@ COEFFICIENTS = {"_kf018": 0.18, "": 0.1, "_kf005": 0.05}
 """Feedback coefficient K_f by the ending of the variant's name."""
 SHOWN = 15.0
 STEP = 2.0e-3
-CHANGE = 0.5e-3
-"""Size of the step from the pulse at rest [s]."""
+CHANGE = 0.5e-3  # size of the step from the pulse at rest [s]
 SWING = math.radians(60.0)
 FIRST, LAST = 0.02, 20.0
 """Times [s] between which both servos are drawn."""

@@ -252,8 +252,7 @@ class ServoBacklash:
 
 
 REAL_T, REAL_G, REAL_A, REAL_DELAY = 0.0347, 51.1, 77.7, 0.0289
-REAL_BACK = VOLTS_PER_SECOND * 1856e-6 / math.pi
-"""K_f k_FS [V/rad]."""
+REAL_BACK = VOLTS_PER_SECOND * 1856e-6 / math.pi  # k_f k_FS [V/rad]
 REAL_VOLTS_PER_LOAD = 4.8 / 0.1765
 
 

@@ -29,8 +29,7 @@ from servo_models.validation.solvers import (
 OUTPUTS = ("angle", "rate", "current", "motor_torque", "at_stop")
 STOP = 3.0 * math.pi / 180.0
 DELAY = 0.0011
-TORQUE = 0.05
-"""Full scale of torque [N m]."""
+TORQUE = 0.05  # full scale of torque [N m]
 
 
 @dataclass(frozen=True)

@@ -42,31 +42,24 @@ Array = NDArray[np.float64]
 EASY, HARD, POOR, ROUGH = TIERS = ("easy", "hard", "poor", "rough")
 CLEAN = (EASY, HARD, POOR)
 """Tiers without faults of the recording: those that are drawn where none is named."""
-THIN = {EASY: 1, HARD: 4, POOR: 1, ROUGH: 1}
-"""Samples of which a tier logs one."""
+THIN = {EASY: 1, HARD: 4, POOR: 1, ROUGH: 1}  # samples of which a tier logs one
 KINDS = {"nothing": 0.16, "one": 0.25, "two": 0.42, "foreign": 0.17}
 """How often each is drawn: about as many cases of each kind are told apart by their logs, of two
 effects at once fewer than half."""
-RATIO = (5.0, 20.0)
-"""Gap over noise floor."""
-VISIBLE = (0.006, 0.06)
-"""Gap over the range of the reading."""
+RATIO = (5.0, 20.0)  # gap over noise floor
+VISIBLE = (0.006, 0.06)  # gap over the range of the reading
 HIDDEN, CLOSE = 0.3, 0.05
 """Gap of the hidden cause over that of the main one, and the tolerance of it."""
 COLOURED = 3.0
-COLOUR = (0.5, 0.9)
-"""Correlation of neighbouring rows in coloured noise."""
+COLOUR = (0.5, 0.9)  # correlation of neighbouring rows in coloured noise
 TRIES, SHAPES = 9, 4
-DEAF = -5.0
-"""A gap so far below the wanted one, in natural logarithms, says nothing of the size."""
-KEPT = 0.8
-"""Two causes that leave less than this share of the larger gap undo one another."""
+DEAF = -5.0  # a gap so far below the wanted one, in natural logarithms, says nothing of the size
+KEPT = 0.8  # two causes that leave less than this share of the larger gap undo one another
 VARIED = 0.5
 """Part of the loads that change during a log, so that it has a column of them; where nothing holds
 the rig, all do."""
 LOAD_STEPS = 6
-HELD = 0.5
-"""Largest load, over what the true rig can hold."""
+HELD = 0.5  # largest load, over what the true rig can hold
 LEAST_VALUE = 0.1
 """True values below this share of the nominal one are drawn again: they would be unphysical."""
 
@@ -378,14 +371,10 @@ def _measured(
     return np.asarray(measured)
 
 
-LENGTH = (10.0, 20.0)
-"""Of a log, in slowest time constants."""
-SAMPLES = 20.0
-"""Rows per fastest time constant, at the least, before a tier thins them out."""
-LEVELS = (0.06, 0.14, 0.3, 0.55, 0.8, 1.0)
-"""Sizes of steps, as shares of the largest."""
-LEAD = 0.4
-"""Rest before the first command, in slowest time constants."""
+LENGTH = (10.0, 20.0)  # of a log, in slowest time constants
+SAMPLES = 20.0  # rows per fastest time constant, at the least, before a tier thins them out
+LEVELS = (0.06, 0.14, 0.3, 0.55, 0.8, 1.0)  # sizes of steps, as shares of the largest
+LEAD = 0.4  # rest before the first command, in slowest time constants
 
 
 def large_step(rig: Rig, rng: np.random.Generator) -> tuple[Plan, ...]:

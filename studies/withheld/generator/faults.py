@@ -26,27 +26,17 @@ UNEVEN, DROPPED, COARSE, ARRIVAL, GLITCHES, PRIOR = FAULTS = (
     "glitches",
     "prior",
 )
-MOST = 2
-"""Faults of a case."""
-PERIODS = (1, 2, 3)
-"""From one uneven row to the next."""
-LOST = (0.02, 0.08)
-"""Share of the rows that are dropped."""
+MOST = 2  # faults of a case
+PERIODS = (1, 2, 3)  # from one uneven row to the next
+LOST = (0.02, 0.08)  # share of the rows that are dropped
 LONGEST_LOSS = 8  # rows
-READING_STEP = (3.0, 8.0)
-"""Step of a coarse reading, over its noise."""
-COMMAND_STEP = (0.001, 0.004)
-"""Step of a coarse command, over its range."""
-DELAY = (0.1, 0.5)
-"""Mean delay of an arrival, in periods."""
-HANDLING = 0.02
-"""Least time between two arrivals, in periods."""
-WILD = (0.001, 0.005)
-"""Share of the readings that are glitches; each log has one."""
-GLITCH = (0.3, 1.0)
-"""Size of a glitch, over the range of the reading."""
-FAR = (2.0, 4.0)
-"""Distance of a true constant from its nominal value, in standard deviations."""
+READING_STEP = (3.0, 8.0)  # step of a coarse reading, over its noise
+COMMAND_STEP = (0.001, 0.004)  # step of a coarse command, over its range
+DELAY = (0.1, 0.5)  # mean delay of an arrival, in periods
+HANDLING = 0.02  # least time between two arrivals, in periods
+WILD = (0.001, 0.005)  # share of the readings that are glitches; each log has one
+GLITCH = (0.3, 1.0)  # size of a glitch, over the range of the reading
+FAR = (2.0, 4.0)  # distance of a true constant from its nominal value, in standard deviations
 
 
 def draw_faults(rng: np.random.Generator) -> tuple[str, ...]:

@@ -30,8 +30,7 @@ from studies.withheld.generator.rigs import LOAD, Rig, Signal
 Array = NDArray[np.float64]
 
 VERSION = 1
-DIGITS = 4
-"""Digits of a printed reading below its noise."""
+DIGITS = 4  # digits of a printed reading below its noise
 
 
 def generate(

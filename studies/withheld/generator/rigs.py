@@ -75,8 +75,7 @@ class Rig:
     integrators: int = 0
 
 
-LOAD = Signal("load_torque", "N.m", 1.0)
-"""A load that changes, as logged."""
+LOAD = Signal("load_torque", "N.m", 1.0)  # a load that changes, as logged
 REST, VOLTS_PER_SECOND, SUPPLY, GEAR, K_F = 1.5e-3, 250.0, 5.0, 24.0, 0.1
 PULSE_PER_ANGLE = (2400e-6 - 544e-6) / math.pi
 STALL_TORQUE, STALL_VOLTAGE, NO_LOAD = 0.1765, 4.8, 51.1 * 4.8 / GEAR

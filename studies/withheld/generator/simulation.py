@@ -152,10 +152,8 @@ class Sensor(NamedTuple):
     feedback_unit: float = 1.0
 
 
-BURST = (0.4, 1.6)
-"""Length of a burst, in slowest time constants of the rig."""
-SPELL = 0.3
-"""Length of a spell in which a command is lost or not, likewise."""
+BURST = (0.4, 1.6)  # length of a burst, in slowest time constants of the rig
+SPELL = 0.3  # length of a spell in which a command is lost or not, likewise
 
 
 class Outside(NamedTuple):
@@ -295,16 +293,13 @@ ANGLE, DRIVE, FEEDBACK, RATE, ASKED, BENT, PRESS, HEAT = range(STATES, STATES + 
 """Beside the rates: output angle, drive or current, feedback, rate of the output, drive that a
 loop with a clock asks for, what the hysteresis reads, load on the gears, what heats."""
 WIDTH = STATES + 8
-SEEN = 4
-"""The first of these, which may be logged."""
+SEEN = 4  # the first of these, which may be logged
 COMMAND, GAIN, STICKING, TORQUE = range(4)
 BRISTLE, FRICTION, WARMTH, LAST, MAGNET, HELD = range(6)
 MEMORY = 6
 FIRMWARE = 2.0
-DAHL = 1.25
-"""Exponent of the hysteresis; with 1 it would be that of Coleman and Hodgdon."""
-LEAST_LEVEL = 1e-3
-"""Of breakaway, so that a bristle always has some reach."""
+DAHL = 1.25  # exponent of the hysteresis; with 1 it would be that of Coleman and Hodgdon
+LEAST_LEVEL = 1e-3  # of breakaway, so that a bristle always has some reach
 BRISTLE_DAMPING, STOP_DAMPING = 0.6, 5.0
 """Over stiffness and swing; a stop so damped gives back 3 % of the speed."""
 SPLITS, HALVINGS = 6, 12
