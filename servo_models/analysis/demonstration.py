@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 DURATION = 2.0  # of the run, in stop times of the actuator
 POINTS = 2001
-BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # corners of the command over the run ..
+BREAKS = (0.0, 0.05, 0.05, 0.45, 0.85, 1.0)  # corners of the command over the run
 HEIGHTS = (0.0, 0.0, 1.0, 1.0, -1.0, -1.0)  # ... in standard steps of the actuator.
 STRENGTHS = (1.0, 3.0, 10.0, 0.3, 0.1)
 """Tried in turn, in typical values: a limit shows when it is low, the others when high."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 SHOWN = 8  # responses that are drawn; further ones are in the table only
 NOTED = 5  # notes on logs that are told one by one
-ZOOM = 8  # width of the zoomed panel, in times over which errors hang together ..
+ZOOM = 8  # width of the zoomed panel, in times over which errors hang together
 LARGEST, FEWEST = 0.1, 60
 """... at most that share of the log, at least so many samples."""
 RUNS_AWAY = "runs away"

@@ -184,13 +184,6 @@ def _fmu_jobs(subject: Subject) -> list[Job]:
     ]
 
 
-def _reference_jobs(paths: Iterable[Path], against: Against, limits: Limits) -> list[Job]:
-    return [
-        (f"{path.name}: against the reference", partial(check_against, path, against, limits))
-        for path in paths
-    ]
-
-
 def _plain_rows(subject: Subject, chosen: Model, name: str) -> list[Row]:
     return [] if subject.over else [plain_row(subject, chosen, name)]
 
