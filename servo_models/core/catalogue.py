@@ -6,6 +6,7 @@ import functools
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -28,8 +29,9 @@ def _modules(folder: str, packages: bool) -> dict[str, ModuleType]:
 @functools.cache
 def actuators() -> dict[str, Actuator]:
     """Every actuator by name."""
-    found = [module.ACTUATOR for module in _modules("actuators", packages=True).values()]
-    return {actuator.name: actuator for actuator in found}
+    modules = _modules("actuators", packages=True).values()
+    found = [getattr(module, "ACTUATORS", None) or (module.ACTUATOR,) for module in modules]
+    return {actuator.name: actuator for actuator in chain(*found)}
 
 
 @functools.cache

@@ -5,7 +5,7 @@
     reference.py   its physics a second time, independent of the model
     cases.py       ``cases()``: what goes in, and what must come out
     paper.py       ``rows()``: the figures that its paper prints
-    pictures.py    ``SECTIONS`` of the report
+    pictures.py    ``SECTIONS`` of the report, and of which ``ACTUATORS``, if not of that name
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Case:
 
 
 def offered(part: str) -> dict[str, ModuleType]:
-    """Return the module ``part`` of every folder that has one, by actuator."""
+    """Return the module ``part`` of every folder that has one, by folder."""
     found = {}
     for folder in (one.name for one in pkgutil.iter_modules(validation.__path__) if one.ispkg):
         package = importlib.import_module(f"{validation.__name__}.{folder}")

@@ -139,8 +139,8 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
             *(_claim(claim, validation.of(claim), every) for claim in validation.claims),
             *(
                 section
-                for actuator, module in offered("pictures").items()
-                if actuator in examined
+                for folder, module in offered("pictures").items()
+                if examined.keys() & {*getattr(module, "ACTUATORS", (folder,))}
                 for section in module.SECTIONS
             ),
             _cost(validation.cost),

@@ -1,20 +1,27 @@
-"""Cases of the motor on a voltage."""
+"""Cases of the motor on a voltage, on a current and in a speed loop."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from servo_models.core.types import Array
-from servo_models.validation.cases import EXACT, Case, grid, schedule
-from servo_models.validation.dc_motor.reference import Motor, OnVoltage
+from servo_models.validation.cases import EVENTS, EXACT, Case, grid, schedule
+from servo_models.validation.dc_motor.reference import InSpeedLoop, Motor, OnCurrent, OnVoltage
 
 DIRECT = Motor(30.0, 100.0, 2e-3)
 GEARED = Motor(30.0, 100.0, 2e-3, ratio=50.0)
 PROMPT = {"winding_lag.time_constant": 0.0}
+ODRIVE = InSpeedLoop(Motor(30.0, 2500.0, 0.1), 5e-4 * 8192.0 / math.tau, 0.05, 10.0)
 
 
 def cases() -> list[Case]:
-    """Return steps of each set with and without inductance, and a load."""
+    """Return those of all three drives."""
+    return [*_on_voltage(), *_on_current(), *_in_speed_loop()]
+
+
+def _on_voltage() -> list[Case]:
+    """Steps of each set with and without inductance, and a load."""
     times, odd = grid(0.3, 1e-3), grid(0.5999, 0.7e-3)
     swings = {
         "voltage": schedule(odd, (0, 0.0), (0.05, 12.0), (0.3, -6.0), (0.5, 0.0)),
@@ -43,4 +50,56 @@ def cases() -> list[Case]:
             cost=("angle", "rate", "current") if (variant, rows is odd) == ("direct", True) else (),
         )
         for variant, name, rows, inputs, reference, parameters in listed
+    ]
+
+
+def _on_current() -> list[Case]:
+    """A current to and fro under a load, of each set."""
+    odd = grid(0.5999, 0.7e-3)
+    current = schedule(odd, (0, 0.0), (0.05, 1.0), (0.3, -1.5), (0.5, 0.0))
+    load = schedule(odd, (0, 0.0), (0.2, 0.02), (0.4, 0.0))
+    return [
+        Case(
+            "dc_motor_current",
+            variant,
+            "+1 A, -1.5 A and load, every 0.7 ms",
+            odd,
+            {"current_command": current, "load_torque": motor.ratio * load},
+            OnCurrent(motor),
+            EXACT,
+            linear=True,
+            cost=("angle", "rate") if variant == "direct" else (),
+        )
+        for variant, motor in (("direct", DIRECT), ("geared", GEARED))
+    ]
+
+
+def _in_speed_loop() -> list[Case]:
+    """Speeds within the limit of the current and beyond it, under a load."""
+    odd = grid(0.7994, 0.7e-3)
+    small = schedule(odd, (0, 0.0), (0.05, 60.0), (0.5, -20.0))
+    large = schedule(odd, (0, 0.0), (0.05, 400.0), (0.5, -200.0))
+    load = schedule(odd, (0, 0.0), (0.3, 0.02), (0.6, 0.0))
+
+    def case(variant: str, name: str, command: Array, loop: InSpeedLoop) -> Case:
+        return Case(
+            "dc_motor_speed",
+            variant,
+            name,
+            odd,
+            {"speed_command": command, "load_torque": loop.motor.ratio * load},
+            loop,
+            EVENTS,
+            linear=False,
+            cost=("angle", "rate", "current")
+            if (variant, command is large) == ("direct", True)
+            else (),
+        )
+
+    direct, geared = (InSpeedLoop(motor, 0.02, 0.05, 5.0) for motor in (DIRECT, GEARED))
+    return [
+        case("direct", "60 rad/s and load, every 0.7 ms", small, direct),
+        case("direct", "400 rad/s into the limit, every 0.7 ms", large, direct),
+        case("geared", "400 rad/s into the limit, every 0.7 ms", large, geared),
+        case("odrive", "60 rad/s and load, every 0.7 ms", small, ODRIVE),
     ]

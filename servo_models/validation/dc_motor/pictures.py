@@ -13,6 +13,7 @@ from servo_models.validation.cases import grid
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+ACTUATORS = ("dc_motor_speed",)
 SPEED = 300.0  # rad/s
 
 

@@ -1,1 +1,0 @@
-"""Validation of the motor on a current: cases; the reference is that of the motor."""

@@ -1,1 +1,0 @@
-"""Validation of the motor in a speed loop: cases, pictures; the reference is that of the motor."""
