@@ -56,15 +56,19 @@ def fmu_folder(
     fmu_file: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[[str], Path]:
     """Return the folder in which an FMU of ``MODELS`` is extracted."""
-    parent = tmp_path_factory.mktemp("extracted FMUs")
+    return extracted(fmu_file, tmp_path_factory.mktemp("extracted FMUs"))
 
-    def extracted(name: str) -> Path:
+
+def extracted(fmu_file: Callable[[str], Path], parent: Path) -> Callable[[str], Path]:
+    """Return what extracts an FMU into a folder of ``parent``, once."""
+
+    def folder_of(name: str) -> Path:
         folder = parent / name
         if not folder.exists():
             fmpy.extract(str(fmu_file(name)), str(folder))
         return folder
 
-    return extracted
+    return folder_of
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 from servo_models.build import FMI3, NATIVE, PYTHON, build
 from servo_models.core.compilers import compiler
 from servo_models.core.simulate import model
-from tests.conftest import MODELS
+from tests.conftest import MODELS, extracted
 from tests.support.fmu_host import Host
 from tests.support.made_once import made_once
 
@@ -38,6 +38,13 @@ def fmu_file(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Files:
         return folder / file
 
     return built
+
+
+@pytest.fixture(scope="session")
+def fmu_folder(fmu_file: Files, tmp_path_factory: pytest.TempPathFactory) -> Files:
+    """Return the folder in which it is extracted: pytest would share that of other folders' tests,
+    which is of Python, whichever kind is asked for."""
+    return extracted(fmu_file, tmp_path_factory.mktemp("extracted FMUs"))
 
 
 @pytest.fixture
