@@ -26,7 +26,7 @@ from studies.withheld.generator.files import generate
 from studies.withheld.generator.rigs import RIGS
 from studies.withheld.run import Asked, sealed_cases, unlock
 
-CASES, SEED = 36, 20
+CASES, SEED = 24, 20
 
 
 @pytest.fixture(scope="module")
