@@ -35,6 +35,19 @@ MODELS = {
 }
 
 
+QUICK = ("sg90", "torque_motor", "dc_motor", "sg90_torque")
+"""Models with which a test of FMUs is quick; with the others the same test is thorough."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        call = getattr(item, "callspec", None)
+        name = call.params.get("name") if call else None
+        if name in MODELS and name not in QUICK:
+            item.add_marker(pytest.mark.thorough)
+
+
 @pytest.fixture(scope="session")
 def fmu_file(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """Return the path of an FMU of ``MODELS``."""

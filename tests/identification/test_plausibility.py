@@ -202,6 +202,7 @@ def test_examples_make_sense(name: str) -> None:
     assert not any(it.mistakes for it in audits(told.logs, told.model.plant))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "path",
     sorted((EXAMPLES / "real_logs").rglob("*.toml")),

@@ -26,6 +26,8 @@ from studies.withheld.generator.files import generate
 from studies.withheld.generator.rigs import RIGS
 from studies.withheld.run import Asked, sealed_cases, unlock
 
+pytestmark = pytest.mark.thorough
+
 CASES, SEED = 24, 20
 
 

@@ -35,6 +35,8 @@ from studies.withheld.generator.causes import CATALOGUE, FOREIGN, Cause, draw
 from studies.withheld.generator.rigs import RIGS, Rig
 from studies.withheld.generator.simulation import Experiment, Plan
 
+pytestmark = pytest.mark.thorough
+
 Array = NDArray[np.float64]
 
 SERVO, MOTOR, BUS, PULSE, LOOP, WOUND, FREE = RIGS

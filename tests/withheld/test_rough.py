@@ -16,6 +16,8 @@ from studies.withheld.generator.cases import Case, draw_case
 from studies.withheld.generator.faults import FAULTS
 from studies.withheld.generator.files import write_case
 
+pytestmark = pytest.mark.thorough
+
 CASES, SEED = 16, 41
 
 
