@@ -116,7 +116,7 @@ class Estimate:
     origin: str = "given"
 
 
-class Figure(NamedTuple):
+class FitFigure(NamedTuple):
     """A figure that a fit reached, in ``unit``."""
 
     value: float
@@ -152,7 +152,7 @@ class ParameterSet:
     logs: Mapping[str, str] = field(default_factory=dict)
     date: datetime.date | None = None
     version: str = field(default_factory=installed_version)
-    figures: Mapping[str, Figure] = field(default_factory=dict)
+    figures: Mapping[str, FitFigure] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     file: str = field(default="", compare=False)
 
@@ -316,9 +316,9 @@ def read_parameters(path: str | Path, trust: bool = False) -> ParameterSet:
     )
 
 
-def _figures(section: Section) -> dict[str, Figure]:
+def _figures(section: Section) -> dict[str, FitFigure]:
     tables = {name: section.section(name).read(FigureTable) for name in section}
-    return {name: Figure(table.value, table.unit) for name, table in tables.items()}
+    return {name: FitFigure(table.value, table.unit) for name, table in tables.items()}
 
 
 def _whose(document: Section, table: ParameterFile, trust: bool) -> tuple[Actuator, str]:

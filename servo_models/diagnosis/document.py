@@ -12,7 +12,7 @@ from typing import Any
 
 from servo_models.data.audit import Audit, Reading
 from servo_models.data.log import hashes
-from servo_models.data.parameters import Estimate, Figure, ParameterSet, known_error, with_given
+from servo_models.data.parameters import Estimate, FitFigure, ParameterSet, known_error, with_given
 from servo_models.diagnosis import summary
 from servo_models.diagnosis.confirm import Confirmation
 from servo_models.diagnosis.design import Experiment
@@ -307,7 +307,7 @@ def _fitted(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
         logs={name: f"sha256:{digest}" for name, digest in hashes(diagnosis.logs).items()},
         date=date,
         figures={
-            f"{gap.output}_rms_unseen_blocks": Figure(gap.rms["after"], wires[gap.output].unit)
+            f"{gap.output}_rms_unseen_blocks": FitFigure(gap.rms["after"], wires[gap.output].unit)
             for gap in diagnosis.gaps
         },
         warnings=summary.warnings(diagnosis),
@@ -330,7 +330,7 @@ def _with_map(diagnosis: Diagnosis, date: datetime.date | None) -> ParameterSet:
         own,
         estimates=with_given(model.actuator.values(model.variant), model.values, estimated),
         method=f"{own.method}; {found.sentence}",
-        figures={"noise_floors_unseen_blocks": Figure(found.after, "1")},
+        figures={"noise_floors_unseen_blocks": FitFigure(found.after, "1")},
     )
 
 

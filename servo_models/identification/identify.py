@@ -25,7 +25,7 @@ from servo_models.data.description import (
 from servo_models.data.log import hashes
 from servo_models.data.parameters import (
     Estimate,
-    Figure,
+    FitFigure,
     ParameterSet,
     known_error,
     with_given,
@@ -235,12 +235,12 @@ def _sweep_hashes(told: Description) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
-def _figures(found: Identification) -> dict[str, Figure]:
+def _figures(found: Identification) -> dict[str, FitFigure]:
     """RMS error of every output, over the samples fitted and over those held out."""
     parts = {(row.output, row.part) for row in found.accuracy}
     wires = found.fitted.plant.wire
     return {
-        f"{output}_rms_{part.replace(' ', '_')}": Figure(
+        f"{output}_rms_{part.replace(' ', '_')}": FitFigure(
             found.rms(output, part), wires[output].unit
         )
         for output in found.sigma

@@ -15,7 +15,7 @@ from servo_models.report.result import Report
 from servo_models.report.sections import Cell, Mark, Section, Table
 from studies.second_plant.judge import Observed, sets_of
 from studies.withheld.oracle import FAILED, Diagnosed
-from studies.withheld.score import NOTHING, Figure, mean, share
+from studies.withheld.score import NOTHING, Statistic, mean, share
 from studies.withheld.sections import AT_LEAST, AT_MOST, Bar, met, quantity
 
 PLAY = frozenset({"backlash", "coasting_backlash"})
@@ -99,56 +99,56 @@ def _separated(cases: Iterable[Case]) -> list[Case]:
     return [case for case in cases if case.observed.separated]
 
 
-def separated(cases: Cases) -> Figure:
+def separated(cases: Cases) -> Statistic:
     """Something wrong: an observer who knows the truth separates it from its best rival."""
     return share(case.observed.separated for case in cases if case.kind != NOTHING)
 
 
-def first_place(cases: Cases) -> Figure:
+def first_place(cases: Cases) -> Statistic:
     """One cause, separated: the most probable effect is it; for inertia, parameters alone are
     right as well.  Whatever the verdict says beside it."""
     return share(case.first_right for case in _separated(_one(cases)))
 
 
-def false_second(cases: Cases) -> Figure:
+def false_second(cases: Cases) -> Statistic:
     """One cause, separated or not: the explanation that is told names an effect that is not
     there.  Beside ``outside-catalogue`` none is told."""
     return share(case.claimed for case in _one(cases))
 
 
-def false_beside_true(cases: Cases) -> Figure:
+def false_beside_true(cases: Cases) -> Statistic:
     """The same where an effect that is there is named beside it: a false second in the narrow
     sense."""
     return share(case.claimed and bool(case.there & {*case.said.named}) for case in _one(cases))
 
 
-def both_named(cases: Cases) -> Figure:
+def both_named(cases: Cases) -> Statistic:
     """Two causes, separated: the explanation at first place names both and no other effect."""
     return share(case.right for case in _separated(cases) if case.kind == "two")
 
 
-def false_of_two(cases: Cases) -> Figure:
+def false_of_two(cases: Cases) -> Statistic:
     """Two causes, separated or not: the explanation that is told names an effect that is not
     there."""
     return share(case.claimed for case in cases if case.kind == "two")
 
 
-def play_named(cases: Cases) -> Figure:
+def play_named(cases: Cases) -> Statistic:
     """Play, alone or with another cause, separated or not: the explanation that is told names it.
     Beside ``outside-catalogue`` none is told."""
     return _play_named(case for case in cases if case.play_share is not None)
 
 
-def play_first(cases: Cases) -> Figure:
+def play_first(cases: Cases) -> Statistic:
     """The same, and beside ``outside-catalogue`` the explanation at first place counts as well."""
     return share(case.play_first for case in cases if case.play_share is not None)
 
 
-def _play_named(cases: Iterable[Case]) -> Figure:
+def _play_named(cases: Iterable[Case]) -> Statistic:
     return share(case.play_first and case.said.verdict not in UNCLAIMED for case in cases)
 
 
-def play_by_share(cases: Cases) -> dict[float, Figure]:
+def play_by_share(cases: Cases) -> dict[float, Statistic]:
     """``play_named`` by the share of the inertia that is behind the play, in hundredths."""
     by_share: dict[float, list[Case]] = {}
     for case in cases:
@@ -157,22 +157,22 @@ def play_by_share(cases: Cases) -> dict[float, Figure]:
     return {behind: _play_named(by_share[behind]) for behind in sorted(by_share)}
 
 
-def suspected(cases: Cases) -> Figure:
+def suspected(cases: Cases) -> Statistic:
     """Nothing wrong: the verdict is another one than ``no-gap`` or ``parameters``."""
     return share(case.wrong for case in cases if case.kind == NOTHING)
 
 
-def abstained(cases: Cases) -> Figure:
+def abstained(cases: Cases) -> Statistic:
     """One or two causes, separated or not: the verdict is ``outside-catalogue``."""
     return share(case.said.verdict in UNCLAIMED for case in cases if case.kind != NOTHING)
 
 
-def seconds_per_case(cases: Cases) -> Figure:
+def seconds_per_case(cases: Cases) -> Statistic:
     """Time of a diagnosis by one process, files read included."""
     return mean(case.said.seconds for case in cases)
 
 
-FIGURES: tuple[Callable[[Cases], Figure], ...] = (
+FIGURES: tuple[Callable[[Cases], Statistic], ...] = (
     separated,
     first_place,
     false_second,
@@ -212,7 +212,7 @@ def report(title: str, cases: Cases) -> Report:
     )
 
 
-def _figure(define: Callable[[Cases], Figure], cases: Cases) -> tuple[Cell, ...]:
+def _figure(define: Callable[[Cases], Statistic], cases: Cases) -> tuple[Cell, ...]:
     figure, bar = define(cases), BARS.get(define.__name__)
     beside: tuple[Cell, Cell] = ("", "")
     if bar:

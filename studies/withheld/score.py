@@ -32,7 +32,7 @@ DRAWS, SEED = 2000, 0
 
 
 @dataclass(frozen=True)
-class Figure:
+class Statistic:
     """A figure, its 95 % interval, and the number of cases behind it; None for no cases."""
 
     value: float | None
@@ -41,10 +41,10 @@ class Figure:
     n: int
 
 
-NONE = Figure(None, None, None, 0)
+NONE = Statistic(None, None, None, 0)
 
 
-def share(flags: Iterable[bool]) -> Figure:
+def share(flags: Iterable[bool]) -> Statistic:
     """Return the share that is true, with its Wilson interval.
 
     Source: E. B. Wilson, J. American Statistical Association 22 (1927) 209.
@@ -56,10 +56,10 @@ def share(flags: Iterable[bool]) -> Figure:
         return NONE
     test = binomtest(sum(found), len(found))
     interval = test.proportion_ci(CONFIDENCE, method="wilson")
-    return Figure(float(test.statistic), float(interval.low), float(interval.high), len(found))
+    return Statistic(float(test.statistic), float(interval.low), float(interval.high), len(found))
 
 
-def mean(values: Iterable[float]) -> Figure:
+def mean(values: Iterable[float]) -> Statistic:
     """Return the mean, with its bootstrap interval (percentiles).
 
     Source: Efron, Tibshirani, An Introduction to the Bootstrap (1993), ch. 13.
@@ -69,7 +69,7 @@ def mean(values: Iterable[float]) -> Figure:
         return NONE
     drawn = np.random.default_rng(SEED).choice(found, (DRAWS, len(found))).mean(axis=1)
     low, high = np.quantile(drawn, [0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0])
-    return Figure(float(found.mean()), float(low), float(high), len(found))
+    return Statistic(float(found.mean()), float(low), float(high), len(found))
 
 
 @dataclass(frozen=True)
@@ -144,48 +144,48 @@ def join(
     ]
 
 
-def separated(cases: Cases) -> Figure:
+def separated(cases: Cases) -> Statistic:
     """Something wrong: the noise-free log separates the truth from its best rival."""
     return share(case.separated for case in cases if case.kind != NOTHING)
 
 
-def first_place(cases: Cases) -> Figure:
+def first_place(cases: Cases) -> Statistic:
     """One effect, separated: the most probable effect is it.  Whatever the verdict says
     beside it."""
     alone = (case for case in cases if case.kind == "one" and case.separated)
     return share(case.first in case.truth for case in alone)
 
 
-def only_true_ones(cases: Cases) -> Figure:
+def only_true_ones(cases: Cases) -> Statistic:
     """One effect, separated: the explanation at first place names it, and no effect that is
     not there."""
     return share(case.right for case in cases if case.kind == "one" and case.separated)
 
 
-def set_holds(cases: Cases) -> Figure:
+def set_holds(cases: Cases) -> Statistic:
     """One effect, separated or not: the set that cannot be told apart holds it."""
     return share(case.held for case in cases if case.kind == "one")
 
 
-def set_coverage(cases: Cases) -> Figure:
+def set_coverage(cases: Cases) -> Statistic:
     """The same, and right as well where the effect is absorbed by nominal parameters and the set
     holds the hidden effect, or there is none."""
     return share(case.covered for case in cases if case.kind == "one")
 
 
-def mean_set_size(cases: Cases) -> Figure:
+def mean_set_size(cases: Cases) -> Statistic:
     """One effect: number of effects in the set, the hidden one not counted, since it is there;
     mean over the cases in which the set has another one."""
     sizes = [len(frozenset(it.said.members) - it.hidden) for it in cases if it.kind == "one"]
     return mean(size for size in sizes if size)
 
 
-def both_named(cases: Cases) -> Figure:
+def both_named(cases: Cases) -> Statistic:
     """Two effects, separated: the explanation at first place names both and no other."""
     return share(case.right for case in cases if case.kind == "two" and case.separated)
 
 
-def false_causes(cases: Cases) -> Figure:
+def false_causes(cases: Cases) -> Statistic:
     """Nothing wrong: the verdict is another one than ``no-gap`` or ``parameters``."""
     found = [case.said.verdict for case in cases if case.kind == NOTHING]
     return share(verdict not in (NO_GAP, PARAMETERS) for verdict in found)
@@ -199,35 +199,35 @@ def good(case: Case) -> bool:
     return outside if case.kind == "foreign" else case.right and not outside
 
 
-def foreign_recall(cases: Cases) -> Figure:
+def foreign_recall(cases: Cases) -> Statistic:
     """A cause outside the catalogue, separated: the verdict is ``outside-catalogue``."""
     return share(
         case.said.verdict == OUTSIDE for case in cases if case.kind == "foreign" and case.separated
     )
 
 
-def left_out_recall(cases: Cases) -> Figure:
+def left_out_recall(cases: Cases) -> Statistic:
     """One effect, separated, and left out of the catalogue: ``outside-catalogue``."""
     return share(
         case.known.without == OUTSIDE for case in cases if case.known and case.known.without
     )
 
 
-def wrong_abstention(cases: Cases) -> Figure:
+def wrong_abstention(cases: Cases) -> Statistic:
     """One or two effects, separated or not: the verdict is ``outside-catalogue``."""
     return share(
         case.said.verdict in (OUTSIDE, FAILED) for case in cases if case.kind in ("one", "two")
     )
 
 
-def not_identifiable(cases: Cases) -> Figure:
+def not_identifiable(cases: Cases) -> Statistic:
     """One effect, separated or not: the verdict is ``not-identifiable``."""
     return share(
         case.said.verdict in (NOT_IDENTIFIABLE, FAILED) for case in cases if case.kind == "one"
     )
 
 
-def owns_up(cases: Cases) -> Figure:
+def owns_up(cases: Cases) -> Statistic:
     """One effect that is not in a set of at most 3: ``not-identifiable``."""
     lost = (
         case
@@ -237,7 +237,7 @@ def owns_up(cases: Cases) -> Figure:
     return share(case.said.verdict == NOT_IDENTIFIABLE for case in lost)
 
 
-def imitated_told(cases: Cases) -> Figure:
+def imitated_told(cases: Cases) -> Statistic:
     """One effect, absorbed, and the verdict is ``parameters``: it is among those that they are
     said to imitate."""
     return share(
@@ -251,14 +251,14 @@ def imitated_told(cases: Cases) -> Figure:
     )
 
 
-def imitated_listed(cases: Cases) -> Figure:
+def imitated_listed(cases: Cases) -> Statistic:
     """The verdict is ``parameters``: how many effects they are said to imitate, mean.  It tells
     what the log cannot show, whether something is wrong or not."""
     said = (case.said for case in cases if case.said.verdict == PARAMETERS)
     return mean(len(it.imitated) for it in said if it.imitated is not None)
 
 
-def closed_vs_oracle(cases: Cases) -> Figure:
+def closed_vs_oracle(cases: Cases) -> Statistic:
     """One or two effects: gap closed over that of the product's own fit when told the names,
     (before - after) / (before - after when told), held out, at most 1 and at least 0 each, and 1
     where it named no others; cases in which being told the names closes something."""
@@ -270,13 +270,13 @@ def closed_vs_oracle(cases: Cases) -> Figure:
     return mean(ratios)
 
 
-def quantisation_found(cases: Cases) -> Figure:
+def quantisation_found(cases: Cases) -> Statistic:
     """One effect, separated, that is a quantisation: as ``first_place``."""
     alone = (case for case in cases if case.kind == "one" and case.separated)
     return share(case.first in case.truth for case in alone if "quantisation" in min(case.truth))
 
 
-def seconds_per_case(cases: Cases) -> Figure:
+def seconds_per_case(cases: Cases) -> Statistic:
     """Time of a diagnosis by one process, files read included."""
     return mean(case.said.seconds for case in cases)
 
@@ -290,7 +290,7 @@ def _told(case: Case) -> list[tuple[float, bool]]:
     return [(chance, name in there) for name, chance in case.said.probabilities.items()]
 
 
-def calibration_error(cases: Cases) -> Figure:
+def calibration_error(cases: Cases) -> Statistic:
     """One or two effects: mean distance between the probability told of an effect and how often
     it is there, over ten equal bins of the probability, each counted by its effects (expected
     calibration error).  Chance alone makes it more than 0, the more so the fewer the cases.
@@ -310,23 +310,23 @@ def calibration_error(cases: Cases) -> Figure:
     errors = np.abs(drawn @ surplus).sum(axis=1) / (drawn @ counts)
     error = float(np.abs(surplus.sum(axis=0)).sum() / counts.sum())
     low, high = np.quantile(errors, [0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0])
-    return Figure(error, min(float(low), error), max(float(high), error), len(told))
+    return Statistic(error, min(float(low), error), max(float(high), error), len(told))
 
 
-def sure_ones_right(cases: Cases) -> Figure:
+def sure_ones_right(cases: Cases) -> Statistic:
     """One or two effects: those told with a probability of 0.9 to 0.99 are there."""
     told = [one for case in cases for one in _told(case)]
     return share(there for chance, there in told if SURE <= chance <= ALMOST_CERTAIN)
 
 
-def log_loss(cases: Cases) -> Figure:
+def log_loss(cases: Cases) -> Statistic:
     """One or two effects: mean over effects of minus the logarithm of the probability told of
     what is so, at least 0.001."""
     told = [one for case in cases for one in _told(case)]
     return mean(-math.log(max(p if there else 1.0 - p, LEAST_CHANCE)) for p, there in told)
 
 
-def told_surely(cases: Cases) -> Figure:
+def told_surely(cases: Cases) -> Statistic:
     """One or two effects, hidden ones counted: effects that are there and told with a probability
     of 0.9 or more, of all that are there."""
     asked = [case for case in cases if case.kind in ("one", "two")]
@@ -337,7 +337,7 @@ def told_surely(cases: Cases) -> Figure:
     )
 
 
-FIGURES: tuple[Callable[[Cases], Figure], ...] = (
+FIGURES: tuple[Callable[[Cases], Statistic], ...] = (
     separated,
     first_place,
     only_true_ones,
@@ -370,7 +370,7 @@ class Bin:
     low: float
     high: float
     probability: float
-    right: Figure
+    right: Statistic
 
 
 def calibration(cases: Cases) -> list[Bin]:

@@ -14,7 +14,7 @@ from studies.withheld.score import (
     FIGURES,
     Case,
     Cases,
-    Figure,
+    Statistic,
     calibration,
     confusion,
     good,
@@ -64,7 +64,7 @@ BARS: dict[str, dict[str, Bar]] = {
 COLUMNS = ("figure", "value (95 %)", "cases", "bar", "")
 
 
-def met(figure: Figure, bar: Bar) -> bool | None:
+def met(figure: Statistic, bar: Bar) -> bool | None:
     """Return whether a figure meets a bar; None without cases."""
     if figure.value is None:
         return None
@@ -72,7 +72,7 @@ def met(figure: Figure, bar: Bar) -> bool | None:
     return figure.value >= limit if way == AT_LEAST else figure.value <= limit
 
 
-def standing(figure: Figure, bar: Bar) -> str:
+def standing(figure: Statistic, bar: Bar) -> str:
     """Return in words where a figure stands against its bar, "so far" while too few cases do."""
     said = "met" if met(figure, bar) else "missed"
     return said if figure.n >= MOST_WANTED else f"{said} so far"
@@ -139,7 +139,7 @@ def _rows(tier: str, cases: Cases) -> Iterator[tuple[Cell, ...]]:
             yield (define.__name__, quantity(figure), figure.n, *beside)
 
 
-def quantity(figure: Figure) -> Quantity:
+def quantity(figure: Statistic) -> Quantity:
     """Return a figure with its interval; it has cases."""
     assert figure.value is not None
     assert figure.low is not None

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from servo_models.identification.elements.identify import (
+    ElementFigure,
     ElementsResult,
-    Figure,
     identify_elements,
 )
 from servo_models.identification.elements.loop import Choice, Loop, Response, Synthesis
 
 __all__ = [
     "Choice",
+    "ElementFigure",
     "ElementsResult",
-    "Figure",
     "Loop",
     "Response",
     "Synthesis",

@@ -45,7 +45,7 @@ BENT = "straight pieces say too little, what they leave over is no chance"
 
 
 @dataclass(frozen=True)
-class Figure:
+class ElementFigure:
     """A figure of one element.
 
     Attributes:
@@ -89,7 +89,7 @@ class ElementsResult(Result):
 
     model: Model
     synthesis: Synthesis
-    figures: tuple[Figure, ...]
+    figures: tuple[ElementFigure, ...]
     estimates: Mapping[str, Estimate]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -103,7 +103,7 @@ class ElementsResult(Result):
             for name, estimate in self.estimates.items()
         }
 
-    def figure(self, element: str, name: str) -> Figure:
+    def figure(self, element: str, name: str) -> ElementFigure:
         """Return a figure by element and name."""
         return next(f for f in self.figures if (f.element, f.name) == (element, name))
 
@@ -160,7 +160,7 @@ class _Bench:
     """
 
     model: Model
-    figures: list[Figure] = field(default_factory=list)
+    figures: list[ElementFigure] = field(default_factory=list)
     estimates: dict[str, Estimate] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -188,7 +188,9 @@ class _Bench:
     def add(self, name: str, estimate: Estimate | None, unit: str, display: str = "") -> None:
         """Keep a figure; None is none."""
         if estimate:
-            self.figures.append(Figure(self.element, name, estimate, unit, self.file, display))
+            self.figures.append(
+                ElementFigure(self.element, name, estimate, unit, self.file, display)
+            )
 
     def set(self, name: str, estimate: Estimate | None) -> None:
         """Keep a parameter [SI]; None is none.

@@ -13,7 +13,7 @@ import numpy as np
 from servo_models.analysis.explain import display_unit
 from servo_models.identification.doubts import judged
 from servo_models.identification.elements.estimate import Estimate
-from servo_models.identification.elements.identify import ElementsResult, Figure
+from servo_models.identification.elements.identify import ElementFigure, ElementsResult
 from servo_models.identification.elements.loop import Choice, Response, Synthesis
 from servo_models.report.numbers import ERROR, Quantity, number
 from servo_models.report.result import Report, document_of, report_of
@@ -111,7 +111,7 @@ def _quantity(estimate: Estimate, unit: str, display: str, interval: bool = Fals
     return Quantity(shown.value, display, shown.standard_error, limits, digits=5)
 
 
-def _figures(figures: Sequence[Figure]) -> Table:
+def _figures(figures: Sequence[ElementFigure]) -> Table:
     rows = tuple(
         (f.element, f.name, _quantity(f.estimate, f.unit, f.display or f.unit, True), f.file)
         for f in figures

@@ -160,7 +160,7 @@ def allowed(
 
 
 @dataclass(frozen=True)
-class Figure:
+class Measured:
     """A measured figure; no limit, no judgement.
 
     Attributes:
@@ -197,7 +197,7 @@ class Compared:
     times: Array
     low: Array
     high: Array
-    figures: tuple[Figure, ...]
+    figures: tuple[Measured, ...]
     fault: str = ""
 
     @property
@@ -221,7 +221,7 @@ def compare(
     if len(bad):
         when = response.times[bad[0]]
         fault = f"output '{name}' is no number from t = {number(when)} s on"
-        figure = Figure("values that are no number", float(len(bad)), 0.0, "1")
+        figure = Measured("values that are no number", float(len(bad)), 0.0, "1")
         none = np.empty(0)
         curves = (reference, response, none, none, none)
         return Compared(name, unit, *curves, (figure,), plain(fault))
@@ -277,50 +277,50 @@ class _Look:
             window[np.abs(self.times - jump) <= reach] = reach
         return window
 
-    def figures(self) -> Iterable[Figure]:
+    def figures(self) -> Iterable[Measured]:
         """Measure everything; the tube first, then what the difference looks like."""
         value = self.limits.value
         worst = int(np.argmax(np.abs(self.beyond)))
-        yield Figure(
+        yield Measured(
             "distance from the tube's middle", abs(float(self.beyond[worst])), value, self.unit
         )
         size = self.range or float(np.max(np.abs(self.right))) or 1.0
         rms = _rms(self.beyond) / size
-        yield Figure("NRMSE", rms, value / size, "1")
-        yield Figure("error at the start", abs(float(self.beyond[0])), value, self.unit)
-        yield Figure("error at the end", abs(self._end(self.beyond)), value, self.unit)
+        yield Measured("NRMSE", rms, value / size, "1")
+        yield Measured("error at the start", abs(float(self.beyond[0])), value, self.unit)
+        yield Measured("error at the end", abs(self._end(self.beyond)), value, self.unit)
         yield from self._events()
         if not self.reference.held and self.range > OF_LARGEST * float(np.max(np.abs(self.right))):
             yield from self._shape()
 
-    def _shape(self) -> Iterable[Figure]:
+    def _shape(self) -> Iterable[Measured]:
         """Gain, delay and drift of a curve that moves."""
         spread = float(np.std(self.right)) or 1.0
         delay, _ = self.delay()
         slope = _rms(np.gradient(self.right, self.times))
         longest = max(self.limits.time, self.limits.value / slope if slope else math.inf)
         gain, _ = self.gain(self.right + self.beyond)
-        yield Figure("gain error", abs(gain - 1.0), self.limits.value / spread, "1")
-        yield Figure("delay", abs(delay), longest, "s")
+        yield Measured("gain error", abs(gain - 1.0), self.limits.value / spread, "1")
+        yield Measured("delay", abs(delay), longest, "s")
         drift = float(np.polyfit(self._part(), self.beyond, 1)[0])
-        yield Figure("drift over the run", abs(drift), 2.0 * self.limits.value, self.unit)
+        yield Measured("drift over the run", abs(drift), 2.0 * self.limits.value, self.unit)
 
-    def _events(self) -> Iterable[Figure]:
+    def _events(self) -> Iterable[Measured]:
         """Steps of both curves, matched in order by direction."""
         right, got = self.curves
         self.matched = matched = match(right.jumps(), got.jumps(LOOSE), self.times[-1])
         matched.extra[:] = match(got.jumps(), right.jumps(LOOSE), self.times[-1]).missed
         if not (matched.right or matched.missed or matched.extra):
             return
-        yield Figure("events missed", float(len(matched.missed)), 0.0, "1")
-        yield Figure("events that are none", float(len(matched.extra)), 0.0, "1")
+        yield Measured("events missed", float(len(matched.missed)), 0.0, "1")
+        yield Measured("events that are none", float(len(matched.extra)), 0.0, "1")
         if matched.late:
             usual = float(np.median(matched.late))
             longest = self._latest()
             worst = max(matched.late, key=abs)
-            yield Figure("median lateness of events", abs(usual), longest, "s")
+            yield Measured("median lateness of events", abs(usual), longest, "s")
             most = self.limits.time + STEP_LATE * self.sample
-            yield Figure("largest lateness of an event", abs(worst), most, "s")
+            yield Measured("largest lateness of an event", abs(worst), most, "s")
 
     def _latest(self) -> float:
         """How late events may usually be: by all of a step where the reference has finer points."""
@@ -374,7 +374,7 @@ class _Look:
     def _end(self, values: Array) -> float:
         return float(np.mean(values[self._part() >= 1.0 - FINAL]))
 
-    def cause(self, figures: Sequence[Figure]) -> str:
+    def cause(self, figures: Sequence[Measured]) -> str:
         """Return what is wrong in words: the cause that explains the difference best."""
         words = self._event_words()
         if self.reference.held:
