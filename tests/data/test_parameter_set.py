@@ -19,7 +19,7 @@ from servo_models.core.catalogue import actuator
 from servo_models.data.log import Log, hashes
 from servo_models.data.parameters import (
     Estimate,
-    Figure,
+    FitFigure,
     ParameterSet,
     read_parameters,
     write_parameters,
@@ -39,7 +39,7 @@ FULL = ParameterSet(
     logs={"step.csv": "sha256:0a", "a folder/sweep 2.csv": "sha256:0b"},
     date=datetime.date(2026, 1, 31),
     version="0.2.0",
-    figures={"rms": Figure(0.011, "deg"), "fit": Figure(0.97)},
+    figures={"rms": FitFigure(0.011, "deg"), "fit": FitFigure(0.97)},
     warnings=("stiffness: not excited by 'step.csv'",),
 )
 

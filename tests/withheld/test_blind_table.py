@@ -17,7 +17,7 @@ from studies.withheld.score import (
     FIGURES,
     Case,
     Cases,
-    Figure,
+    Statistic,
     calibration,
     confusion,
     imitated_told,
@@ -74,7 +74,7 @@ def kept(cases: Cases) -> Cases:
     return [case_of(row_of(case)) for case in run["cases"]]
 
 
-def same(one: Figure, other: Figure) -> bool:
+def same(one: Statistic, other: Statistic) -> bool:
     pairs = zip((one.value, one.low, one.high), (other.value, other.low, other.high))
     near = [a == b or (a is not None and a == pytest.approx(b, abs=1e-3)) for a, b in pairs]
     return one.n == other.n and all(near)
