@@ -42,6 +42,7 @@ OTHER: dict[type[ast.AST], Any] = {
 TESTS = {
     "actuators": ("actuators", "effects"),
     "build.py": ("fmu",),
+    "cli": ("cli", "data", "diagnosis", "identification"),
     "fmu_src": ("fmu",),
     "units.py": ("test_units.py",),
 }

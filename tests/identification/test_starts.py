@@ -18,7 +18,12 @@ from servo_models.errors import UserError
 from servo_models.identification.check import check
 from servo_models.identification.fit import fit
 from servo_models.identification.simulation import prepared
-from servo_models.identification.starts import false_statements, with_starts
+from servo_models.identification.starts import (
+    _first_part,
+    _is_another,
+    false_statements,
+    with_starts,
+)
 from servo_models.identification.transfer.measurements import check_signals
 from tests.conftest import Run
 from tests.support.exact_motor import STEP, TRUE, bench_log, nominal, prbs, rig
@@ -343,6 +348,16 @@ def test_a_stated_start_is_judged_by_the_first_readings(noise: float) -> None:
         assert "'rig' begins in another state than the model" in text
         assert words in text
         assert "angle 1.7" in text.partition("show")[2]
+
+
+@pytest.mark.parametrize(("rate", "another"), [(36.0, False), (-36.0, True)])
+def test_the_way_it_turns_is_part_of_a_start(rate: float, another: bool) -> None:
+    begun = bench_log(SILENT, rig(TRUE, SILENT, begin=(0.0, 0.0, 36.0)))
+    (shown,) = with_starts(nominal(**TRUE), [assumed(begun)])
+    first, likely = (
+        _first_part(nominal(**TRUE), log) for log in (replace(begun, start=at(0.0, rate)), shown)
+    )
+    assert _is_another(nominal(**TRUE), first[0], shown, likely) == another
 
 
 @pytest.mark.parametrize("poor", [0.7, 1.0, 1.4])
