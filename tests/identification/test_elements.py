@@ -102,6 +102,14 @@ def test_a_table_without_noise_shows_neither_unequal_gains_nor_a_bow() -> None:
         assert not curve.bent
 
 
+@pytest.mark.parametrize("sides", [(1,), (-1,), (1, -1), ()])
+def test_a_bow_of_either_side_is_told(sides: tuple[int, ...]) -> None:
+    voltages, speeds, _ = Bench(half_width=0.0).table(0.05, 0.02, 1.2, noise=0.2)
+    bowed = np.isin(np.sign(voltages), sides) & (np.abs(speeds) > 10.0)
+    bow = np.where(bowed, np.sign(voltages) * 300.0 * (np.abs(voltages) - 0.9) ** 2, 0.0)
+    assert motor_curve(voltages, speeds + bow).bent == bool(sides)
+
+
 def test_a_branch_column_says_what_the_order_of_rows_says() -> None:
     voltages, speeds, rising = Bench(half_width=0.04).table(0.05, 0.01, 2.5, noise=3.0)
     mixed = np.random.default_rng(1).permutation(len(voltages))
