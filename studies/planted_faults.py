@@ -114,21 +114,22 @@ def _planted(node: ast.AST) -> str | None:
 
 
 def _is_number(value: object) -> TypeGuard[int | float]:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and value != 0
 
 
 def drawn(count: int, seed: int) -> list[Fault]:
     """So many faults, one a file, the likelier the longer the file is."""
     chance = random.Random(seed)
-    files = sorted({*ROOT.glob("servo_models/**/*.py"), ROOT / "fmu_src/slave.py"})
+    every = {*ROOT.glob("servo_models/**/*.py"), ROOT / "fmu_src/slave.py"}
+    files = sorted(path for path in every if path.name != "pictures.py")  # judged by eye
     lengths = {path: len(path.read_text("utf-8").splitlines()) for path in files}
     found: list[Fault] = []
     while len(found) < count:
         path = chance.choices(list(lengths), list(lengths.values()))[0]
-        every = list(faults(path))
-        tested = all((ROOT / name).exists() for it in every[:1] for name in it.tests)
-        if every and tested:
-            found.append(chance.choice(every))
+        able = list(faults(path))
+        tested = all((ROOT / name).exists() for it in able[:1] for name in it.tests)
+        if able and tested:
+            found.append(chance.choice(able))
             del lengths[path]
     return found
 
