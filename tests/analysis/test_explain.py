@@ -35,6 +35,11 @@ def test_an_actuator_sheet_has_all_parameters_signals_and_sources(name: str) -> 
     cells = {row[0].rstrip("*") for table in sheet.tables for row in table.rows}
     assert actuator.plant.parameters.keys() <= cells
     assert {wire.name for wire in actuator.plant.inputs} | {*actuator.plant.outputs} <= cells
+    (signals,) = (table for table in sheet.tables if table.title.startswith("Signals"))
+    units = {row[0]: row[2] for row in signals.rows}
+    wires = {name.rstrip("*"): actuator.plant.wire[name.rstrip("*")] for name in units}
+    assert list(units.values()) == [it.display or it.unit for it in wires.values()]
+    assert all(units.values())
     assert actuator.source in words(sheet)
     for variant in actuator.variants:
         assert variant.source in words(sheet)

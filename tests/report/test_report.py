@@ -12,6 +12,7 @@ import pytest
 from servo_models.core.simulate import model, simulate
 from servo_models.errors import UserError
 from servo_models.report.numbers import number
+from servo_models.report.result import report_of
 from servo_models.report.style import PALETTE
 from servo_models.validation.rows import (
     IMPLEMENTATION,
@@ -84,6 +85,10 @@ def test_no_heading_of_a_page_is_there_twice(text: str, bad: str) -> None:
 
 def test_a_notebook_names_a_table_by_its_section() -> None:
     assert "<caption>Figures that pass</caption>" in GOOD._repr_html_()
+
+
+def test_its_title_names_what_was_examined() -> None:
+    assert report_of(GOOD).title == f"{EQUAL.actuator} against references"
 
 
 def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path) -> None:
