@@ -88,7 +88,8 @@ def test_a_notebook_names_a_table_by_its_section() -> None:
 
 
 def test_its_title_names_what_was_examined() -> None:
-    assert report_of(GOOD).title == f"{EQUAL.actuator} against references"
+    assert report_of(GOOD).title == "sg90, torque_motor against references"
+    assert report_of(Validation((), (), {})).title == "nothing against references"
 
 
 def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path) -> None:
