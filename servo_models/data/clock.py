@@ -298,9 +298,8 @@ class Late:
         """What was done, as a sentence."""
         return (
             f"rows are stamped {1e3 * float(self.delays.mean()):.3g} ms late on average, up to"
-            f" {1e3 * float(self.delays.max()):.3g} ms, after an even clock with a tick every"
-            f" {1e3 * self.period:.6g} ms: readings are smooth over that clock, and not over the"
-            " stamps, so the rows are put back on it"
+            f" {1e3 * float(self.delays.max()):.3g} ms: readings are smooth over an even clock of"
+            f" {1e3 * self.period:.4g} ms and not over the stamps, so the rows are put back on it"
         )
 
 

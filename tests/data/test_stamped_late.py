@@ -97,4 +97,4 @@ def test_check_tells_that_rows_are_stamped_late() -> None:
     (read,) = found.logs
     assert np.ptp(np.diff(read.times)) < 1e-9
     told = str(document_of(check(found))["notes"])
-    assert "after an even clock with a tick every" in told
+    assert "an even clock of 10 ms and not over the stamps" in told
