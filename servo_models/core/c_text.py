@@ -28,7 +28,7 @@ from servo_models.core.flat import Flat, kept
 from servo_models.core.printer import indent
 from servo_models.core.stepper import step_text
 
-_OPERATORS: dict[type, str] = {
+OPERATORS: dict[type, str] = {
     ast.Add: "+",
     ast.Sub: "-",
     ast.Mult: "*",
@@ -49,7 +49,7 @@ _CHECKED = (
 )
 """Functions that raise in Python for some finite or infinite argument."""
 _PLAIN = ("atan", "atan2", "copysign", "fabs", "tanh")
-_CONSTANTS = {"pi": "3.141592653589793", "e": "2.718281828459045", "inf": "HUGE_VAL"}
+_CONSTANTS = {"pi": "3.141592653589793", "e": "2.718281828459045", "inf": ""}
 _LARGEST_INT = 2**31 - 1
 
 
@@ -66,13 +66,13 @@ def c_text(flat: Flat, off: Collection[str] = ()) -> str:
     Raises:
         ValueError: a block uses a function of ``math`` that has no form here.
     """
-    make, comments = _parsed(step_text(flat, guarded=True))
+    make, comments = parsed(step_text(flat, guarded=True))
     start, step = _functions(make)
-    built, comments_built = _parsed(step_text(flat, off))
+    built, comments_built = parsed(step_text(flat, off))
     setup = make.body[: make.body.index(start)]
-    wanted = (_read(start) | _read(step)) - _stored(step.body).keys()
-    fields = [name for name in _stored(setup) if name in wanted]
-    kinds = _Kinds(setup)
+    wanted = (read_in(start) | read_in(step)) - stored(step.body).keys()
+    fields = [name for name in stored(setup) if name in wanted]
+    kinds = Kinds(setup)
     write = _Function(kinds, {name: f"s->v_{name}" for name in fields}, comments)
     on = {owner: write.of(ast.Name(kept("on", owner))) for owner in flat.switches}
     as_built = " && ".join(f"!{flag}" if owner in off else flag for owner, flag in on.items())
@@ -148,7 +148,7 @@ static inline double remainder_of(double a, double b, const int *failed)
 """
 """The functions of ``arithmetic.h`` under the same names, without what fails."""
 _WHOLE = ("ceil", "floor", "trunc")
-_WHOLE_CALLS = ("_int", "_len", *(f"_math.{name}" for name in _WHOLE))
+WHOLE_CALLS = ("_int", "_len", *(f"_math.{name}" for name in _WHOLE))
 
 
 def c_run_text(text: str) -> str:
@@ -157,7 +157,7 @@ def c_run_text(text: str) -> str:
     Raises:
         ValueError: a block uses a function of ``math`` that has no form here.
     """
-    run, _ = _parsed(text)
+    run, _ = parsed(text)
     lines = [
         _RUN,
         *(f"TO_WHOLE({name})" if name in _WHOLE else f"SAME({name})" for name in _CHECKED),
@@ -165,21 +165,21 @@ def c_run_text(text: str) -> str:
         '__attribute__((visibility("default"))) int run(',
         "    const double *restrict v__p, double *restrict v__x, Whole v__rows,",
         "    const double *restrict v__times,",
-        f"    const double (*restrict v__inputs)[{_columns(run, '_inputs')}],",
-        f"    double (*restrict v__out)[{_columns(run, '_out')}], double v__most,",
+        f"    const double (*restrict v__inputs)[{columns(run, '_inputs')}],",
+        f"    double (*restrict v__out)[{columns(run, '_out')}], double v__most,",
         "    Whole *restrict v__at)",
-        *_whole(_AsNumba(_Kinds(run.body, calls=_WHOLE_CALLS), {}, {}), run.body),
+        *_whole(AsNumba(Kinds(run.body, calls=WHOLE_CALLS), {}, {}), run.body),
     ]
     return "\n".join([*lines, ""])
 
 
-def _columns(run: ast.FunctionDef, table: str) -> int:
+def columns(run: ast.FunctionDef, table: str) -> int:
     """How many columns a table has; C has none without any."""
     cells = re.findall(rf"\b{table}\[\w+, (\d+)\]", ast.unparse(run))
     return 1 + max(map(int, cells), default=0)
 
 
-def _parsed(text: str) -> tuple[ast.FunctionDef, dict[int, str]]:
+def parsed(text: str) -> tuple[ast.FunctionDef, dict[int, str]]:
     """``make`` of a text, and its comments by line."""
     comments = {n: line.strip() for n, line in enumerate(text.split("\n"), 1) if "#" in line}
     make = next(node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
@@ -216,12 +216,12 @@ def _step(
     called: str,
     function: ast.FunctionDef,
     fields: Sequence[str],
-    setup: _Kinds,
+    setup: Kinds,
     comments: dict[int, str],
 ) -> Iterator[str]:
     body = function.body
     yield from _head(called)
-    write = _Function(_Kinds(body, setup), {name: f"s->v_{name}" for name in fields}, comments)
+    write = _Function(Kinds(body, setup), {name: f"s->v_{name}" for name in fields}, comments)
     yield from _whole(write, body)
 
 
@@ -242,11 +242,11 @@ def _whole(write: _Function, body: Sequence[ast.stmt]) -> Iterator[str]:
     yield "}"
 
 
-class _Kinds:
+class Kinds:
     """Which variables are ``Whole``: those whose every value is, as that of ``calls`` is."""
 
     def __init__(
-        self, body: Sequence[ast.stmt], outer: _Kinds | None = None, calls: Collection[str] = ()
+        self, body: Sequence[ast.stmt], outer: Kinds | None = None, calls: Collection[str] = ()
     ) -> None:
         values: dict[str, list[ast.expr]] = {}
         self.outer = outer
@@ -290,15 +290,18 @@ class _Kinds:
 class _Function:
     """Writes the statements of one function; ``names`` are the C names of those that are kept."""
 
-    def __init__(self, kinds: _Kinds, names: dict[str, str], comments: dict[int, str]) -> None:
+    constant = "const double"
+    infinity = "HUGE_VAL"
+
+    def __init__(self, kinds: Kinds, names: dict[str, str], comments: dict[int, str]) -> None:
         self.kinds = kinds
         self.names = names
         self.comments = comments
 
     def declared(self, body: Sequence[ast.stmt], fields: Iterable[str]) -> Iterator[str]:
         """Local variables; a compiler cannot see that none is read before it is set."""
-        read = set().union(*map(_read, body))
-        for name in _stored(body):
+        read = set().union(*map(read_in, body))
+        for name in stored(body):
             if name not in fields:
                 yield f"{self.kinds.of(name)} v_{name} = 0;"
                 if name not in read:
@@ -363,7 +366,7 @@ class _Function:
             changed.add(target.partition("[")[0])  # another index may be the same place
         if apart:
             return [f"{target} = {value};" for target, value, _ in pairs]
-        first = [f"const double v{i} = {value};" for i, (_, value, _) in enumerate(pairs)]
+        first = [f"{self.constant} v{i} = {value};" for i, (_, value, _) in enumerate(pairs)]
         return ["{", *indent(first), *indent(f"{p[0]} = v{i};" for i, p in enumerate(pairs)), "}"]
 
     def parts(self, tree: ast.AST) -> Iterator[str]:
@@ -379,12 +382,14 @@ class _Function:
     def of(self, node: ast.expr) -> str:
         """An expression that can stand inside another."""
         used = node.ops if isinstance(node, ast.Compare) else [getattr(node, "op", ast.Add())]
-        if not {type(op) for op in used} <= {*_OPERATORS, ast.Div, ast.Mod, ast.Not}:
+        if not {type(op) for op in used} <= {*OPERATORS, ast.Div, ast.Mod, ast.Not}:
             raise ValueError(f"'{ast.unparse(node)}' has no form in C")
         match node:
             case ast.Constant(bool() | int() | float() as value):
                 whole = isinstance(value, int) and abs(value) <= _LARGEST_INT
-                return str(int(value)) if whole else repr(float(value)).replace("inf", "HUGE_VAL")
+                return (
+                    str(int(value)) if whole else repr(float(value)).replace("inf", self.infinity)
+                )
             case ast.Name(name):
                 return self.names.get(name, f"v_{name}")
             case ast.Subscript(table, ast.Tuple([row, column])):
@@ -396,19 +401,19 @@ class _Function:
             case ast.UnaryOp(ast.Not(), operand):
                 return f"(!{self.of(operand)})"
             case ast.UnaryOp(op, operand):
-                return f"({_OPERATORS[type(op)]}{self.of(operand)})"
+                return f"({OPERATORS[type(op)]}{self.of(operand)})"
             case ast.BoolOp(op, values):
-                return f"({f' {_OPERATORS[type(op)]} '.join(map(self.truth, values))})"
+                return f"({f' {OPERATORS[type(op)]} '.join(map(self.truth, values))})"
             case ast.Compare(left, ops, others):
                 ends = zip([left, *others], ops, others)
-                tests = [f"({self.of(a)} {_OPERATORS[type(op)]} {self.of(b)})" for a, op, b in ends]
+                tests = [f"({self.of(a)} {OPERATORS[type(op)]} {self.of(b)})" for a, op, b in ends]
                 return tests[0] if len(tests) == 1 else f"({' && '.join(tests)})"
             case ast.IfExp(test, body, other):
                 return f"({self.of(test)} ? {self.of(body)} : {self.of(other)})"
             case ast.Call(function, arguments):
                 return self.call(ast.unparse(function), arguments)
             case ast.Attribute(ast.Name("_math"), name) if name in _CONSTANTS:
-                return _CONSTANTS[name]
+                return _CONSTANTS[name] or self.infinity
         raise ValueError(f"'{ast.unparse(node)}' has no form in C")
 
     def truth(self, node: ast.expr) -> str:
@@ -432,7 +437,7 @@ class _Function:
         wide = self.kinds.is_whole(left) and self.kinds.is_whole(right)
         named = isinstance(left, (ast.Name, ast.BinOp))  # a constant or a comparison is an int
         cast = "(Whole)" if wide and not named else ""
-        return f"({cast}{self.of(left)} {_OPERATORS[type(op)]} {self.of(right)})"
+        return f"({cast}{self.of(left)} {OPERATORS[type(op)]} {self.of(right)})"
 
     def call(self, function: str, arguments: Sequence[ast.expr]) -> str:
         given = [self.plain(argument) for argument in arguments]
@@ -455,7 +460,7 @@ class _Function:
         raise ValueError(f"math.{name} has no form in C: use one of {known}")
 
 
-class _AsNumba(_Function):
+class AsNumba(_Function):
     """Writes what numba computes: whole numbers are of 64 bits, and nothing fails."""
 
     def truth(self, node: ast.expr) -> str:
@@ -498,7 +503,7 @@ def _loaded(target: ast.expr) -> ast.expr:
     return ast.parse(ast.unparse(target), mode="eval").body
 
 
-def _read(tree: ast.AST) -> set[str]:
+def read_in(tree: ast.AST) -> set[str]:
     loaded = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and _is_load(n)}
     changed = (n.target for n in ast.walk(tree) if isinstance(n, ast.AugAssign))
     return loaded | {target.id for target in changed if isinstance(target, ast.Name)}
@@ -508,7 +513,7 @@ def _is_load(node: ast.Name) -> bool:
     return isinstance(node.ctx, ast.Load)
 
 
-def _stored(body: Sequence[ast.stmt]) -> dict[str, None]:
+def stored(body: Sequence[ast.stmt]) -> dict[str, None]:
     """Variables that are set, in the order of the text."""
     nodes = (node for statement in body for node in ast.walk(statement))
     names = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]

@@ -1,0 +1,125 @@
+"""Print a run of a plant as JavaScript: the text of ``stepper.run_text``, statement by statement.
+
+A page then has the same model as a simulation, without a server, a compiler or a network.  It is
+the walk of ``c_text`` with other words: tables are flat arrays, and whole numbers are numbers,
+which are exact up to 2^53.  Sums, products, quotients and roots have the same bits as in C; of
+``sin`` or ``exp`` each engine has its own last bit.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Sequence
+
+from servo_models.core.c_text import OPERATORS, WHOLE_CALLS, AsNumba, Kinds, columns, parsed, stored
+from servo_models.core.printer import indent
+
+_HELPERS = """
+"use strict";
+
+/* As numba's, which is 0 for a divisor of 0. */
+function wholeRemainder(a, b) {
+    const rest = b > 0 || b < -1 ? a % b : 0;
+    return rest !== 0 && rest < 0 !== b < 0 ? rest + b : rest;
+}
+
+function remainderOf(a, b) {
+    const rest = a % b;
+    return rest !== 0 && rest < 0 !== b < 0 ? rest + b : rest;
+}
+
+function copysign(size, sign) {
+    return Math.abs(size) * (sign < 0 || Object.is(sign, -0) ? -1 : 1);
+}
+"""
+_OWN = ("copysign",)
+
+
+def js_run_text(text: str) -> str:
+    """Return ``run`` of a text printed by ``stepper.run_text`` in JavaScript.
+
+    ``run(p, x, rows, times, inputs, out, most, at)`` returns the code, and writes the row or the
+    number of sub-steps into ``at[0]``.  All but ``rows`` and ``most`` are a ``Float64Array``;
+    ``inputs`` and ``out`` have a row after the other.
+
+    Raises:
+        ValueError: a block uses a function of ``math`` that has no form here.
+
+    Example:
+        >>> from servo_models.core.simulate import model
+        >>> from servo_models.core.stepper import run_text
+        >>> text = js_run_text(run_text(model("dc_motor").flat))
+        >>> "function run(v__p, v__x, v__rows," in text
+        True
+    """
+    run, _ = parsed(text)
+    write = _JavaScript(Kinds(run.body, calls=WHOLE_CALLS), {}, {})
+    write.columns = {name: columns(run, name) for name in ("_inputs", "_out")}
+    memory, *body = run.body
+    assert isinstance(memory, ast.Assign)
+    assert isinstance(memory.value, ast.Call)
+    lines = [
+        _HELPERS,
+        "function run(v__p, v__x, v__rows, v__times, v__inputs, v__out, v__most, v__at) {",
+        f"    const v__ahead = new Float64Array({write.plain(memory.value.args[0])});",
+        *indent(write.declared(body, ())),
+        *indent(write.block(body)),
+        "}",
+    ]
+    return "\n".join([*lines, ""])
+
+
+class _JavaScript(AsNumba):
+    """Writes what numba computes in JavaScript."""
+
+    constant = "const"
+    infinity = "Infinity"
+    columns: dict[str, int]
+
+    def declared(self, body: Sequence[ast.stmt], fields: Iterable[str]) -> Iterator[str]:
+        for name in stored(body):
+            yield f"let v_{name} = 0;"
+
+    def statement(self, node: ast.stmt) -> list[str]:
+        if isinstance(node, ast.While):
+            head = f"while ({self.plain(node.test)}) {{"
+            return [head, *indent(self.block(node.body)), "}", *self.block(node.orelse)]
+        return super().statement(node)
+
+    def returned(self, code: str, second: ast.expr) -> list[str]:
+        return [f"v__at[0] = {self.plain(second)};", f"return {code};"]
+
+    def branch(self, node: ast.If) -> list[str]:
+        first, *rest = super().branch(node)
+        return [f"if ({self.plain(node.test)}) {{" if "__builtin" in first else first, *rest]
+
+    def of(self, node: ast.expr) -> str:
+        match node:
+            case ast.Subscript(ast.Name(table), ast.Tuple([row, column])):
+                place = f"{self.columns[table]} * {self.of(row)} + {self.of(column)}"
+                return f"v_{table}[{place}]"
+        return super().of(node)
+
+    def index(self, node: ast.expr) -> str:
+        return self.plain(node) if self.kinds.is_whole(node) else f"Math.trunc({self.plain(node)})"
+
+    def operation(self, op: ast.operator, left: ast.expr, right: ast.expr) -> str:
+        a, b = self.of(left), self.of(right)
+        if isinstance(op, ast.Mod):
+            whole = self.kinds.is_whole(left) and self.kinds.is_whole(right)
+            return f"{'wholeRemainder' if whole else 'remainderOf'}({a}, {b})"
+        return f"({a} {'/' if isinstance(op, ast.Div) else OPERATORS[type(op)]} {b})"
+
+    def call(self, function: str, arguments: Sequence[ast.expr]) -> str:
+        written = super().call(function, arguments)  # which refuses what has no form
+        given = ", ".join(self.plain(argument) for argument in arguments)
+        name = function.removeprefix("_math.")
+        if function == "_len":
+            return written
+        if function == "_float":
+            return self.of(arguments[0])
+        if function == "_int":
+            return f"Math.trunc({given})"
+        if name in ("_abs", "fabs"):
+            return f"Math.abs({given})"
+        return f"{name}({given})" if name in _OWN else f"Math.{name}({given})"

