@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from pathlib import Path
 
@@ -45,29 +45,12 @@ from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
 
-TELLING = 0.3
-"""Difference [noise floors, RMS] below which models that are a little wrong tell nothing apart."""
-TELLING_ODDS = 100.0
-"""Odds that the log of a command is expected to give for the right one of two explanations."""
+TELLING = 0.3  # noise floors RMS: less tells nothing where models are a little wrong
+TELLING_ODDS = 100.0  # expected of a log, for the right one of two explanations
 MOST = 6  # likeliest explanations that a command is designed for
-LENGTH = 5.0
-"""Length of an experiment over the actuator's default one, or over the longest log if that is
-shorter: whoever made it knows how fast the actuator is."""
-SIZES = (1.0, 0.3, 0.1, 0.03)
-PACES = (0.02, 0.06, 0.2, 0.6)
-"""Sizes over the largest one, and times over the response time, that a search begins with."""
-SMALLEST = 0.02  # smallest step of a ladder over its largest
-SHORTLIST = 2  # commands of each family that look best before anything is re-fitted
-RATIOS = (1.8, 1.35)  # steps of size and pace around the best one
-EARNEST = 3  # commands on which the models are re-fitted in earnest
-EVALUATIONS = 15  # slopes that such a fit may take
-FARTHEST = 1000.0
-"""Outputs over the largest ones of the logs from which a fitted model runs away: its command is no
-experiment."""
-FINEST = 5.0  # sampling steps that a pace takes at least
-MOTION_AS_NOISE = 0.5
-"""Noise [floors] that the audit may see in a response without any: more would hide what differs."""
-REPEATS_WANTED = 4
+SIZES = (1.0, 0.3, 0.1, 0.03)  # over the largest: where the search begins
+PACES = (0.02, 0.06, 0.2, 0.6)  # over the response time: where the search begins
+SMALLEST = 0.02  # step of a ladder over its largest
 
 
 # The result
@@ -160,18 +143,18 @@ def next_experiments(
     """
     if len(rivals) < 2:
         return ()
-    stage = Stage(rivals[:MOST], weights[:MOST], seed)
-    separations, command = stage.best()
+    designer = ExperimentDesigner(rivals[:MOST], weights[:MOST], seed)
+    separations, command = designer.best()
     found = Experiment(
-        tuple(rival.effects for rival in stage.rivals),
-        stage.weights,
+        tuple(rival.effects for rival in designer.rivals),
+        designer.weights,
         separations,
-        stage.told(separations),
+        designer.told(separations),
         "",
-        stage.wire,
-        stage.plan(command),
+        designer.wire,
+        designer.plan(command),
     )
-    return (replace(found, text=" ".join(_sentences(stage, command, found))),)
+    return (replace(found, text=" ".join(_sentences(designer, command, found))),)
 
 
 def repeats_wanted(
@@ -190,13 +173,12 @@ def repeats_wanted(
         settings: of the diagnosis.
     """
     large = left.structured > settings.structured_over_noise * left.noise
-    open_ = large and not sure(left, settings)
-    if not open_ or REPEATS in origins:
+    if not large or sure(left, settings) or REPEATS in origins:
         return ""
     shortest = min(logs, key=lambda log: log.duration)
     return (
         f"{left.structured:.2g} noise floors of what is left may be noise or not. Play the command"
-        f" of log '{shortest.name}' {REPEATS_WANTED} times in one log, each time from rest: what"
+        f" of log '{shortest.name}' 4 times in one log, each time from rest: what"
         " differs between them is noise."
     )
 
@@ -314,25 +296,17 @@ FAMILIES = {
 # The criterion
 
 
-def jensen_renyi(weights: Array, squares: Array, power: float) -> float:
-    """Return the quadratic Jensen-Renyi divergence of Gaussians of one covariance.
+def confusion(weights: Array, squares: Array, power: float) -> float:
+    """Return the logarithm of what different Gaussians of one covariance have in common.
+
+    It falls as the quadratic Jensen-Renyi divergence ``-log(sum(w_i w_k c_ik))`` grows, with
+    ``c_ik = exp(-squares_ik / (4 power))``, also where that is at its bound to all digits.
 
     Args:
         weights: of the Gaussians, shape (n,), their sum 1.
         squares: squared distance of any two means, shape (n, n); where those of a pair are not the
             same, what they have in common is the mean of both.
         power: variance in every direction.
-
-    The quadratic Renyi entropy of a mixture is ``-log`` of the integral of its square, a sum of
-    Gaussians of twice the variance in the differences of the means; that of each Gaussian is the
-    same, and goes away.
-    """
-    return -float(np.log(np.sum(np.outer(weights, weights) * np.exp(-squares / (4.0 * power)))))
-
-
-def confusion(weights: Array, squares: Array, power: float) -> float:
-    """Return the logarithm of what two different Gaussians have in common, which falls as
-    ``jensen_renyi`` grows, also where that is at its bound to all digits.
     """
     common = np.log(np.outer(weights, weights)) - squares / (4.0 * power)
     return float(np.logaddexp.reduce(common[~np.eye(len(weights), dtype=bool)]))
@@ -341,7 +315,7 @@ def confusion(weights: Array, squares: Array, power: float) -> float:
 # The search
 
 
-class Stage:
+class ExperimentDesigner:
     """Where experiments are played: on fitted models, sampled as the logs are.
 
     Attributes:
@@ -350,7 +324,8 @@ class Stage:
             independent one is worth.
         wire: the input that is played.
         low, high: its limits [SI], those of the logs or of the actuator's standard step.
-        unit: of its paces and its length [s], as fast as the sampling can follow.
+        fastest: pace that the sampling can follow [s].
+        unit: of its paces and its length [s].
         times: of an experiment [s], shape (n,).
         farthest: outputs [noise floors] from which a model runs away.
     """
@@ -365,34 +340,34 @@ class Stage:
         step = min(float(np.median(np.diff(log.times))) for log in self.problem.logs)
         self.step = float(f"{step:.9g}")  # a table is read by people
         longest = max(log.duration for log in self.problem.logs)
-        # where the sampling could not follow the slowest pace, all are made slower
-        playable = (1.0 + 1e-9) * FINEST * self.step / PACES[-1]
+        self.fastest = 5.0 * self.step  # pace that the sampling can follow
+        # where the slowest pace is too fast, all are made slower
+        playable = (1.0 + 1e-9) * self.fastest / PACES[-1]
+        # whoever made short logs knows how fast the actuator is
         self.unit = max(min(self.problem.model.stop_time, longest), playable)
-        count = round(LENGTH * self.unit / self.step)
+        count = round(5.0 * self.unit / self.step)
         self.times = self.step * np.arange(count + 1.0)
         self.samples = len(self.times) * len(self.problem.sigma)
         measured = [
             v / self.problem.sigma[n] for log in self.problem.logs for n, v in log.outputs.items()
         ]
-        self.farthest = FARTHEST * max(float(np.abs(values).max()) for values in measured)
-        self._responses: dict[tuple[int, Command], Array | None] = {}
-        self._slopes: dict[tuple[int, Command], Array] = {}
+        # a command from which a model runs away is no experiment
+        self.farthest = 1000.0 * max(float(np.abs(values).max()) for values in measured)
+        self.response = cache(self._response)
+        self.slopes = cache(self._slopes)
 
     def best(self) -> tuple[Array, Command]:
         """Return the best command, and the separations [noise floors] of the rivals, (n, n)."""
         first = self._allowed(self.grid())
         raw = self._all(self.differences, first)
-        listed = [
-            command
-            for family in FAMILIES
-            for command in self._ranked((c for c in first if c.family == family), raw)[:SHORTLIST]
-        ]
-        found = self._all(self.separations, listed)
-        for ratio in RATIOS:
+        families = [[c for c in first if c.family == family] for family in FAMILIES]
+        shortlist = [c for commands in families for c in self._ranked(commands, raw)[:2]]
+        found = self._all(self.separations, shortlist)
+        for ratio in (1.8, 1.35):  # steps of size and pace around the best one
             (most, *_) = self._ranked(found, found)
             further = [c for c in self._allowed(most.nearby(ratio)) if c not in found]
             found |= self._all(self.separations, further)
-        likely = self._ranked(found, found)[:EARNEST]
+        likely = self._ranked(found, found)[:3]  # each is re-fitted in earnest
         tried = {command: self.masked(command, found[command]) for command in likely}
         (most, *_) = self._ranked(tried, tried)
         return tried[most], most
@@ -418,18 +393,19 @@ class Stage:
         They are 0 where any of them cannot run or runs away, and where motion looks like noise.
         """
         responses = [self.response(i, command) for i in range(len(self.rivals))]
-        sound = [it for it in responses if it is not None and np.abs(it).max() <= self.farthest]
-        if len(sound) < len(responses) or self._noise(sound[0], command) > MOTION_AS_NOISE:
+        sound = all(np.abs(response).max() <= self.farthest for response in responses)
+        # motion that the audit takes for noise of more than half a floor hides what differs
+        if not sound or self._noise(responses[0], command) > 0.5:
             return np.zeros((len(responses), len(responses)))
-        every = np.array(sound)
+        every = np.array(responses)
         return np.asarray(np.sqrt(np.mean((every[:, None] - every) ** 2, axis=2)))
 
     def _noise(self, response: Array, command: Command) -> float:
         """Noise [floors] that the audit sees in a response without any."""
-        played_ = command.values(self.times)[:, None]
+        values = command.values(self.times)[:, None]
         parts = np.split(response, len(self.problem.sigma))
         return max(
-            max(difference_noise(part), spread_of_repeats(part, played_) or 0.0) for part in parts
+            max(difference_noise(part), spread_of_repeats(part, values) or 0.0) for part in parts
         )
 
     def separations(self, command: Command) -> Array:
@@ -437,8 +413,8 @@ class Stage:
         shape (n, n)."""
         found = self.differences(command)
         for i, k in zip(*np.nonzero(found)):
-            change = self._sound(i, command) - self._sound(k, command)
-            left = _unexplained(change, self._slope(k, command), self.known[k])
+            change = self.response(i, command) - self.response(k, command)
+            left = _unexplained(change, self.slopes(k, command), self.known[k])
             found[i, k] = math.sqrt(left / len(change))
         return found
 
@@ -452,7 +428,7 @@ class Stage:
     def _left(self, command: Command, rig: int, model: int) -> float:
         """What a model leaves of the response of another one as the rig."""
         plan, names = self.plan(command), list(self.problem.sigma)
-        parts = np.split(self._sound(rig, command), len(names))
+        parts = np.split(self.response(rig, command), len(names))
         outputs = {name: self.problem.sigma[name] * part for name, part in zip(names, parts)}
         problem = played(self.rivals[model], replace(plan, outputs=outputs))
         return _residual_after_refit(self.rivals[model], problem, self.known[model])
@@ -485,36 +461,23 @@ class Stage:
         """Commands inside the limits that the sampling can follow."""
         largest = 0.5 * (1.0 + 1e-9) * (self.high - self.low)
         slowest = 0.5 * self.times[-1]
-        return [
-            c for c in commands if c.size <= largest and FINEST * self.step <= c.pace <= slowest
-        ]
+        return [c for c in commands if c.size <= largest and self.fastest <= c.pace <= slowest]
 
-    def response(self, i: int, command: Command) -> Array | None:
-        """Outputs of a rival in noise floors, one after the other, shape (m,); None where it cannot
+    def _response(self, i: int, command: Command) -> Array:
+        """Outputs of a rival in noise floors, one after the other, shape (m,); NaN where it cannot
         run."""
-        if (i, command) not in self._responses:
-            problem = played(self.rivals[i], self.plan(command))
-            try:
-                (found,) = problem.responses(self.rivals[i].evidence.vector)
-                weighted = [values / problem.sigma[name] for name, values in found.items()]
-                self._responses[i, command] = np.concatenate(weighted)
-            except UserError:
-                self._responses[i, command] = None
-        return self._responses[i, command]
+        problem = played(self.rivals[i], self.plan(command))
+        try:
+            (outputs,) = problem.responses(self.rivals[i].evidence.vector)
+        except UserError:
+            return np.array([np.nan])
+        return np.concatenate([values / problem.sigma[name] for name, values in outputs.items()])
 
-    def _sound(self, i: int, command: Command) -> Array:
-        """The response of a rival that runs."""
-        found = self.response(i, command)
-        assert found is not None
-        return found
-
-    def _slope(self, i: int, command: Command) -> Array:
+    def _slopes(self, i: int, command: Command) -> Array:
         """Slopes of the response per scale of each free parameter, shape (m, p)."""
-        if (i, command) not in self._slopes:
-            problem = played(self.rivals[i], self.plan(command))
-            slopes = problem.jacobian(self.rivals[i].evidence.vector, self.rivals[i].widths)
-            self._slopes[i, command] = slopes[: problem.samples]
-        return self._slopes[i, command]
+        problem = played(self.rivals[i], self.plan(command))
+        slopes = problem.jacobian(self.rivals[i].evidence.vector, self.rivals[i].widths)
+        return slopes[: problem.samples]
 
     def plan(self, command: Command) -> Log:
         """Return the log of a command before it is played: nothing is measured yet.
@@ -610,19 +573,20 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
     found = np.clip(start, low, high)[room]
     if len(room):
         limits = (low[room], high[room])
-        found = least_squares(errors, found, slopes, limits, max_nfev=EVALUATIONS).x
+        found = least_squares(errors, found, slopes, limits, max_nfev=15).x
     return float(np.sqrt(np.mean(data(found) ** 2)))
 
 
 # In words
 
 
-def _sentences(stage: Stage, command: Command, found: Experiment) -> Iterator[str]:
-    plant, plan = stage.problem.model.plant, found.plan
-    duration = float(stage.times[-1])
+def _sentences(designer: ExperimentDesigner, command: Command, found: Experiment) -> Iterator[str]:
+    plant, plan = designer.problem.model.plant, found.plan
+    duration = float(designer.times[-1])
     played_ = (
-        f"ommand {command.text(stage.wire, duration)} on {stage.wire.name} for"
-        f" {in_time(duration)}, log {' and '.join(stage.problem.sigma)} at {_rate(stage.step)}."
+        f"ommand {command.text(designer.wire, duration)} on {designer.wire.name} for"
+        f" {in_time(duration)}, log {' and '.join(designer.problem.sigma)}"
+        f" at {_rate(designer.step)}."
     )
     if found.telling:
         yield f"C{played_}"
@@ -631,7 +595,7 @@ def _sentences(stage: Stage, command: Command, found: Experiment) -> Iterator[st
             "No command that was tried inside the limits tells"
             f" {_listed(found.explanations, 'or')} apart. At best, c{played_}"
         )
-    yield from _predicted(stage, command)
+    yield from _predicted(designer, command)
     if found.telling:
         yield from _expected(found)
     else:
@@ -646,15 +610,15 @@ def _sentences(stage: Stage, command: Command, found: Experiment) -> Iterator[st
         yield f"What else separates them: {known}."
 
 
-def _predicted(stage: Stage, command: Command) -> Iterator[str]:
+def _predicted(designer: ExperimentDesigner, command: Command) -> Iterator[str]:
     """What each explanation predicts of the first output."""
-    (output, floor), *_ = stage.problem.sigma.items()
-    scale, unit = display(stage.problem.model.plant.wire[output])
+    (output, floor), *_ = designer.problem.sigma.items()
+    scale, unit = display(designer.problem.model.plant.wire[output])
     ranges: dict[str, list[tuple[str, ...]]] = {}
-    for i, rival in enumerate(stage.rivals):
-        response = stage.response(i, command)
-        if response is not None:
-            values = scale * floor * response[: len(stage.times)]
+    for i, rival in enumerate(designer.rivals):
+        response = designer.response(i, command)
+        if np.isfinite(response).all():
+            values = scale * floor * response[: len(designer.times)]
             text = f"from {values.min():.4g} to {values.max():.4g} {unit}".rstrip()
             ranges.setdefault(text, []).append(rival.effects)
     parts = [f"{text} with {_listed(who, 'or')}" for text, who in ranges.items()]

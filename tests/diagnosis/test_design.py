@@ -23,9 +23,8 @@ from servo_models.diagnosis.design import (
     FAMILIES,
     Command,
     Experiment,
-    Stage,
+    ExperimentDesigner,
     confusion,
-    jensen_renyi,
     next_experiments,
     repeats_wanted,
 )
@@ -87,8 +86,8 @@ def designed(rivals: Sequence[FittedModel]) -> Experiment:
     return found
 
 
-def stage_of(rivals: Sequence[FittedModel]) -> Stage:
-    return Stage(rivals, (1.0,) * len(rivals), 0)
+def stage_of(rivals: Sequence[FittedModel]) -> ExperimentDesigner:
+    return ExperimentDesigner(rivals, (1.0,) * len(rivals), 0)
 
 
 @pytest.fixture(scope="module")
@@ -203,6 +202,11 @@ def test_models_that_differ_above_a_frequency_get_a_command_above_it() -> None:
     assert power[fast].sum() > 0.05 * power[~slow].sum()
 
 
+def jensen_renyi(weights: Array, squares: Array, power: float) -> float:
+    """The divergence of which the search takes only what different Gaussians have in common."""
+    return -float(np.log(np.exp(confusion(weights, squares, power)) + weights @ weights))
+
+
 @pytest.mark.parametrize("spread", [0.5, 2.0, 6.0])
 def test_the_divergence_is_that_of_samples(spread: float) -> None:
     random = np.random.default_rng(0)
@@ -291,7 +295,7 @@ def test_a_played_table_is_read_as_it_was_meant(verdict: Verdict, planned: Exper
     stage = stage_of(verdict.rivals[:2])
     stage.low = 10.0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(design, "Stage", lambda *_: stage)
+        patch.setattr(design, "ExperimentDesigner", lambda *_: stage)
         away = designed(verdict.rivals[:2])
     held = in_time(away.plan.settle)
     assert f"Hold its first value for {held} before the log begins." in away.text
