@@ -82,5 +82,5 @@ if __name__ == "__main__":
 # smart_servo        4.44 ms     4.52 ms   1.02
 # torque_motor       1.57 ms     7.20 ms   4.60
 #
-# Of ten runs of this script the torque motor takes 1.0 times as long in half of them and 4.6 in the
-# others: V8 then stays with the code of its second compiler.
+# In two of five runs of this script the torque motor took 4.6 times as long: V8 then stays with the
+# code of its second compiler.
