@@ -168,7 +168,21 @@ def _earlier(log: Log, name: str, changes: NDArray[np.int64], random: np.random.
     changed = np.searchsorted(instants, times, "right") - 1
     last = np.concatenate([log.inputs[name][:1], log.inputs[name][changes]])
     inputs[name] = last[changed + 1]
-    return replace(log, times=times, inputs=inputs)
+    return _at(times, log, inputs)
+
+
+def _at(times: Array, log: Log, inputs: Mapping[str, Array]) -> Log:
+    """The log at its own times and others between, which no fit sees."""
+    held = np.searchsorted(log.times, times, "right") - 1
+    return replace(
+        log,
+        times=times,
+        inputs=inputs,
+        outputs={name: values[held] for name, values in log.outputs.items()},
+        rows=log.rows[held],
+        held_out=log.held_out[held] | ~np.isin(times, log.times),
+        skipped=None if log.skipped is None else log.skipped[held],
+    )
 
 
 # Outputs that were read at another time than the first one
@@ -293,8 +307,7 @@ def _sent_before(log: Log, every: bool) -> Iterator[tuple[Log, float]]:
             begin, end = log.times[row], log.times[row + 1]
             instant = 0.5 * (begin + end + node * (end - begin))
             inputs = {name: np.insert(it, row + 1, it[row + 1]) for name, it in log.inputs.items()}
-            copy = replace(log, times=np.insert(log.times, row + 1, instant), inputs=inputs)
-            yield copy, float(np.sqrt(0.5 * weight))
+            yield _at(np.insert(log.times, row + 1, instant), log, inputs), np.sqrt(0.5 * weight)
 
 
 def _block_by_block(log: Log, name: str, step: float, count: int) -> Iterator[tuple[Log, float]]:

@@ -7,6 +7,9 @@ import pytest
 
 from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
+from servo_models.data.arrays import describe
+from servo_models.identification.check import check
+from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.resolution import ROW, STEP, Blur, blurs, shifted_outputs
 from servo_models.identification.simulation import Run, prepared
 from tests.support.logs import changed, log_of
@@ -99,3 +102,20 @@ def test_a_current_of_another_row_is_told(rows: int, shift: str, torque_constant
     told = list(shifted_outputs([run], {}, floors))
     assert len(told) == abs(rows)
     assert all("'current'" in text and f'shift = "{shift}"' in text for text in told)
+
+
+@pytest.mark.parametrize("lost", [(), (*range(100, 106), *range(300, 305))])
+def test_a_log_that_begins_in_motion_has_copies_with_more_rows(lost: tuple[int, ...]) -> None:
+    """Its start is fitted to the readings of its own rows."""
+    chosen = model("smart_servo")
+    times = 0.01 * np.arange(700)
+    goal = 0.3 * np.sin(6.0 * times)
+    angle = simulate(chosen, times, {"goal": goal})["angle_reading"]
+    angle = angle + 1e-3 * np.random.default_rng(0).standard_normal(700)
+    kept = np.delete(np.arange(200, 700), lost)
+    log = {"time": times[kept], "goal": goal[kept], "angle_reading": angle[kept]}
+    told = describe(chosen, {"run": log}, {name: name for name in log})
+    assert check(told, jobs=1).blurs
+    (known,) = checked_logs(chosen, told.logs)
+    assert known.start is not None
+    assert bool(known.unsure) == bool(lost)
