@@ -42,9 +42,9 @@ QUICK = ("sg90", "torque_motor", "dc_motor", "sg90_torque")
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        call = getattr(item, "callspec", None)
+        call, asked = getattr(item, "callspec", None), getattr(item, "fixturenames", ())
         name = call.params.get("name") if call else None
-        if name in MODELS and name not in QUICK:
+        if name in MODELS and name not in QUICK and {"fmu_file", "fmu_folder"} & {*asked}:
             item.add_marker(pytest.mark.thorough)
 
 
