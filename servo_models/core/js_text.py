@@ -19,8 +19,7 @@ _HELPERS = """
 
 /* As numba's, which is 0 for a divisor of 0. */
 function wholeRemainder(a, b) {
-    const rest = b > 0 || b < -1 ? a % b : 0;
-    return rest !== 0 && rest < 0 !== b < 0 ? rest + b : rest;
+    return b > 0 || b < -1 ? remainderOf(a, b) : 0;
 }
 
 function remainderOf(a, b) {
@@ -92,8 +91,7 @@ class _JavaScript(AsNumba):
         return [f"v__at[0] = {self.plain(second)};", f"return {code};"]
 
     def branch(self, node: ast.If) -> list[str]:
-        first, *rest = super().branch(node)
-        return [f"if ({self.plain(node.test)}) {{" if "__builtin" in first else first, *rest]
+        return super(AsNumba, self).branch(node)  # without a hint for a C compiler
 
     def of(self, node: ast.expr) -> str:
         match node:
