@@ -11,8 +11,6 @@
     python -m studies golden --cases FOLDER --out now.jsonl --against then.jsonl
     python -m studies golden --cases FOLDER --out now.jsonl --separable  # single causes
     python -m studies golden --cases FOLDER --out now.jsonl --identify
-    python -m studies golden --cases FOLDER --out now.jsonl --separable    # asks the oracle, too
-    python -m studies golden --cases FOLDER --out now.jsonl --identify
 
 ``--compare equal`` asks for the same choices, numbers to ``--relative`` (0: to the last digit) and,
 where they are stored, the same reports.  ``--compare verdicts`` asks of diagnoses and
@@ -216,8 +214,8 @@ def answered(job: Job) -> Row:
             row["texts"] = _texts(result, job.source)
     if job.truth and result is not None:
         said = said_of(job.truth["case"], result, row["seconds"])
-        case = Question(job.source.parents[2], job.truth, said, left_out=False)
-        row["separable"] = ask_oracle(case)["separated"]
+        question = Question(job.source.parents[2], job.truth, said, left_out=False)
+        row["separable"] = ask_oracle(question)["separated"]
     return row
 
 

@@ -519,8 +519,8 @@ def lay_out(description: Path, cases: Path) -> None:
             column = f"{name}_{unit}"
             columns[column] = values / factor(unit, wires[name].unit)
             lines.append(f'{kind}.{name} = {{ column = "{column}", unit = "{unit}" }}')
-    lines += [f"constants.{name} = {value!r}" for name, value in log.constants.items()]
-    lines += [f'settle = "{log.settle!r} s"'] if log.settle else ['start = "rest"']
+    lines += [f"constants.{name} = {float(value)}" for name, value in log.constants.items()]
+    lines += [f'settle = "{float(log.settle)} s"'] if log.settle else ['start = "rest"']
     head = HEAD.split(text)[0]
     logs = "\n".join(["[[logs]]", 'file = "log.csv"', *lines, ""])
     folder = cases / "cases" / f"{len(list(cases.glob('cases/*'))):04d}"

@@ -36,9 +36,7 @@ THIRDS = 45  # steps of the search for a period, each of which leaves two thirds
 BINS_PER_STEP = 8  # of the usual step, in which stamps are counted to find their period
 RATES = (0.7, 3.5)  # of that period, over the usual one: uneven rows are up to three periods apart
 LEAST_COHERENCE = 0.2  # of stamps with a period: half a period late on average leaves 0.3
-LEAST_POWER = (
-    25.0  # coherence squared times rows: stamps without a period reach it once in 1e7 logs
-)
+LEAST_POWER = 25.0  # coherence^2 times rows: without a period it is hardly ever reached
 MOST_SPARSE = 20.0  # usual steps for each row
 PHASES = 64  # of a period, that are tried
 NEIGHBOURS = 5  # on each side, from which a reading is foretold

@@ -361,6 +361,7 @@ class ExperimentDesigner:
         first = self._allowed(self.grid())
         raw = self._all(self.differences, first)
         families = [[c for c in first if c.family == family] for family in FAMILIES]
+        # the two of each family that look best before anything is re-fitted
         shortlist = [c for commands in families for c in self._ranked(commands, raw)[:2]]
         found = self._all(self.separations, shortlist)
         for ratio in (1.8, 1.35):  # steps of size and pace around the best one
@@ -573,7 +574,7 @@ def _residual_after_refit(rival: FittedModel, problem: Problem, known: Array) ->
     found = np.clip(start, low, high)[room]
     if len(room):
         limits = (low[room], high[room])
-        found = least_squares(errors, found, slopes, limits, max_nfev=15).x
+        found = least_squares(errors, found, slopes, limits, max_nfev=15).x  # near enough to rank
     return float(np.sqrt(np.mean(data(found) ** 2)))
 
 
