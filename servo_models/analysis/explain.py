@@ -66,7 +66,7 @@ def overview() -> Report:
     found = tuple(
         (
             name,
-            _about(name),
+            about_effect(name),
             ", ".join(dict.fromkeys(place.actuator.name for place in places(name))),
         )
         for name in effects()
@@ -166,7 +166,7 @@ def _effect_sheet(name: str) -> Report:
     )
     return data_sheet(
         name,
-        (_about(name), *(_block_text(block) for block in effects()[name])),
+        (about_effect(name), *(_block_text(block) for block in effects()[name])),
         (
             Table("Acts on", ("actuator", "as", "wire"), where),
             Table(
@@ -280,8 +280,8 @@ def _equation(block: Block, plant: Plant) -> str:
     return f"{summary}; from {', '.join(reads)}" if reads else summary
 
 
-def _about(effect: str) -> str:
-    """First line of the file of an effect."""
+def about_effect(effect: str) -> str:
+    """Return what an effect is: the first line of its file."""
     module = inspect.getmodule(effects()[effect][0].function)
     return (inspect.getdoc(module) or "").splitlines()[0]
 

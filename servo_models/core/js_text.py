@@ -12,7 +12,9 @@ import ast
 from collections.abc import Iterable, Iterator, Sequence
 
 from servo_models.core.c_text import OPERATORS, WHOLE_CALLS, AsNumba, Kinds, columns, parsed, stored
+from servo_models.core.flat import Flat
 from servo_models.core.printer import indent
+from servo_models.core.stepper import run_text, start_text
 
 _HELPERS = """
 "use strict";
@@ -32,6 +34,42 @@ function copysign(size, sign) {
 }
 """
 _OWN = ("copysign",)
+
+
+def js_model(flat: Flat) -> str:
+    """Return a JavaScript expression: an object with ``start`` and ``run`` of a flattened plant.
+
+    ``start(p)`` is the state at rest with the parameters ``p``; ``run`` is that of ``js_run_text``.
+
+    Raises:
+        ValueError: see ``js_run_text``.
+
+    Example:
+        >>> from servo_models.core.simulate import model
+        >>> js_model(model("dc_motor").flat).splitlines()[0]
+        '(() => {'
+    """
+    text = js_run_text(run_text(flat)) + _js_start_text(start_text(flat), flat.size)
+    return "\n".join(["(() => {", *indent(text.split("\n")), "    return { start, run };", "})()"])
+
+
+def _js_start_text(text: str, size: int) -> str:
+    """``make`` of a text printed by ``stepper.start_text``: the state with room for its queues."""
+    make, _ = parsed(text)
+    *body, last = make.body
+    assert isinstance(last, ast.Return)
+    assert isinstance(last.value, ast.List)
+    write = _JavaScript(Kinds(make.body, calls=WHOLE_CALLS), {}, {})
+    lines = [
+        "function start(v__p) {",
+        f"    const v__x = new Float64Array({size});",
+        *indent(write.declared(body, ())),
+        *indent(write.block(body)),
+        *indent(f"v__x[{i}] = {write.plain(it)};" for i, it in enumerate(last.value.elts)),
+        "    return v__x;",
+        "}",
+    ]
+    return "\n".join([*lines, ""])
 
 
 def js_run_text(text: str) -> str:

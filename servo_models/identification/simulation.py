@@ -201,6 +201,17 @@ class Run:
             again[0, column] = found.get(wire.name, again[0, column])
         return again
 
+    def begun(self, values: Mapping[str, float]) -> tuple[Array, tuple[tuple[int, float], ...]]:
+        """Inputs [SI] that are held before the log, and the places of the state that are put to a
+        value, with that; of a run that has a ``beginning``."""
+        assert self.beginning is not None
+        found = self.beginning.values(self._vector(values))
+        state = np.full(self.model.flat.size, np.nan)
+        if self.model.shaft:
+            self.model.shaft.place(state, found)
+        places = np.flatnonzero(~np.isnan(state))
+        return self.beginning.held(found), tuple((int(k), float(state[k])) for k in places)
+
     @cached_property
     def _base(self) -> Array:
         return self.model.vector
@@ -312,6 +323,11 @@ class Beginning:
             x, errors = nearer, moved
         return dict(zip(begin, x.tolist()))
 
+    def held(self, values: Mapping[str, float]) -> Array:
+        """Inputs [SI] that are held before the log where it begins with these values."""
+        first = zip(self.run.model.plant.inputs, self.run.inputs[0])
+        return np.array([inside(values.get(it.name, now), it) for it, now in first])
+
     def _errors(self, vector: Array, x: Array, first: Array) -> Array:
         """Errors of the first part over the range of each output, and of the prior."""
         log, rows = self.run.log, self._rows
@@ -327,11 +343,7 @@ class Beginning:
         run, settle = self.run, self.run.log.settle
         state = run.model.at_rest(vector)
         if settle > 0.0:
-            plant = run.model.plant
-            known = {
-                it.name: values.get(it.name, now) for it, now in zip(plant.inputs, run.inputs[0])
-            }
-            held = [inside(known[it.name], it) for it in plant.inputs]
+            held = self.held(values)
             run.model.ran(vector, state, run.times[:2], np.array([held, held]))
         if run.model.shaft:
             run.model.shaft.place(state, values)

@@ -10,7 +10,7 @@ from jinja2 import Environment, StrictUndefined
 from jinja2.environment import TemplateModule
 from markupsafe import Markup, escape
 
-from servo_models.report import style
+from servo_models.report import live, style
 from servo_models.report.sections import Mark, Page, Picture
 
 MARKS = {True: "✓", False: "✗", None: "○"}
@@ -23,7 +23,16 @@ OPTION = re.compile(r"(?<!\S)--[a-z][\w-]*")
 def page(report: Page) -> str:
     """Return a report as one HTML page; every text is escaped, only our own figures are markup."""
     sheet = files("servo_models.report").joinpath("report.css").read_text("utf-8")
-    return str(_template(report).page(Markup(f"{style.variables()}\n{sheet}")))  # type: ignore[attr-defined]
+    panels = report.panels
+    sheets = "\n".join([style.variables(), sheet, live.styles(panels)])
+    scripts = live.scripts(panels)
+    made: str = _template(report).page(  # type: ignore[attr-defined]
+        Markup(sheets),
+        live.policy(scripts),
+        [Markup(text) for text in scripts],
+        Markup(live.data(panels)),
+    )
+    return str(made)
 
 
 def notebook(report: Page) -> str:
@@ -49,11 +58,15 @@ def _template(report: Page) -> TemplateModule:
     environment.tests["mark"] = lambda cell: isinstance(cell, Mark)
     text = files("servo_models.report").joinpath("report.html").read_text("utf-8")
     drawn = {id(picture): k for k, picture in enumerate(report.pictures)}
+    lively = {id(panel): k for k, panel in enumerate(report.panels)}
 
     def svg(picture: Picture, themed: bool = True) -> Markup:
         name = f"figure-{drawn[id(picture)]}"
         return style.svg(style.figure(picture), name, picture.title, themed)
 
     return environment.from_string(text).make_module(
-        {"report": report, "marks": MARKS, "judgements": JUDGEMENTS, "svg": svg}
+        {
+            **{"report": report, "marks": MARKS, "judgements": JUDGEMENTS, "svg": svg},
+            "panel": lambda panel: lively[id(panel)],
+        }
     )

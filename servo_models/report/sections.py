@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from servo_models.report.live import Live
 from servo_models.report.numbers import Quantity, number
 
 if TYPE_CHECKING:
@@ -173,6 +174,7 @@ class Section:
         facts: pairs of a name and what is said about it, such as versions; no terminal has them.
         tables, pictures: in their order; no terminal has pictures.
         folded: on the page behind a click on its title.
+        live: a panel that takes the place of the pictures on a screen; they are printed.
     """
 
     title: str
@@ -182,6 +184,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
     folded: bool = False
+    live: Live | None = None
 
     @property
     def anchor(self) -> str:
@@ -190,7 +193,8 @@ class Section:
     @property
     def filled(self) -> bool:
         """Whether there is anything below the lead."""
-        return bool(self.items or self.facts or self.pictures or any(t.rows for t in self.tables))
+        told = self.items or self.facts or self.pictures or self.live
+        return bool(told or any(table.rows for table in self.tables))
 
 
 @dataclass(frozen=True, repr=False)
@@ -238,6 +242,11 @@ class Page:
             copies = sum(known == key or known.startswith(f"{key} (") for known in titled)
             titled[f"{key} ({copies + 1})" if copies else key] = table
         return titled
+
+    @property
+    def panels(self) -> tuple[Live, ...]:
+        """Panels of all sections."""
+        return tuple(section.live for section in self.sections if section.live)
 
     @property
     def pictures(self) -> tuple[Picture, ...]:

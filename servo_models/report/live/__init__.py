@@ -1,0 +1,208 @@
+"""A panel that simulates in the reader's browser: the data that a page needs for it.
+
+A page holds the model as JavaScript, printed from its declaration, and the data as JSON; the
+panel in ``panel.js`` draws them, with uPlot.  Nothing is asked of a server, and texts become text
+of the page, never markup.  Numbers are SI; ``scale`` turns them into the unit that people read.
+
+    Live("Move the parameters", (LiveModel(name="sg90", program=js_model(flat), ...),))
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import zlib
+from importlib.resources import files
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = NDArray[np.float64]
+
+
+class LiveSignal(msgspec.Struct, frozen=True):
+    """An input or output of the model.
+
+    Attributes:
+        name, about: of the wire.
+        unit: that people read, of which ``scale`` make one in SI.
+        floor: standard deviation of its noise [SI], None where it is not measured.
+        rest: value [SI] of an input that nobody drives.
+        low, high: bounds of an input [SI].
+        reach: its full scale [SI].
+    """
+
+    name: str
+    about: str
+    unit: str
+    scale: float = 1.0
+    floor: float | None = None
+    rest: float = 0.0
+    low: float = -np.inf
+    high: float = np.inf
+    reach: float = 1.0
+
+
+class LiveParameter(msgspec.Struct, frozen=True):
+    """A parameter of the model.
+
+    Attributes:
+        name, about: as declared.
+        unit: that people read, of which ``scale`` make one in SI.
+        low, high: bounds [SI].
+        slider: ends of its slider [SI].
+        effect: that it belongs to, "" for the plant.
+        switch: the value [SI] that switches its effect on, None where it is no switch.
+        error: standard error [SI], None where nobody has estimated it.
+        shown: it stands among the first, as it was fitted or belongs to what was found.
+    """
+
+    name: str
+    about: str
+    unit: str
+    scale: float
+    low: float
+    high: float
+    slider: tuple[float, float]
+    effect: str = ""
+    switch: float | None = None
+    error: float | None = None
+    shown: bool = False
+
+
+class LiveRun(msgspec.Struct, frozen=True):
+    """A log: what drives the model, and what was measured.
+
+    Attributes:
+        name: of the log.
+        times, inputs: ``encoded``, [s] and SI, the inputs of a row after those of the row before.
+        measured: by output, ``encoded`` [SI].
+        counted: ``encoded``, 1 for samples that count in an error.
+        begin: time of the first sample in the file [s].
+        settle: time [s] for which ``held`` is held before the first sample.
+        held: inputs meanwhile, one set for each of ``LiveModel.sets`` and for any other values the
+            last.
+        placed: places in the state and their values, where the log states how it begins; likewise.
+        constants: parameters that are stated for this log, by name.
+        stretches: names with the times of the file [s] between which they lie.
+        note: what of the log is not here, "" for nothing.
+    """
+
+    name: str
+    times: str
+    inputs: str
+    measured: dict[str, str]
+    counted: str
+    begin: float = 0.0
+    settle: float = 0.0
+    held: tuple[tuple[float, ...], ...] = ()
+    placed: tuple[tuple[tuple[int, float], ...], ...] = ()
+    constants: dict[str, float] = {}
+    stretches: tuple[tuple[str, float, float], ...] = ()
+    note: str = ""
+
+
+class LiveModel(msgspec.Struct, frozen=True):
+    """A model with its logs.
+
+    Attributes:
+        name: of the actuator and its variant.
+        program: JavaScript expression, see ``core.js_text.js_model``.
+        call: how Python makes it, before its parameters.
+        parameters: in the order of the parameter vector.
+        effects: names of the effects with what they are.
+        inputs, outputs: in the order of the program's columns.
+        faults: what a run may end with: the sentence by the program's code.
+        sets: values [SI] of all parameters by the name of the set, the nominal one first and the
+            one that the panel begins with last.
+        runs: logs; without any the panel drives the model itself.
+        driven: the input that it drives then, and how far [SI].
+        step, duration: of such a run [s].
+    """
+
+    name: str
+    program: str
+    call: str
+    parameters: tuple[LiveParameter, ...]
+    effects: dict[str, str]
+    inputs: tuple[LiveSignal, ...]
+    outputs: tuple[LiveSignal, ...]
+    faults: dict[str, str]
+    sets: dict[str, tuple[float, ...]]
+    runs: tuple[LiveRun, ...] = ()
+    driven: tuple[str, float] = ("", 0.0)
+    step: float = 0.0
+    duration: float = 0.0
+
+
+class Live(msgspec.Struct, frozen=True):
+    """A panel.
+
+    Attributes:
+        title: its heading.
+        text: what to do with it, in a sentence or two.
+        models: to choose from.
+        other: what values are called that are none of a model's sets.
+    """
+
+    title: str
+    text: str
+    models: tuple[LiveModel, ...]
+    other: str = "what if"
+
+
+def encoded(values: Numbers) -> str:
+    """Return numbers as text, bit by bit: the bytes of all by their place, deflated, in base64."""
+    planes = np.ascontiguousarray(values, "<f8").view(np.uint8).reshape(-1, 8).T
+    return base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()
+
+
+def asset(name: str) -> str:
+    """Return a file of this folder: the panel's script and style, and those of uPlot."""
+    return files("servo_models.report.live").joinpath(name).read_text("utf-8")
+
+
+def scripts(panels: tuple[Live, ...]) -> list[str]:
+    """Return what a page executes: uPlot with its licence, the models, the panel."""
+    if not panels:
+        return []
+    library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
+    programs = dict.fromkeys(model.program for panel in panels for model in panel.models)
+    models = [f"(globalThis.servoModels ??= []).push({program});" for program in programs]
+    texts = [library, *models, asset("panel.js")]
+    if any("</script" in text.lower() or "<!--" in text for text in texts):
+        raise ValueError("a script would end its element")
+    return texts
+
+
+def styles(panels: tuple[Live, ...]) -> str:
+    """Return the style of panels."""
+    return f"{asset('uPlot.min.css')}\n{asset('panel.css')}" if panels else ""
+
+
+def data(panels: tuple[Live, ...]) -> str:
+    """Return panels as JSON for a page; programs by their places among the scripts."""
+    programs = [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
+    places = {program: str(place) for place, program in enumerate(programs)}
+    numbered = [
+        msgspec.structs.replace(
+            panel,
+            models=tuple(
+                msgspec.structs.replace(model, program=places[model.program])
+                for model in panel.models
+            ),
+        )
+        for panel in panels
+    ]
+    return msgspec.json.encode(numbered).decode().replace("<", r"\u003c")
+
+
+def policy(texts: list[str]) -> str:
+    """Return a Content-Security-Policy: these scripts run, and nothing is loaded from anywhere."""
+    hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]
+    allowed = " ".join(f"'sha256-{it}'" for it in hashes) or "'none'"
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:;"
+        " base-uri 'none'; form-action 'none'"
+    )
