@@ -57,7 +57,7 @@ def main(words: list[str]) -> int:
     """Run what is asked for; its exit code."""
     if words not in ([], ["--all"]):
         return run(words)
-    print(f"on two cores about {15 if words else 5} minutes", flush=True)
+    print(f"on two cores about {13 if words else 3} minutes", flush=True)
     compile_all()
     codes = [run(PARALLEL)]
     if words:

@@ -76,6 +76,7 @@ def test_the_action_passes_what_equals_its_reference(repository: Path, tmp_path:
     assert 'failures="0"' in junit.read_text()
 
 
+@pytest.mark.thorough
 def test_the_action_fails_what_does_not(repository: Path, tmp_path: Path) -> None:
     code, out, summary = run_action(repository, tmp_path, fmu="joint.fmu", reference="wrong.csv")
     assert code == 1

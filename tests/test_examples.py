@@ -119,6 +119,7 @@ def test_a_step_of_the_engine_that_is_too_long_is_unstable(
     assert sizes.errors("sg90", fmu, 0.05, "RK4")[1] > sizes.STABLE
 
 
+@pytest.mark.thorough
 def test_two_csv_files_become_an_fmu(copy: Copy, run: Run) -> None:
     folder = copy("two_csv_files")
     follow(page(folder), run)

@@ -29,6 +29,7 @@ def words(sheet: object) -> str:
     return " ".join(str(sheet).split())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", actuators())
 def test_an_actuator_sheet_has_all_parameters_signals_and_sources(name: str) -> None:
     sheet, actuator = explain(name), actuators()[name]

@@ -123,6 +123,7 @@ def test_a_crash_does_not_look_like_a_verdict(run: Run, monkeypatch: pytest.Monk
     assert "a bug" in err
 
 
+@pytest.mark.thorough
 def test_a_process_that_validates_what_is_wrong_does_not_end_with_0(
     fmu_file: Callable[[str], Path], tmp_path: Path
 ) -> None:

@@ -125,6 +125,7 @@ def test_any_resonance_is_right_or_refused_or_told(exponent: float, damping: flo
     assert found.warnings or error < WITHIN
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tau", [1e-5, 3e-6, 1e-7, 1e-9])
 def test_the_internal_step_that_is_asked_for_will_do(tau: float) -> None:
     chosen = model(LAG, parameters={"tau": tau})

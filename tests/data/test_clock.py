@@ -190,6 +190,7 @@ def wandering(first: float, last: float, lost: int = 0, jitter: float = 0.0) -> 
     return text_of(rows)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("first", "last", "jitter"),
     [

@@ -43,6 +43,7 @@ def record(folder: Path, times: np.ndarray, unit: str = "s") -> Path:
 SANE = STEP * np.arange(ROWS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
 @pytest.mark.parametrize(
     ("ratio", "begin", "unit"),

@@ -278,6 +278,7 @@ def resting(folder: Path, angle: Callable[[Array], Array], more: str = "") -> Pa
     return path
 
 
+@pytest.mark.thorough
 def test_a_command_that_rests_is_no_obstacle(run: Run, tmp_path: Path) -> None:
     """A release shows a motion; there are no amplitudes to split the error by."""
     started = 'start = { angle = "1 deg", rate = 0 }'

@@ -49,6 +49,7 @@ def test_a_tolerance_that_is_no_number_is_refused(tolerance: str, run: Run, tmp_
     assert "--tolerance" in err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("seconds", "short"), [(0.03, True), (0.04, False)])
 def test_a_record_too_short_to_know_its_noise_is_told(
     seconds: float, short: bool, run: Run, tmp_path: Path
@@ -133,6 +134,7 @@ def test_a_log_on_which_the_diagnosed_model_runs_away_stops_nothing(
     assert page.exists()
 
 
+@pytest.mark.thorough
 def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -194,6 +194,7 @@ def test_tables_are_frames_of_numbers(found: Diagnosis) -> None:
     assert effects["effect"].to_list() == [effect.name for effect in found.ranking]
 
 
+@pytest.mark.thorough
 def test_same_arguments_give_the_same_bytes(found: Diagnosis, text: str) -> None:
     assert _page(found) == text
 
@@ -266,6 +267,7 @@ def test_every_effect_is_on_the_page_once_named_or_ruled_out(found: Diagnosis, t
     assert named | set(reasons) == set(found.selection.detectability)
 
 
+@pytest.mark.thorough
 def test_the_set_is_marked_in_the_evidence(unsure: Diagnosis) -> None:
     page = Page(_words(unsure))
     marked = {row[0] for row in page.rows if "in the set" in row}
@@ -354,6 +356,7 @@ def test_parameters_are_in_their_display_units(found: Diagnosis, text: str) -> N
     assert abs(value - 1.1 * nominal) < 4.0 * error
 
 
+@pytest.mark.thorough
 def test_next_experiment_is_told_and_drawn(unsure: Diagnosis) -> None:
     planned = unsure.next_experiments
     page = Page(_page(unsure))
@@ -433,6 +436,7 @@ def test_errors_are_in_the_unit_of_the_signal_whatever_that_of_the_log(found: Di
     assert told.tables()["The nominal model"].equals(found.tables()["The nominal model"])
 
 
+@pytest.mark.thorough
 def test_a_log_that_is_held_out_is_shown_where_it_is_worst(found: Diagnosis) -> None:
     """No fit has seen it; its worst sample is told all the same."""
     log = found.logs[0]

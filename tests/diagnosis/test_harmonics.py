@@ -55,6 +55,7 @@ def counts_of(found: FittedModel) -> list[float]:
     return [found.values[key] for key in keys if key in found.values]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_as_many_sines_are_found_as_acted(number: int) -> None:
     sines = dict(list(SINES.items())[:number])

@@ -213,6 +213,7 @@ def test_what_parameters_imitate_is_not_ruled_out(found: Diagnosis) -> None:
     assert not summary.ruled_out(found).keys() & masked(found).keys()
 
 
+@pytest.mark.thorough
 def test_the_order_of_looks_decides_nothing(found: Diagnosis) -> None:
     told = read_description(found.logs[0].path.parent / "rig.toml")
     fitter = Fitter(told.model, told.logs, prior_parameters(told), found.floors)

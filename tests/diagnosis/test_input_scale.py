@@ -48,6 +48,7 @@ def test_the_scale_of_a_load_cell_is_found(tmp_path: Path) -> None:
     assert found.gap.rms["after"] < 1.1
 
 
+@pytest.mark.thorough
 def test_the_scale_of_a_goal_is_found(tmp_path: Path) -> None:
     angle = simulate(model("smart_servo"), TIMES, {"goal": LEVELS})["angle"]
     found = diagnosed(tmp_path, "smart_servo", {"goal": LEVELS / TRUE_OVER_LOGGED}, angle)

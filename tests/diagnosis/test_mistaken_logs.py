@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from servo_models.core.simulate import Model, model, simulate
 from servo_models.core.types import Array
@@ -60,6 +61,7 @@ def test_a_column_that_contradicts_the_model_is_told_first(run: Run, tmp_path: P
     assert all(effect["probability"] is None for effect in found["effects"])
 
 
+@pytest.mark.thorough
 def test_gains_imitate_a_sign_and_lags_a_time_that_runs_too_slowly() -> None:
     chosen, log = sane("smart_servo", "xl330", 105)
     turned = replace(log, outputs={name: -it for name, it in log.outputs.items()})

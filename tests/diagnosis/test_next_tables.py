@@ -65,6 +65,7 @@ def test_the_next_experiment_is_told_and_can_be_played(diagnosed: Diagnosed, rig
     assert np.array_equal(signals["voltage"], planned(rig).command)
 
 
+@pytest.mark.thorough
 def test_a_table_that_is_a_log_by_now_is_not_written_over(diagnosed: Diagnosed, rig: Path) -> None:
     log = (rig.parent / "log.csv").rename(rig.parent / "rig_next_1.csv")
     rig.write_text(rig.read_text().replace("log.csv", log.name))
@@ -74,6 +75,7 @@ def test_a_table_that_is_a_log_by_now_is_not_written_over(diagnosed: Diagnosed, 
     assert log.read_bytes() == before
 
 
+@pytest.mark.thorough
 def test_a_filled_table_that_is_no_log_yet_is_not_written_over_either(
     diagnosed: Diagnosed, rig: Path
 ) -> None:

@@ -92,6 +92,7 @@ def test_a_single_effect_is_exchanged_for_what_was_never_fitted() -> None:
     assert alone["null_shift"] == pytest.approx(found.cost, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_the_best_pair_is_exchanged_until_none_does_better() -> None:
     """Neither of its effects is a cause, and noise is not all that it leaves."""
     causes = {"transport_delay.time": 1.1e-3, "drive_saturation.limit": 15.0}
@@ -147,6 +148,7 @@ def test_a_ripple_beside_friction_is_looked_for_at_every_count() -> None:
     assert found["cogging.torque"] == pytest.approx(1e-3, rel=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("first", "second"),
     [
@@ -221,6 +223,7 @@ def test_a_fit_begins_with_several_shapes() -> None:
     assert found.values["stribeck_friction.speed"] == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.thorough
 @given(st.integers(0, 10**6), st.integers(1, 5), st.integers(1, 4))
 def test_what_is_left_beside_another_effect_is_what_a_library_leaves(
     seed: int, count: int, others: int

@@ -84,6 +84,7 @@ def test_what_is_named_is_in_the_set_whatever_is_likelier(friction: Selection) -
     assert last in verdict.rivals
 
 
+@pytest.mark.thorough
 @given(st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7))
 def test_no_effect_is_surer_than_sure(friction: Selection, parts: list[float]) -> None:
     """One that is in every explanation has all shares, whose sum is 1 but for its rounding."""

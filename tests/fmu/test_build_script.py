@@ -19,6 +19,7 @@ def build_fmu(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.thorough
 def test_one_actuator_is_summed_up_first_and_reported_apart(tmp_path: Path) -> None:
     write(tmp_path, changes=WITH_EFFECTS)
     (tmp_path / "fmus").mkdir()

@@ -405,6 +405,7 @@ def test_its_sources_compile_to_the_same_numbers(fmu_file: Files, tmp_path: Path
         assert np.array_equal(host.simulate(times, inputs), chosen.run(times, inputs))
 
 
+@pytest.mark.thorough
 def test_validate_compares_it_and_its_description(fmu_file: Files, tmp_path: Path) -> None:
     good = Subject(fmu_file("torque_motor"))
     rows = implementation_rows(good)

@@ -45,11 +45,13 @@ def slave_text(path: Path) -> str:
         return archive.read(f"resources/{name}.py").decode()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MODELS)
 def test_fmpy_finds_no_problem(name: str, fmu_file: Files) -> None:
     assert validate_fmu(str(fmu_file(name))) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", actuators())
 def test_fmutool_finds_no_problem(name: str, fmu_file: Files) -> None:
     """A second checker, by other people."""
@@ -181,6 +183,7 @@ def random_parameters(chosen: Model, rng: np.random.Generator) -> dict[str, floa
     }
 
 
+@pytest.mark.thorough
 @fmi2_only
 @pytest.mark.parametrize(
     "name",

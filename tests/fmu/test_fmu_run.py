@@ -320,6 +320,7 @@ def test_libcosim_gives_the_same_trajectory(name: str, fmu_file: Files) -> None:
     assert np.array_equal(found, chosen.run(times, inputs)[1:])
 
 
+@pytest.mark.thorough
 def test_a_process_that_ran_several_fmus_ends_in_peace(fmu_file: Files) -> None:
     """pythonfmu's library counts down a freed reference at exit, for which glibc aborts."""
     script = (

@@ -13,6 +13,7 @@ from tests.fuzz.fmi import run
 SEQUENCES = 60
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", [PYTHON, FMI3], indirect=True, scope="session")
 @pytest.mark.parametrize("damaged", [False, True], ids=["sequences", "damaged states"])
 @pytest.mark.parametrize("actuator", actuators())

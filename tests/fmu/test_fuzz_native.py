@@ -40,6 +40,7 @@ def driver(mode: str, scratch: Path) -> Path:
     return found if found.exists() else compiled_driver(mode, scratch)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("actuator", "kind"), [*((name, NATIVE) for name in actuators()), ("torque_motor", FMI3)]
 )

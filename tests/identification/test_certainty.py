@@ -99,6 +99,7 @@ def test_identify_gives_a_product_no_standard_error(issued: Description) -> None
     assert product == pytest.approx(0.036 * 4.471, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_diagnose_says_that_a_product_is_known_together_only(issued: Description) -> None:
     found = diagnose(issued)
     assert [set(group) for group in found.selection.taken.together] == [PAIR]
@@ -148,6 +149,7 @@ def test_intervals_hold_the_truth_on_rough_responses() -> None:
     assert 1.0 / 1.5 < np.median(widths) < 1.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_fit_on_a_rough_surface_leaves_no_more_than_the_truth(seed: int) -> None:
     """Least squares end in a dent: a held and rounded voltage left up to eight times as much."""

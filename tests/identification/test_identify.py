@@ -48,6 +48,7 @@ def settings_of(found: ParameterSet | None) -> dict[str, float]:
 # From files to an FMU
 
 
+@pytest.mark.thorough
 def test_from_two_files_to_an_fmu(bench: Path, run: Run) -> None:
     out, report = bench / "made" / "PARAMS.toml", bench / "report.html"
     code, said, complaint = run("identify", bench / "mine.toml", "--out", out, "--report", report)

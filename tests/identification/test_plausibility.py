@@ -122,6 +122,7 @@ def test_counts_without_a_scale_are_told_with_the_scale() -> None:
     assert told == pytest.approx(2.0 * np.pi / 4096.0, rel=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["second_order_servo", "smart_servo"])
 @pytest.mark.parametrize("slower", [12.0, 50.0])
 def test_a_time_that_runs_too_slowly_is_told_within_an_octave(name: str, slower: float) -> None:
@@ -133,6 +134,7 @@ def test_a_time_that_runs_too_slowly_is_told_within_an_octave(name: str, slower:
     assert 0.5 < told * slower < 2.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "variant"), SUBJECTS)
 @pytest.mark.parametrize("seed", [106, 107])
 def test_a_column_of_the_other_sign_is_told(name: str, variant: str, seed: int) -> None:
@@ -265,6 +267,7 @@ def test_a_sane_log_is_checked_and_identified_without_a_doubt(run: Run, tmp_path
     assert run("identify", path)[0] == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wrong", "cure"),
     [

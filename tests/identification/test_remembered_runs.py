@@ -55,6 +55,7 @@ def test_what_is_remembered_cannot_be_changed() -> None:
     assert np.any(run.outputs({}))
 
 
+@pytest.mark.thorough
 def test_what_is_remembered_keeps_no_log_alive_and_is_not_given_to_the_next() -> None:
     """The next one may lie where the last one did."""
     chosen = model("torque_motor", "measured")

@@ -104,6 +104,7 @@ def test_a_current_of_another_row_is_told(rows: int, shift: str, torque_constant
     assert all("'current'" in text and f'shift = "{shift}"' in text for text in told)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lost", [(), (*range(100, 106), *range(300, 305))])
 def test_a_log_that_begins_in_motion_has_copies_with_more_rows(lost: tuple[int, ...]) -> None:
     """Its start is fitted to the readings of its own rows."""

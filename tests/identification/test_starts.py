@@ -282,6 +282,7 @@ def write_decay(folder: Path, more: str = "") -> Path:
     return folder / "mine.toml"
 
 
+@pytest.mark.thorough
 def test_it_is_told_by_check_and_diagnose(tmp_path: Path) -> None:
     file = write_decay(tmp_path)
     (log,) = check(file).description.logs
@@ -291,6 +292,7 @@ def test_it_is_told_by_check_and_diagnose(tmp_path: Path) -> None:
     assert found.logs[0].notes == log.notes
 
 
+@pytest.mark.thorough
 def test_a_start_that_is_to_be_fitted_is(tmp_path: Path) -> None:
     """Asked for, it is fitted although nothing is known of it before."""
     found = diagnose(write_decay(tmp_path, 'start = "fit"'), jobs=1)

@@ -70,6 +70,7 @@ def fitted(structure: Structure, data: Record | Sweep) -> Fit:
 poles = st.lists(st.floats(1.0, 30.0), min_size=1, max_size=5)
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=40)
 @given(poles, st.floats(0.0, 0.3), st.integers(0, 2**32 - 1), st.booleans())
 def test_responses_are_exact_on_any_grid_with_any_delay(
@@ -135,6 +136,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_a_clean_record_gives_the_function_back(name: str) -> None:
     true = CASES[name]
@@ -395,6 +397,7 @@ def test_samples_that_are_not_judged_are_refused() -> None:
         identify_transfer([skipping], model=MOTOR)
 
 
+@pytest.mark.thorough
 def test_an_interrupt_keeps_the_structures_that_are_done() -> None:
     times = DT * np.arange(3000)
     u = np.repeat(np.random.default_rng(4).choice([-10.0, 10.0], 60), 50)

@@ -54,6 +54,7 @@ def far(asked: Problem) -> Array:
     return np.array([values[free.name] for free in asked.free]) / asked.scales
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
 def test_what_data_do_not_show_keeps_its_prior_value(seed: int) -> None:
     asked = problem(seed)

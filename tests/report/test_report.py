@@ -92,6 +92,7 @@ def test_its_title_names_what_was_examined() -> None:
     assert report_of(Validation((), (), {})).title == "nothing against references"
 
 
+@pytest.mark.thorough
 def test_same_validation_and_date_give_the_same_bytes(text: str, tmp_path: Path) -> None:
     GOOD.write_report(tmp_path / "again.html", "2024-02-29")
     assert (tmp_path / "again.html").read_text("utf-8") == text

@@ -430,6 +430,7 @@ def test_an_fmu_for_model_exchange_alone_is_refused(ground: Path) -> None:
 # The command
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("fault", "code"), [("", 0), ("delay5", 1)])
 def test_the_command_tells_all_readers(fault: str, code: int, ground: Path, run: Run) -> None:
     fmu = LAG.write(ground, fault)

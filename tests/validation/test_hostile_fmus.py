@@ -98,6 +98,7 @@ def test_what_is_no_fmu_is_refused_with_a_sentence(name: str, ground: Ground) ->
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.thorough
 def test_a_failure_is_told_once(ground: Ground) -> None:
     """After the process has ended nothing else is tried: each try could take the time limit."""
     result = ground.validated("loops when imported")

@@ -208,6 +208,7 @@ def on(name: str) -> Model:
     return switched_on(chosen, off[name]) if name else chosen
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["", "limit", "slow", "hold", "delay", "steps"])
 def test_what_is_printed_agrees(name: str, tmp_path: Path) -> None:
     row = row_of(on(name), tmp_path)
@@ -231,6 +232,7 @@ FAULTS: dict[str, tuple[str, Fault]] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_of_what_is_printed_is_found(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

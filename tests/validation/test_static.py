@@ -66,6 +66,7 @@ def test_a_right_fmu_passes(name: str, tmp_path: Path) -> None:
     assert result.claims == ("files",)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["python", "native", "fmi3"])
 def test_ours_pass(kind: str, tmp_path: Path) -> None:
     result = inspect([build(model("torque_motor"), tmp_path / "it.fmu", kind)])

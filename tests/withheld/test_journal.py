@@ -37,6 +37,7 @@ def test_a_line_that_was_being_written_is_done_again(tmp_path: Path) -> None:
     assert [rows[name]["found"] for name in "ab"] == [1, 2]
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_the_workers_of_a_killed_run_end_with_it(tmp_path: Path) -> None:
     """They went on with their case, half a minute of two processors for nobody."""
