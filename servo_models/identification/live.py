@@ -15,6 +15,10 @@ from servo_models.report.live import LiveModel, LiveRun, encoded
 
 MOST_NUMBERS = 120_000  # of all logs on a page, which then has 1 MB at most
 HELD_OUT = "held out"
+MOVE = (
+    "Simulated in this page: move a parameter or switch an effect, and see the measured curve met"
+    " or missed. Drag across the curves to zoom."
+)
 
 
 def live_logs(
@@ -69,7 +73,7 @@ def _run(run: Run, rows: int, sets: Sequence[Mapping[str, float]]) -> LiveRun:
     log, inputs = run.log, run.inputs[-len(run.log.times) :]
     cut = rows < len(log.times)
     held, placed = _beginnings(run, sets)
-    counted = np.ones(len(log.times)) if log.skipped is None else 1.0 - log.skipped
+    counted = np.ones(len(log.times)) if log.skipped is None else np.where(log.skipped, 0.0, 1.0)
     return LiveRun(
         name=log.name,
         times=encoded(log.times[:rows]),

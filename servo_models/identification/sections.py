@@ -29,6 +29,7 @@ from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, ver
 from servo_models.identification.doubts import correlated, doubt, is_far, judged, surprise
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
 from servo_models.identification.identify import Outcome
+from servo_models.identification.live import MOVE, live_logs
 from servo_models.identification.measured_response import Empirical, Record, empirical
 from servo_models.identification.problem import Free
 from servo_models.identification.readings import (
@@ -46,6 +47,7 @@ from servo_models.identification.resolution import supposed
 from servo_models.identification.result import FIT, HELD_OUT, Identification
 from servo_models.report.curves import BUCKETS, DASHED, envelope, shade
 from servo_models.report.interchange import conditions
+from servo_models.report.live import Live
 from servo_models.report.numbers import ARROW, Quantity, number, printed, with_unit
 from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
@@ -153,6 +155,7 @@ def identification_report(
                 not_drawn(found.logs),
                 items=log_notes(found.logs),
                 pictures=pictures[:1],
+                live=_panel(found, floors or {}),
             ),
             _parameters(found),
             _errors(found),
@@ -162,6 +165,19 @@ def identification_report(
             _provenance(found),
         ),
     )
+
+
+def _panel(found: Identification, floors: Mapping[str, float]) -> Live | None:
+    """The logs beside the model before and after, to be moved by hand."""
+    models = live_logs(
+        found.nominal,
+        found.logs,
+        {"fitted": found.fitted.values},
+        {free.name: float(it) for free, it in zip(found.free, found.standard_errors)},
+        {free.name for free in found.free},
+        floors,
+    )
+    return Live("Measured and fitted", MOVE, models, "what if: not the fit") if models else None
 
 
 def with_figures(report: Report, fitted: Model) -> Report:

@@ -12,7 +12,7 @@ from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.identification.live import live_logs
+from servo_models.identification.live import MOVE, live_logs
 from servo_models.identification.readings import log_facts, log_notes
 from servo_models.report.interchange import conditions
 from servo_models.report.live import Live
@@ -23,10 +23,6 @@ from servo_models.report.sections import Card, Section
 ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
 SHAPE = "What is left, as a shape"
-MOVE = (
-    "Simulated in this page: move a parameter or switch an effect, and see the measured curve met"
-    " or missed. Drag across the curves to zoom."
-)
 
 
 def report(diagnosis: Diagnosis, date: str = "") -> Report:
