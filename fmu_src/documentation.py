@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from html import escape
+from contextlib import suppress
+from dataclasses import replace
 
 from fmu_src.description import Form, described
 from fmu_src.variables import start_of
 from servo_models.analysis.explain import actuator_sheet
+from servo_models.analysis.live import DRIVE, live_model, with_panel
 from servo_models.core.simulate import Model
-from servo_models.report.sections import Table
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; }
-div { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 14px; }
-th, td { text-align: left; vertical-align: top; padding: .2em .8em .2em 0; }
-tr { border-bottom: 1px solid #ddd; }
-"""
+from servo_models.report.html import page
+from servo_models.report.live import Live
 
 
 def index_html(model: Model, form: Form) -> str:
-    """Return the page: what the FMU is, how it is run, signals, equations and start values."""
+    """Return the page: what the FMU is, how it is run, the model to drive, its equations."""
     sheet = actuator_sheet(model.actuator, model.variant, model.values)
     main = model.plant.wire[model.actuator.step[0]]
     texts = (
@@ -32,18 +27,7 @@ def index_html(model: Model, form: Form) -> str:
         form.needs,
         *sheet.remarks,
     )
-    body = [f"<h1>{escape(sheet.title)}</h1>", *(f"<p>{escape(text)}</p>" for text in texts)]
-    body += [_table(table) for table in sheet.tables if table.rows]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f"<title>{escape(sheet.title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(body)
-        + "\n</body>\n</html>\n"
-    )
-
-
-def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(column)}</th>" for column in table.headings)
-    rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in table.texts)
-    lines = "\n".join(f"<tr>{row}</tr>" for row in rows)
-    return f"<h2>{escape(table.title)}</h2>\n<div><table>\n<tr>{head}</tr>\n{lines}\n</table></div>"
+    told = replace(sheet, remarks=texts)
+    with suppress(ValueError):  # a block has no form in JavaScript, which an FMU in Python needs not
+        told = with_panel(told, Live("Drive it", DRIVE, (live_model(model),)))
+    return page(told)

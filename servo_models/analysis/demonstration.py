@@ -46,12 +46,15 @@ class Demonstration:
 
     Attributes:
         place: where the effect acts.
+        neutral, active: switches [SI] of all effects, and those of this one.
         values: its parameters, as a person reads them.
         without, changed: the runs.
         signals: the input that moves and the output to look at.
     """
 
     place: Place
+    neutral: dict[str, float]
+    active: dict[str, float]
     values: str
     without: Result
     changed: Result
@@ -92,6 +95,8 @@ def _runs(effect: str) -> Iterator[Demonstration]:
                 changed = _run(place.actuator, {**neutral, **active}, load)
                 yield Demonstration(
                     place,
+                    neutral,
+                    active,
                     _shown(place, active),
                     without,
                     changed,

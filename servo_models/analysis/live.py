@@ -1,24 +1,84 @@
-"""A model for a panel that simulates in the reader's browser: its program, parameters, sets."""
+"""Panels that simulate in the reader's browser: a model, an actuator driven by hand, an effect."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from servo_models.analysis.demonstration import demonstrate
 from servo_models.analysis.experiment import display
-from servo_models.analysis.explain import about_effect, display_scale, display_unit
+from servo_models.analysis.explain import (
+    about_effect,
+    display_scale,
+    display_unit,
+    effect_name,
+    explain,
+    is_actuator,
+)
+from servo_models.core.catalogue import actuator as find_actuator
 from servo_models.core.flat import Flat
 from servo_models.core.js_text import js_model
 from servo_models.core.plant import Parameter, Wire
-from servo_models.core.simulate import Model
-from servo_models.report.live import LiveModel, LiveParameter, LiveRun, LiveSignal
+from servo_models.core.simulate import Model, Result, model
+from servo_models.report.live import (
+    Live,
+    LiveModel,
+    LiveParameter,
+    LiveRun,
+    LiveSignal,
+    encoded,
+)
+from servo_models.report.result import Report
+from servo_models.report.sections import Section
 
 NOMINAL = "nominal"
 SWEEP = 0.5  # of a value, to either side, within which its slider moves
 SWEEP_ERRORS = 5.0  # the same in standard errors, where these are larger
 SWEEP_TYPICAL = 3.0  # typical values of an effect that is off, up to which its slider moves
+DRIVE = "Simulated in this page: drive it, move a parameter, or switch an effect."
+COMPARE = "Simulated in this page: the same run without the effect, dashed, and with it."
+
+
+def explained(name: str, variant: str | None = None) -> Report:
+    """Return ``explain`` with a panel: an actuator that one drives, or an effect that one moves.
+
+    Raises:
+        UserError: see ``explain``.
+
+    Example:
+        >>> explained("backlash").panels[0].models[0].sets.keys()
+        dict_keys(['nominal', 'backlash'])
+    """
+    sheet = explain(name, variant)
+    if not is_actuator(name):
+        return with_panel(sheet, Live("Drive it", COMPARE, (_effect(effect_name(name)),)))
+    actuator = find_actuator(name)
+    chosen = actuator.variant(variant).name
+    others = [it.name for it in actuator.variants if it.name != chosen]
+    models = tuple(live_model(model(actuator, it)) for it in (chosen, *others))
+    return with_panel(sheet, Live("Drive it", DRIVE, models))
+
+
+def with_panel(report: Report, live: Live) -> Report:
+    """Return a report that begins with a panel."""
+    return replace(report, sections=(Section(live.title, live=live), *report.sections))
+
+
+def _effect(effect: str) -> LiveModel:
+    """The run in which an effect can be seen, without and with it."""
+    shown = demonstrate(effect)
+    plain = model(shown.place.actuator, None, shown.neutral)
+    run = _run("a step, then a slow way back", shown.without)
+    return live_model(plain, {effect: shown.active}, shown={shown.place.name}, runs=(run,))
+
+
+def _run(name: str, result: Result) -> LiveRun:
+    inputs = np.column_stack(list(result.inputs.values()))
+    counted = encoded(np.ones(len(result.times)))
+    return LiveRun(name, encoded(result.times), encoded(inputs.ravel()), {}, counted)
 
 
 def live_model(

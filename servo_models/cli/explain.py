@@ -25,6 +25,10 @@ def explain(
         Path | None,
         typer.Option(help="Draw its response to .svg, .png or .pdf.", metavar="FILE"),
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(help="Write a page that simulates it in a browser.", metavar="FILE"),
+    ] = None,
 ) -> None:
     """Explain an actuator, an effect or a parameter file.
 
@@ -39,6 +43,8 @@ def explain(
 
     servo-models explain backlash --picture backlash.svg
 
+    servo-models explain backlash --page backlash.html
+
     servo-models explain --params identified.toml
     """
     from servo_models.analysis.explain import explain as sheet_of
@@ -47,9 +53,9 @@ def explain(
     from servo_models.data.sections import parameter_report
 
     if params:
-        if name or variant or picture:
+        if name or variant or picture or page:
             raise UserError(
-                "--params is explained alone: leave out the name, --variant and --picture"
+                "--params is explained alone: leave out the name, --variant, --picture and --page"
             )
         show(parameter_report(read_parameters(params, trust)))
         return
@@ -58,6 +64,13 @@ def explain(
     if name.endswith(".toml"):
         raise UserError(f"'{name}' is a file: explain a parameter file with --params {name}")
     show(sheet_of(name, variant))
+    if page:
+        from servo_models.analysis.live import explained
+        from servo_models.files import write_whole
+        from servo_models.report.html import page as html
+
+        with progress(f"writing {page}"):
+            write_whole(page, html(explained(name, variant)).encode())
     if picture:
         from servo_models.analysis.demonstration import portrait
         from servo_models.analysis.pictures import check_suffix, save

@@ -142,7 +142,7 @@ def test_page_is_whole_and_stands_alone(found: Diagnosis, text: str) -> None:
     page.assert_stands_alone()
     assert page.count("svg") == page.count("figcaption")
     assert "2026-01-31" in page.text
-    assert len(text.encode()) < 500_000
+    assert len(text.encode()) < 1_500_000
     assert page.count("figure") == page.count("figcaption")
     sections = (
         "measured-and-simulated",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -54,11 +56,20 @@ class Page(HTMLParser):
         """Every id is there once, and everything pointed to is in the page itself."""
         ids = self.values("id")
         assert len(ids) == len(set(ids))
-        targets = self.values("href") + re.findall(r"url\((.*?)\)", self.source)
+        scripts = re.findall(r"<script>(.*?)</script>", self.source, re.S)
+        rest = re.sub(r"<script.*?</script>", "", self.source, flags=re.S)
+        targets = self.values("href") + re.findall(r"url\((.*?)\)", rest)
         assert {target.removeprefix("#") for target in targets} <= set(ids)
         assert all(target.startswith("#") for target in targets)
-        assert not {"script", "link", "img", "iframe"} & {tag for tag, _ in self.tags}
-        assert "http" not in self.source
+        assert not {"link", "img", "iframe"} & {tag for tag, _ in self.tags}
+        assert not re.search("https?:", rest)
+        (policy,) = (attrs["content"] for _, attrs in self.tags if "http-equiv" in attrs)
+        allowed = re.search("script-src (.*?);", str(policy))
+        digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
+        assert allowed
+        assert allowed[1].split() == [
+            f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests
+        ] or (allowed[1] == "'none'" and not scripts)
 
 
 def unpictured(report: Report) -> Report:

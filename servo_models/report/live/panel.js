@@ -11,6 +11,7 @@ const WARM = 5; // short runs before the first one
 const STEPS = 1000; // of a slider
 const DECADES = 100; // ends of a slider that are further apart, as a ratio, have a logarithm between
 const CLEAR = 0.1; // of the floor: an error within is noise, and no share of it means anything
+const REST = 0.05; // share of a run before its step
 const SHAPES = ["step", "sine", "triangle", "pulse"];
 
 function make(tag, given = {}, ...inside) {
@@ -94,7 +95,7 @@ function shaped(drive, time) {
     case "sine": return Math.sin(2 * Math.PI * time * drive.rate);
     case "triangle": return 1 - 4 * Math.abs(((turn + 0.25) % 1) - 0.5);
     case "pulse": return turn < 0.5 ? 1 : -1;
-    default: return 1;
+    default: return time >= REST * drive.duration ? 1 : 0;
     }
 }
 
