@@ -28,6 +28,6 @@ def index_html(model: Model, form: Form) -> str:
         *sheet.remarks,
     )
     told = replace(sheet, remarks=texts)
-    with suppress(ValueError):  # a block has no form in JavaScript, which an FMU in Python needs not
+    with suppress(ValueError):  # a block has no form in JavaScript; FMUs in Python have it
         told = with_panel(told, Live("Drive it", DRIVE, (live_model(model),)))
     return page(told)

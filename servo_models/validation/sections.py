@@ -8,12 +8,14 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from servo_models.analysis.live import with_panel
 from servo_models.report.numbers import Quantity, number, percent, with_unit
-from servo_models.report.result import Report, document_of, report_of
+from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
 from servo_models.report.style import SERIES, colour
 from servo_models.validation.any_fmu.sections import curves, faults, notes
 from servo_models.validation.cases import offered
+from servo_models.validation.live import panel
 from servo_models.validation.rows import (
     FILES,
     IMPLEMENTATION,
@@ -148,6 +150,13 @@ def report(validation: Validation, date: str = "", every: bool = False) -> Repor
         ),
         date=date,
     )
+
+
+@page_of.register(Validation)
+def _page(validation: Validation, date: str = "") -> Report:
+    """The report with a panel, whose references take some seconds."""
+    told, live = report(validation, date), panel(validation)
+    return with_panel(told, live) if live else told
 
 
 def summary(validation: Validation) -> Report:

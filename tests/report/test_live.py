@@ -18,7 +18,7 @@ from servo_models.data.log import Log, Start
 from servo_models.identification.live import live_logs
 from servo_models.identification.simulation import prepared
 from servo_models.report.live import LiveModel
-from tests.support.browser import chromium, opened, written
+from tests.support.browser import chromium, opened, ready, written
 from tests.support.logs import measured
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def test_a_script_that_is_not_ours_does_not_run(browser: Browser, tmp_path: Path
     path.write_text(text, encoding="utf-8")
     page = browser.new_page()
     page.goto(path.as_uri())
-    page.wait_for_function("document.querySelector('.live')?.panel")
+    ready(page)
     assert page.evaluate("globalThis.came") is None
     page.close()
 

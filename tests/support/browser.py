@@ -54,7 +54,16 @@ def opened(browser: Browser, path: Path, width: int = 1280, height: int = 1000) 
     shown.on("console", lambda it: wrong.append(it.text))
     shown.on("request", lambda it: it.url.startswith("file:") or wrong.append(it.url))
     shown.goto(path.as_uri())
-    shown.wait_for_function("document.querySelector('.live')?.panel?.now?.length > 1")
+    ready(shown)
     yield shown
     shown.close()
     assert not wrong
+
+
+def ready(page: Page) -> None:
+    """Wait until the panel is drawn; the page allows no text to be evaluated, so it is asked."""
+    for _ in range(200):
+        if page.evaluate("document.querySelector('.live')?.panel?.now?.length > 1"):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError("the panel was not drawn within 10 s")

@@ -144,18 +144,24 @@ class Live(msgspec.Struct, frozen=True):
         text: what to do with it, in a sentence or two.
         models: to choose from.
         other: what values are called that are none of a model's sets.
+        beside: what the model is compared with.
     """
 
     title: str
     text: str
     models: tuple[LiveModel, ...]
     other: str = "what if"
+    beside: str = "measured"
 
 
 def encoded(values: Numbers) -> str:
     """Return numbers as text, bit by bit: the bytes of all by their place, deflated, in base64."""
     planes = np.ascontiguousarray(values, "<f8").view(np.uint8).reshape(-1, 8).T
-    return base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()
+    return _deflated(planes.tobytes())
+
+
+def _deflated(content: bytes) -> str:
+    return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
 def asset(name: str) -> str:
@@ -169,11 +175,16 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
         return []
     library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
     programs = dict.fromkeys(model.program for panel in panels for model in panel.models)
-    models = [f"(globalThis.servoModels ??= []).push({program});" for program in programs]
+    models = [f"(globalThis.servoModels ??= []).push({_flush(it)});" for it in programs]
     texts = [library, *models, asset("panel.js")]
     if any("</script" in text.lower() or "<!--" in text for text in texts):
         raise ValueError("a script would end its element")
     return texts
+
+
+def _flush(program: str) -> str:
+    """A program without its indentation, which is a third of it."""
+    return "\n".join(line.lstrip() for line in program.split("\n"))
 
 
 def styles(panels: tuple[Live, ...]) -> str:
@@ -182,7 +193,7 @@ def styles(panels: tuple[Live, ...]) -> str:
 
 
 def data(panels: tuple[Live, ...]) -> str:
-    """Return panels as JSON for a page; programs by their places among the scripts."""
+    """Return panels as deflated JSON for a page; programs by their places among the scripts."""
     programs = [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
     places = {program: str(place) for place, program in enumerate(programs)}
     numbered = [
@@ -195,7 +206,7 @@ def data(panels: tuple[Live, ...]) -> str:
         )
         for panel in panels
     ]
-    return msgspec.json.encode(numbered).decode().replace("<", r"\u003c")
+    return _deflated(msgspec.json.encode(numbered))
 
 
 def policy(texts: list[str]) -> str:

@@ -1,7 +1,7 @@
 /* The panel of ``report/live``: what was measured beside what the model does, simulated here.
 
-The page has the programs of its models in ``servoModels`` and their data as JSON in the element
-``live-data``.  Texts of logs and models are only ever set as text, so none becomes markup. */
+The page has the programs of its models in ``servoModels`` and their data as deflated JSON in the
+element ``live-data``.  Texts of logs and models are only ever set as text, so none becomes markup. */
 "use strict";
 
 (() => {
@@ -34,10 +34,13 @@ function number(value, digits = 4) {
 
 /* Numbers */
 
-async function decoded(text) {
+function inflated(text) {
     const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-    const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate")));
+}
+
+async function decoded(text) {
+    const planes = new Uint8Array(await inflated(text).arrayBuffer());
     const count = planes.length / 8, whole = new Uint8Array(planes.length);
     for (let byte = 0; byte < 8; byte++) {
         for (let k = 0; k < count; k++) whole[8 * k + byte] = planes[byte * count + k];
@@ -164,7 +167,7 @@ function chart(place, height, label, series, key, zoomed) {
     const options = {
         width: Math.max(place.clientWidth, 200), height, series: [{ label: "time [s]", value: (_, v) => (v == null ? "" : number(v, 6)) }, ...series],
         scales: { x: { time: false } },
-        axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map((it) => `${number(it, 6)}`) }, { ...axis, size: 62, label, labelSize: 18, labelGap: 0 }],
+        axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map((it) => number(it, 6)) }, { ...axis, size: 62, label, labelSize: 18, labelGap: 0, values: (_, ticks) => ticks.map((it) => number(it)) }],
         cursor: { sync: { key }, drag: { x: true, y: false }, points: { size: 6 } },
         legend: { live: true },
         hooks: { setScale: [(_, scale) => { if (scale === "x") zoomed(place); }] },
@@ -311,7 +314,7 @@ class Panel {
         const shown = (it) => (_, v) => (v == null ? "" : number(v, 4));
         const line = (label, stroke, more = {}) => ({ label, stroke, width: 1.5, value: shown(label), points: { show: false }, ...more });
         const live = () => colour(this.set ? "blue" : "orange");
-        const measured = line("measured", `${colour("ink")}59`, { width: 4 }); // shows beneath the other curves
+        const measured = line(this.given.beside, `${colour("ink")}59`, { width: 4 }); // shows beneath the other curves
         const first = line(nominal, colour("muted"), { dash: [5, 4], width: 1 });
         const key = `live-${this.id}`, zoomed = (place) => this.zoomed(place);
         const logged = Boolean(this.measured);
@@ -321,7 +324,7 @@ class Panel {
         this.below = logged
             ? chart(this.lower, wide ? 170 : 120, `error${unit}`, [first, line("simulated", live)], key, zoomed)
             : chart(this.lower, wide ? 170 : 120, `${driven.name.replaceAll("_", " ")} [${driven.unit}]`, [line(driven.name.replaceAll("_", " "), colour("green"))], key, zoomed);
-        this.upper.setAttribute("aria-label", `${output.name} over time, measured and simulated`);
+        this.upper.setAttribute("aria-label", `${output.name} over time, ${this.given.beside} and simulated`);
         this.lower.setAttribute("aria-label", logged ? "error over time" : "input over time");
         this.fresh = true;
         this.base = null;
@@ -427,14 +430,15 @@ class Panel {
         const { model } = this, open = new Set([...this.controls.querySelectorAll("details[open]")].map((it) => it.dataset.name));
         const plant = model.parameters.filter((it) => !it.effect), effects = Object.keys(model.effects);
         const first = effects.filter((name) => this.isOn(name) || model.parameters.some((it) => it.effect === name && it.shown));
-        const folded = (name, inside) => make("details", { className: "live-more", open: open.has(name), "data-name": name }, make("summary", {}, name), ...inside);
+        const folded = (name, inside, always = false) => make("details", { className: "live-more", open: always || open.has(name), "data-name": name }, make("summary", {}, name), ...inside);
         const rest = effects.filter((name) => !first.includes(name)), others = plant.filter((it) => !it.shown);
+        const alone = others.length === plant.length;
         this.controls.replaceChildren(
             ...(model.runs.length ? [] : [this.drives()]),
             ...first.map((name) => this.effect(name)),
             ...plant.filter((it) => it.shown).map((it) => this.slider(it)),
-            ...(rest.length ? [folded(`${rest.length} other effects`, rest.map((name) => this.effect(name)))] : []),
-            ...(others.length ? [folded(`${others.length} other parameters`, others.map((it) => this.slider(it)))] : []),
+            ...(rest.length ? [folded(first.length ? `${rest.length} other effects` : `${rest.length} effects`, rest.map((name) => this.effect(name)))] : []),
+            ...(others.length ? [folded(alone ? "parameters" : `${others.length} other parameters`, others.map((it) => this.slider(it)), alone)] : []),
             this.copied(),
         );
     }
@@ -548,7 +552,7 @@ class Panel {
 
     saved() {
         const { run, model, output, measured } = this, quoted = (text) => `"${text.replaceAll('"', '""')}"`;
-        const names = ["time [s]", ...model.inputs.map((it) => it.name), ...(measured ? [`${output.name} measured`] : []), `${output.name} nominal`, `${output.name} simulated`];
+        const names = ["time [s]", ...model.inputs.map((it) => it.name), ...(measured ? [`${output.name} ${this.given.beside}`] : []), `${output.name} nominal`, `${output.name} simulated`];
         const width = model.inputs.length, rows = [names.map(quoted).join(",")];
         run.stamps.forEach((stamp, k) => {
             const inputs = run.inputs.subarray(k * width, (k + 1) * width);
@@ -560,7 +564,8 @@ class Panel {
     }
 }
 
-const data = JSON.parse(document.getElementById("live-data").textContent);
 document.documentElement.classList.add("lively");
-for (const place of document.querySelectorAll("[data-live]")) new Panel(place, data[Number(place.dataset.live)]);
+inflated(document.getElementById("live-data").textContent).json().then((panels) => {
+    for (const place of document.querySelectorAll("[data-live]")) new Panel(place, panels[Number(place.dataset.live)]);
+});
 })();

@@ -1,0 +1,42 @@
+"""The panel of a validation's page: each actuator that was examined, a reference beside it."""
+
+from __future__ import annotations
+
+from servo_models.analysis.live import live_model
+from servo_models.core.simulate import model
+from servo_models.report.live import Live, LiveModel, LiveRun, encoded
+from servo_models.validation.cases import Case, all_cases
+from servo_models.validation.responses import input_columns
+from servo_models.validation.rows import Validation
+
+TITLE = "What the actuators do"
+TEXT = (
+    "Simulated in this page, beside a reference that shares no code with the model: choose an"
+    " actuator, move a parameter, or switch an effect."
+)
+
+
+def panel(validation: Validation) -> Live | None:
+    """Return the panel: of every variant that was examined the first run with a reference."""
+    examined = dict.fromkeys((row.actuator, row.variant) for row in validation.rows)
+    cases: dict[tuple[str, str], Case] = {}
+    for case in sorted(all_cases(), key=lambda case: not case.is_step):
+        if (case.actuator, case.variant) in examined:
+            cases.setdefault((case.actuator, case.variant), case)
+    models = tuple(_model(cases[key]) for key in examined if key in cases)
+    return Live(TITLE, TEXT, models, "your values", "reference") if models else None
+
+
+def _model(case: Case) -> LiveModel:
+    chosen = model(case.actuator, case.variant, dict(case.parameters))
+    columns = input_columns(case, chosen)
+    inputs = {wire.name: columns[:, k] for k, wire in enumerate(chosen.plant.inputs)}
+    expected = case.reference(case.times, inputs)[case.main]
+    run = LiveRun(
+        name=case.name,
+        times=encoded(case.times),
+        inputs=encoded(columns.ravel()),
+        measured={case.main: encoded(expected)},
+        counted=encoded(0.0 * case.times + 1.0),
+    )
+    return live_model(chosen, runs=(run,))
