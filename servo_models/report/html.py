@@ -11,7 +11,7 @@ from jinja2.environment import TemplateModule
 from markupsafe import Markup, escape
 
 from servo_models.report import live, style
-from servo_models.report.sections import Mark, Page, Picture
+from servo_models.report.sections import Mark, Page, Picture, Section
 
 MARKS = {True: "✓", False: "✗", None: "○"}
 """A sign beside each verdict, so that it does not hang on colour."""
@@ -36,13 +36,21 @@ def page(report: Page) -> str:
 
 
 def notebook(report: Page) -> str:
-    """Return the verdict, the first figure and the first table as a notebook shows them.
+    """Return the verdict, the panel or first figure and the first table as a notebook shows them.
 
     A report without a verdict is a data sheet: it is shown whole.
     """
     titled = [replace(table, title=title) for title, table in report.titled_tables.items()]
     tables = titled[:1] if report.sentence else titled
-    return str(_template(report).notebook(report.pictures[:1], tables))  # type: ignore[attr-defined]
+    lively = page(_with_panels(report)) if report.panels else ""
+    made = _template(report).notebook(report.pictures[:1], tables, lively)  # type: ignore[attr-defined]
+    return str(made)
+
+
+def _with_panels(report: Page) -> Page:
+    """A report with nothing but its panels, for a frame."""
+    sections = (Section("", live=panel) for panel in report.panels)
+    return replace(report, title="", sentence="", cards=(), remarks=(), sections=tuple(sections))
 
 
 def _unbroken(text: str) -> Markup:
