@@ -33,6 +33,7 @@ from servo_models.report.live import (
 )
 from servo_models.report.result import Report
 from servo_models.report.sections import Section
+from servo_models.units import WRITTEN_IN, factor
 
 NOMINAL = "nominal"
 SWEEP = 0.5  # of a value, to either side, within which its slider moves
@@ -119,7 +120,8 @@ def live_model(
     return LiveModel(
         name=f"{actuator.name}, {model.variant}",
         program=js_model(model.flat),
-        call=f'sm.model("{actuator.key}", "{model.variant}"',
+        actuator=actuator.key,
+        variant=model.variant,
         parameters=parameters,
         effects={
             owner: about_effect(plant.main(owner).effect.name) for owner in model.flat.switches
@@ -142,7 +144,10 @@ def _signal(wire: Wire, floor: float | None) -> LiveSignal:
         -math.inf if wire.low is None else wire.low,
         math.inf if wire.high is None else wire.high,
     )
-    return LiveSignal(wire.name, wire.about, unit or "1", scale, floor, rest, low, high, wire.scale)
+    units = tuple((it, factor(it, wire.unit)) for it in WRITTEN_IN.get(wire.unit, (wire.unit,)))
+    return LiveSignal(
+        wire.name, wire.about, unit or "1", scale, floor, rest, low, high, wire.scale, units
+    )
 
 
 def _parameter(
@@ -158,6 +163,7 @@ def _parameter(
         low=param.low,
         high=param.high,
         slider=_ends(parameter, values, error if known else 0.0),
+        si=param.unit,
         effect=parameter.owner,
         switch=param.typical if parameter.owner and param.switch else None,
         error=error if known else None,

@@ -21,6 +21,7 @@ from servo_models.cli.check import check
 from servo_models.cli.console import disarmed
 from servo_models.cli.diagnose import diagnose
 from servo_models.cli.explain import explain
+from servo_models.cli.explore import explore
 from servo_models.cli.figures import figures
 from servo_models.cli.identify import identify
 from servo_models.cli.list_ import list_
@@ -80,6 +81,7 @@ def _options(
 
 app.command(name="list")(list_)
 app.command()(explain)
+app.command()(explore)
 app.command()(new)
 app.command()(simulate)
 app.command()(figures)

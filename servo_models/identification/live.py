@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from msgspec.structs import replace
 
 from servo_models.analysis.live import live_model
 from servo_models.core.simulate import Model

@@ -157,19 +157,13 @@ def test_nothing_is_wider_than_a_phone(browser: Browser, tmp_path: Path) -> None
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     """They come from logs and files of others; a script of theirs would ask, fail or write."""
     (found,) = panel_of(recorded(name=HOSTILE))
-    path = written(tmp_path / "page.html", (replace_name(found), found), HOSTILE)
+    path = written(tmp_path / "page.html", (replace(found, name=HOSTILE), found), HOSTILE)
     with opened(browser, path) as page:
         assert page.locator("img").count() == 0
         page.get_by_role("slider").first.fill("300")
         shown(page)
         assert page.locator(".live-badge").text_content() == HOSTILE
         assert HOSTILE in page.locator("select").first.locator("option").all_text_contents()
-
-
-def replace_name(found: LiveModel) -> LiveModel:
-    return LiveModel(
-        **{**{name: getattr(found, name) for name in found.__struct_fields__}, "name": HOSTILE}
-    )
 
 
 def test_a_script_that_is_not_ours_does_not_run(browser: Browser, tmp_path: Path) -> None:

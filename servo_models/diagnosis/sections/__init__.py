@@ -191,7 +191,7 @@ def _panel(diagnosis: Diagnosis) -> Live | None:
     named = [effect.name for effect in diagnosis.ranking if effect.taken or effect.in_set]
     models = live_logs(
         diagnosis.model,
-        diagnosis.logs,
+        [run.log for run in problem.runs],
         sets,
         {value.name: value.standard_error for value in diagnosis.found},
         {*named, *(free.name for free in problem.free)},

@@ -11,17 +11,21 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import zlib
+from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
-import msgspec
-import numpy as np
-from numpy.typing import NDArray
+from servo_models.report.interchange import finite_json
 
-Numbers = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
-class LiveSignal(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class LiveSignal:
     """An input or output of the model.
 
     Attributes:
@@ -31,6 +35,7 @@ class LiveSignal(msgspec.Struct, frozen=True):
         rest: value [SI] of an input that nobody drives.
         low, high: bounds of an input [SI].
         reach: its full scale [SI].
+        units: in which people write it, with what one is in SI.
     """
 
     name: str
@@ -39,17 +44,19 @@ class LiveSignal(msgspec.Struct, frozen=True):
     scale: float = 1.0
     floor: float | None = None
     rest: float = 0.0
-    low: float = -np.inf
-    high: float = np.inf
+    low: float = -math.inf
+    high: float = math.inf
     reach: float = 1.0
+    units: tuple[tuple[str, float], ...] = ()
 
 
-class LiveParameter(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class LiveParameter:
     """A parameter of the model.
 
     Attributes:
         name, about: as declared.
-        unit: that people read, of which ``scale`` make one in SI.
+        unit: that people read, of which ``scale`` make one in SI, which is ``si``.
         low, high: bounds [SI].
         slider: ends of its slider [SI].
         effect: that it belongs to, "" for the plant.
@@ -65,13 +72,15 @@ class LiveParameter(msgspec.Struct, frozen=True):
     low: float
     high: float
     slider: tuple[float, float]
+    si: str = "1"
     effect: str = ""
     switch: float | None = None
     error: float | None = None
     shown: bool = False
 
 
-class LiveRun(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class LiveRun:
     """A log: what drives the model, and what was measured.
 
     Attributes:
@@ -98,18 +107,19 @@ class LiveRun(msgspec.Struct, frozen=True):
     settle: float = 0.0
     held: tuple[tuple[float, ...], ...] = ()
     placed: tuple[tuple[tuple[int, float], ...], ...] = ()
-    constants: dict[str, float] = {}
+    constants: dict[str, float] = field(default_factory=dict)
     stretches: tuple[tuple[str, float, float], ...] = ()
     note: str = ""
 
 
-class LiveModel(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class LiveModel:
     """A model with its logs.
 
     Attributes:
         name: of the actuator and its variant.
         program: JavaScript expression, see ``core.js_text.js_model``.
-        call: how Python makes it, before its parameters.
+        actuator, variant: by which it is found.
         parameters: in the order of the parameter vector.
         effects: names of the effects with what they are.
         inputs, outputs: in the order of the program's columns.
@@ -123,7 +133,8 @@ class LiveModel(msgspec.Struct, frozen=True):
 
     name: str
     program: str
-    call: str
+    actuator: str
+    variant: str
     parameters: tuple[LiveParameter, ...]
     effects: dict[str, str]
     inputs: tuple[LiveSignal, ...]
@@ -136,7 +147,8 @@ class LiveModel(msgspec.Struct, frozen=True):
     duration: float = 0.0
 
 
-class Live(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class Live:
     """A panel.
 
     Attributes:
@@ -145,6 +157,8 @@ class Live(msgspec.Struct, frozen=True):
         models: to choose from.
         other: what values are called that are none of a model's sets.
         beside: what the model is compared with.
+        description: name and text of the file that describes the logs, to be saved.
+        dropped: a CSV may be dropped on it.
     """
 
     title: str
@@ -152,12 +166,14 @@ class Live(msgspec.Struct, frozen=True):
     models: tuple[LiveModel, ...]
     other: str = "what if"
     beside: str = "measured"
+    description: tuple[str, str] = ("", "")
+    dropped: bool = False
 
 
-def encoded(values: Numbers) -> str:
+def encoded(values: NDArray[np.float64]) -> str:
     """Return numbers as text, bit by bit: the bytes of all by their place, deflated, in base64."""
-    planes = np.ascontiguousarray(values, "<f8").view(np.uint8).reshape(-1, 8).T
-    return _deflated(planes.tobytes())
+    bytes_of = values.astype("<f8").reshape(-1, 1).view("u1")
+    return _deflated(bytes_of.T.tobytes())
 
 
 def _deflated(content: bytes) -> str:
@@ -176,7 +192,8 @@ def scripts(panels: tuple[Live, ...]) -> list[str]:
     library = f"/*\n{asset('uPlot.LICENSE')}*/\n{asset('uPlot.iife.min.js')}"
     programs = dict.fromkeys(model.program for panel in panels for model in panel.models)
     models = [f"(globalThis.servoModels ??= []).push({_flush(it)});" for it in programs]
-    texts = [library, *models, asset("panel.js")]
+    explorer = [asset("explore.js")] if any(panel.dropped for panel in panels) else []
+    texts = [library, *models, *explorer, asset("panel.js")]
     if any("</script" in text.lower() or "<!--" in text for text in texts):
         raise ValueError("a script would end its element")
     return texts
@@ -197,16 +214,13 @@ def data(panels: tuple[Live, ...]) -> str:
     programs = [*dict.fromkeys(model.program for panel in panels for model in panel.models)]
     places = {program: str(place) for place, program in enumerate(programs)}
     numbered = [
-        msgspec.structs.replace(
+        replace(
             panel,
-            models=tuple(
-                msgspec.structs.replace(model, program=places[model.program])
-                for model in panel.models
-            ),
+            models=tuple(replace(model, program=places[model.program]) for model in panel.models),
         )
         for panel in panels
     ]
-    return _deflated(msgspec.json.encode(numbered))
+    return _deflated(finite_json([asdict(panel) for panel in numbered]).encode())
 
 
 def policy(texts: list[str]) -> str:

@@ -10,6 +10,7 @@ const MOST_SUBSTEPS = 1e7; // of a run: some seconds
 const WARM = 5; // short runs before the first one
 const STEPS = 1000; // of a slider
 const DECADES = 100; // ends of a slider that are further apart, as a ratio, have a logarithm between
+const SLOW = 0.05; // share of the usual rate below which an output rests
 const CLEAR = 0.1; // of the floor: an error within is noise, and no share of it means anything
 const REST = 0.05; // share of a run before its step
 const SHAPES = ["step", "sine", "triangle", "pulse"];
@@ -222,6 +223,20 @@ class Panel {
         this.choose(0);
         matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
         new ResizeObserver(() => this.resize()).observe(this.charts);
+        if (given.dropped) this.explorer = new servoExplorer(this, make);
+    }
+
+    /* Show a log of the reader's, beside those that the page has. */
+    add(run) {
+        const { model } = this;
+        const told = { ...run, settled: settled(run, model, run.times, run.inputs) };
+        model.runs = [...model.runs, told];
+        this.runs.set(told, told);
+        this.logs.list.append(make("option", {}, run.name));
+        this.logs.list.selectedIndex = model.runs.length - 1;
+        this.logs.field.hidden = model.runs.length < 2;
+        this.fill();
+        this.show(model.runs.length - 1);
     }
 
     build() {
@@ -236,6 +251,7 @@ class Panel {
         this.sets = make("div", { className: "live-sets", role: "group", "aria-label": "values" });
         this.badge = make("strong", { className: "live-badge" });
         this.score = make("span", { className: "live-score" });
+        this.regimes = make("p", { className: "live-note" });
         this.spoken = make("span", { className: "live-spoken", role: "status" });
         this.upper = make("div", { className: "live-chart", role: "img" });
         this.lower = make("div", { className: "live-chart live-errors", role: "img" });
@@ -247,7 +263,7 @@ class Panel {
         this.note = make("p", { className: "live-note" });
         this.charts = make("div", { className: "live-charts" },
             make("p", { className: "live-state" }, this.badge, " ", this.score), this.spoken,
-            this.upper, this.lower, zooms, this.note);
+            this.upper, this.lower, this.regimes, zooms, this.note);
         this.controls = make("div", { className: "live-controls" });
         this.place.append(
             make("div", { className: "live-bar" }, this.models.field, this.logs.field, this.outputs.field, this.stretches.field, this.sets),
@@ -383,10 +399,22 @@ class Panel {
             const beyond = before - (floor ?? 0);
             if (beyond > CLEAR * (floor ?? 0) && now !== before && Number.isFinite(now)) text += `: ${number(100 * Math.min((before - now) / beyond, 1), 3)} % of the gap closed`;
             if (low > 0 || high < stamps.length) text += ", in what is shown";
+            this.regimes.textContent = this.byRegime(Math.max(low, 0), high);
         }
         this.score.textContent = text;
         clearTimeout(this.speaking);
         this.speaking = setTimeout(() => { this.spoken.textContent = `${what}: ${text}`; }, 800);
+    }
+
+    /* Errors while the nominal model rests, rises and falls. */
+    byRegime(low, high) {
+        const { base, output } = this, { stamps, counted } = this.run, [, errors] = this.errors;
+        const rates = base.map((value, k) => (k ? (value - base[k - 1]) / (stamps[k] - stamps[k - 1]) : 0));
+        const usual = Float64Array.from(rates, Math.abs).sort()[Math.floor(0.95 * rates.length)] * SLOW;
+        const of = { "at rest": (rate) => Math.abs(rate) <= usual, rising: (rate) => rate > usual, falling: (rate) => rate < -usual };
+        const size = (is) => rms(errors, counted.map((count, k) => count && is(rates[k])), low, high);
+        const sizes = Object.entries(of).map(([name, is]) => [name, size(is)]).filter(([, it]) => Number.isFinite(it));
+        return sizes.length < 2 ? "" : `Error ${sizes.map(([name, it]) => `${name} ${number(output.scale * it, 3)}`).join(", ")}${output.unit === "1" ? "" : ` ${output.unit}`}.`;
     }
 
     /* Zoom */
@@ -535,7 +563,7 @@ class Panel {
             const { model } = this, [nominal] = Object.values(model.sets);
             const lines = model.parameters.filter((it, k) => this.values[k] !== nominal[k])
                 .map((it) => `    "${it.name}": ${this.values[model.place.get(it.name)]},`);
-            return `${model.call}${lines.length ? `, {\n${lines.join("\n")}\n}` : ""})`;
+            return `sm.model(${JSON.stringify(model.actuator)}, ${JSON.stringify(model.variant)}${lines.length ? `, {\n${lines.join("\n")}\n}` : ""})`;
         };
         const copy = async () => {
             try {
