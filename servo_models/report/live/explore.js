@@ -77,10 +77,10 @@ globalThis.servoExplorer = class {
     /* Columns of numbers of a text: names, and a Float64Array each. */
     read(text) {
         const lines = text.replace(/^\uFEFF/, "").split(/\r\n|\n|\r/).filter((line) => line.trim() && !line.startsWith("#"));
+        if (text.slice(0, 4096).includes("\0")) throw new Error("it is no text: save the log as CSV first");
         if (lines.length < 3) throw new Error("it has fewer than two rows of numbers: is it a CSV?");
-        if (/[\0]/.test(lines[0])) throw new Error("it is no text: save the log as CSV first");
         const sample = lines[1], count = (sign) => sample.split(sign).length;
-        const sign = ["\t", ";", ",", " "].reduce((best, it) => (count(it) > count(best) ? it : best));
+        const sign = ["\t", ";", ",", " "].find((it) => count(it) > 1) ?? ","; // a comma may be decimal
         const comma = sign === ";" || sign === "\t";
         const cells = (line) => (sign === " " ? line.trim().split(/\s+/) : line.split(sign)).map((it) => it.trim().replace(/^"(.*)"$/, "$1"));
         const value = (cell) => (cell === "" ? NaN : Number(comma ? cell.replace(",", ".") : cell));
