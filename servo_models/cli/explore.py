@@ -47,7 +47,7 @@ def explore(
 
     from servo_models.cli.console import progress
     from servo_models.files import write_whole
-    from servo_models.identification.explore import explored
+    from servo_models.identification.live import explored
     from servo_models.report.html import page
 
     check_outputs((out, ".html"))

@@ -15,7 +15,7 @@ from servo_models.core.simulate import model
 from servo_models.data.description import read_description
 from servo_models.data.parameters import read_parameters
 from servo_models.errors import UserError
-from servo_models.identification.explore import explored
+from servo_models.identification.live import explored
 from servo_models.identification.simulation import prepared
 from servo_models.report.html import page as html
 from tests.conftest import Run
