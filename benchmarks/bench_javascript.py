@@ -26,7 +26,6 @@ const given = JSON.parse(require("fs").readFileSync("GIVEN", "utf8"));
 const of = (list) => new Float64Array(list);
 const p = of(given.p), times = of(given.times), inputs = of(given.inputs), out = of(given.out);
 let best = Infinity;
-for (let k = 0; k < 5; k++) run(p, of(given.x), 3, times, inputs, out, Infinity, of(1));
 for (let k = 0; k < RUNS; k++) {
     const x = of(given.x), at = of(1), begin = performance.now();
     run(p, x, given.rows, times, inputs, out, Infinity, at);
@@ -75,12 +74,11 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-# Result: two cores, CPython 3.11, node 24, gcc.
+# Result: two cores, CPython 3.11, node 24, gcc; each of three runs within 6 % of this.
 #
 # actuator                 C  JavaScript  ratio
-# sg90               1.92 ms     2.13 ms   1.11
-# smart_servo        4.44 ms     4.52 ms   1.02
-# torque_motor       1.57 ms     7.20 ms   4.60
+# sg90               1.95 ms     4.31 ms   2.21
+# smart_servo        4.43 ms     7.53 ms   1.70
+# torque_motor       1.55 ms     2.43 ms   1.57
 #
-# In two of five runs of this script the torque motor took 4.6 times as long: V8 then stays with the
-# code of its second compiler.
+# All rows in one loop, V8 now and then stays with the code of its second compiler, 4 to 20 times C.

@@ -34,6 +34,7 @@ function copysign(size, sign) {
 }
 """
 _OWN = ("copysign",)
+ROWS_AT_ONCE = 16
 
 
 def js_model(flat: Flat) -> str:
@@ -77,9 +78,11 @@ def js_run_text(text: str) -> str:
 
     ``run(p, x, rows, times, inputs, out, most, at)`` returns the code, and writes the row or the
     number of sub-steps into ``at[0]``.  All but ``rows`` and ``most`` are a ``Float64Array``;
-    ``inputs`` and ``out`` have a row after the other.  Five runs of three rows before the first
-    show an engine all statements: V8 compiles the loop before it has seen what comes after, and
-    would leave that machine code at the end of each run, which takes five times as long.
+    ``inputs`` and ``out`` have a row after the other.
+
+    The rows are run a few at a time, by ``advance``, which keeps its variables in between: an
+    engine compiles a function that is called often to its fastest code, and one that stays in a
+    loop for long to code that takes 4 to 20 times as long (V8, ``benchmarks/bench_javascript.py``).
 
     Raises:
         ValueError: a block uses a function of ``math`` that has no form here.
@@ -97,12 +100,39 @@ def js_run_text(text: str) -> str:
     memory, *body = run.body
     assert isinstance(memory, ast.Assign)
     assert isinstance(memory.value, ast.Call)
+    place = next(k for k, it in enumerate(body) if isinstance(it, ast.For))
+    setup, rows, last = body[:place], body[place], body[place + 1 :]
+    assert isinstance(rows, ast.For)
+    names = [f"v_{name}" for name in stored(body)]
+    shared = "v__p, v__x, v__rows, v__times, v__inputs, v__out, v__most, v__at"
     lines = [
         _HELPERS,
-        "function run(v__p, v__x, v__rows, v__times, v__inputs, v__out, v__most, v__at) {",
-        f"    const v__ahead = new Float64Array({write.plain(memory.value.args[0])});",
+        f"function advance(v__ahead, kept, from, to, {shared}) {{",
         *indent(write.declared(body, ())),
-        *indent(write.block(body)),
+        "    if (from === 0) {",
+        *indent(indent(write.block(setup))),
+        "    } else {",
+        *(f"        {name} = kept[{k}];" for k, name in enumerate(names)),
+        "    }",
+        "    for (v__row = from; v__row < to; v__row++) {",
+        *indent(indent(write.block(rows.body))),
+        "    }",
+        "    if (to < v__rows) {",
+        *(f"        kept[{k}] = {name};" for k, name in enumerate(names)),
+        "        return 0;",
+        "    }",
+        *indent(write.block(last)),
+        "}",
+        "",
+        f"function run({shared}) {{",
+        f"    const ahead = new Float64Array({write.plain(memory.value.args[0])});",
+        f"    const kept = new Float64Array({len(names)});",
+        f"    for (let from = 0; from < v__rows; from += {ROWS_AT_ONCE}) {{",
+        f"        const to = Math.min(from + {ROWS_AT_ONCE}, v__rows);",
+        f"        const code = advance(ahead, kept, from, to, {shared});",
+        "        if (code !== 0) return code;",
+        "    }",
+        "    return 0;",
         "}",
     ]
     return "\n".join([*lines, ""])

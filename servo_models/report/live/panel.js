@@ -7,7 +7,7 @@ element ``live-data``.  Texts of logs and models are only ever set as text, so n
 (() => {
 const WIDE = 720; // pixels from which charts are high
 const MOST_SUBSTEPS = 1e7; // of a run: some seconds
-const WARM = 5; // short runs before the first one
+const WARM = 800, WARM_ROWS = 200; // ms and rows of a run by which an engine learns a model
 const STEPS = 1000; // of a slider
 const DECADES = 100; // ends of a slider that are further apart, as a ratio, have a logarithm between
 const SLOW = 0.05; // share of the usual rate below which an output rests
@@ -128,11 +128,16 @@ function simulated(model, values, run, set) {
     return { columns: model.outputs.map((_, k) => column(out, k, width, skipped)) };
 }
 
-/* Short runs show an engine what follows the loop, whose machine code it would leave otherwise. */
+/* Let the engine compile a model while the reader looks: short runs, between which the page answers. */
 function warmed(model, run) {
-    const times = run.times.subarray(0, 3), inputs = run.inputs.subarray(0, 3 * model.inputs.length);
-    const [values] = Object.values(model.sets);
-    for (let k = 0; k < WARM; k++) simulated(model, values, { ...run, times, inputs, settled: null }, 0);
+    const rows = Math.min(WARM_ROWS, run.times.length), until = performance.now() + WARM;
+    const part = { ...run, times: run.times.subarray(0, rows), inputs: run.inputs.subarray(0, rows * model.inputs.length), settled: null, placed: [] };
+    const values = Object.values(model.sets).at(-1);
+    const more = () => {
+        simulated(model, values, part, 0);
+        if (performance.now() < until) setTimeout(more);
+    };
+    setTimeout(more, 100);
 }
 
 function column(table, k, width, skipped) {
