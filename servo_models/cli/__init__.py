@@ -18,6 +18,7 @@ from typer.core import TyperGroup
 from servo_models.cli.blind import blind
 from servo_models.cli.build import build
 from servo_models.cli.check import check
+from servo_models.cli.compare import compare
 from servo_models.cli.console import disarmed
 from servo_models.cli.diagnose import diagnose
 from servo_models.cli.explain import explain
@@ -88,6 +89,7 @@ app.command()(figures)
 app.command()(check)
 app.command()(identify)
 app.command()(diagnose)
+app.command()(compare)
 app.command()(blind)
 app.command()(build)
 app.command()(validate)

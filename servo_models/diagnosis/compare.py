@@ -1,0 +1,168 @@
+"""Several diagnoses or parameter sets on the same logs, side by side."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servo_models.core.simulate import Model
+from servo_models.data.description import Description, read_description
+from servo_models.data.log import Log, hashes
+from servo_models.data.parameters import read_parameters
+from servo_models.errors import UserError
+from servo_models.files import read_regular
+from servo_models.identification.simulation import prepared
+from servo_models.identification.starts import with_starts
+from servo_models.report.result import Result
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
+    """Sets of values on the same logs.
+
+    Attributes:
+        model: nominal.
+        logs: as described, each with its start.
+        sets: values [SI] of all parameters that a file gives, by the name of the file.
+        errors: RMS error [SI] by log, output and set, the nominal one first.
+        remarks: what has changed since a file was written, in words.
+    """
+
+    model: Model
+    logs: tuple[Log, ...]
+    sets: Mapping[str, Mapping[str, float]]
+    errors: Mapping[tuple[str, str], Sequence[float]]
+    remarks: tuple[str, ...]
+
+    @property
+    def changed(self) -> list[str]:
+        """Parameters that are other in any set than in the nominal model."""
+        nominal = self.model.values
+        return [
+            name
+            for name in nominal
+            if any(
+                values.get(name, nominal[name]) != nominal[name] for values in self.sets.values()
+            )
+        ]
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What a file says: whose values, and what they were found from."""
+
+    path: Path
+    actuator: str
+    values: dict[str, float]
+    logs: Mapping[str, str]
+    description: tuple[str, str] = ("", "")
+
+
+def compare(
+    files: Sequence[str | Path], on: str | Path | None = None, trust: bool = False
+) -> Comparison:
+    """Return diagnoses (.json) and parameter sets (.toml) beside the logs of a description.
+
+    Args:
+        files: two or more; one is compared with the nominal model.
+        on: the description; None takes the one that a diagnosis names, beside its file.
+        trust: a description may name a Python file anywhere.
+
+    Raises:
+        UserError: a file that is neither, or of another actuator; no description; see also
+            ``read_description``.
+    """
+    told = [_told(Path(file), trust) for file in files]
+    if not told:
+        raise UserError("nothing to compare: name diagnoses (.json) or parameter files (.toml)")
+    path = Path(on) if on else _description_of(told)
+    described = read_description(path, trust)
+    for one in told:
+        if one.actuator not in (described.actuator.name, described.actuator.key):
+            raise UserError(
+                f"'{one.path}' is of '{one.actuator}', but '{path}' of '{described.actuator.name}':"
+                " compare files of one actuator"
+            )
+    logs = with_starts(described.model, described.logs)
+    sets = _named(told)
+    remarks = tuple(_remarks(told, described, path))
+    return Comparison(described.model, logs, sets, _errors(described.model, logs, sets), remarks)
+
+
+def _told(path: Path, trust: bool) -> _Told:
+    if path.suffix.lower() == ".toml":
+        found = read_parameters(path, trust)
+        return _Told(path, found.actuator, found.model().values, found.logs)
+    try:
+        document: Any = json.loads(read_regular(path))
+        values = {entry["name"]: float(entry["value"]) for entry in document["parameters"]}
+        logs = {entry["file"]: f"sha256:{entry['sha256']}" for entry in document["logs"]}
+        known = document.get("description") or {"file": "", "sha256": ""}
+        return _Told(path, document["actuator"], values, logs, (known["file"], known["sha256"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"'{path}' is no diagnosis: give what 'diagnose --json' wrote, or a parameter file"
+            " (.toml)"
+        ) from error
+
+
+def _description_of(told: Sequence[_Told]) -> Path:
+    for one in told:
+        name, _ = one.description
+        if name and (one.path.parent / name).exists():
+            return one.path.parent / name
+    names = ", ".join(
+        dict.fromkeys(f"'{name}'" for name, _ in (it.description for it in told) if name)
+    )
+    missing = f"{names} is not beside the file that names it" if names else "no file names its logs"
+    raise UserError(f"{missing}: give --on DESCRIPTION")
+
+
+def _named(told: Sequence[_Told]) -> dict[str, dict[str, float]]:
+    """Values by the name of their file, with its folders where names repeat."""
+    names = [one.path.stem for one in told]
+    return {
+        one.path.stem if names.count(one.path.stem) == 1 else one.path.as_posix(): one.values
+        for one in told
+    }
+
+
+def _remarks(told: Sequence[_Told], described: Description, path: Path) -> Iterator[str]:
+    """What the files were made of that is not what is here."""
+    now = {name: f"sha256:{digest}" for name, digest in hashes(described.logs).items()}
+    digest = hashlib.sha256(read_regular(path)).hexdigest()
+    for one in told:
+        name, before = one.description
+        if name and before != digest:
+            yield f"'{one.path.name}' was made with another '{name}' than '{path.name}' is now."
+        missing = [file for file in one.logs if file not in now]
+        other = [file for file, told in one.logs.items() if now.get(file, told) != told]
+        if missing:
+            yield f"'{one.path.name}' was made with {_listed(missing)}, which is not here."
+        if other:
+            yield f"{_listed(other)} has changed since '{one.path.name}' was made."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
+
+
+def _errors(
+    model: Model, logs: Sequence[Log], sets: Mapping[str, Mapping[str, float]]
+) -> dict[tuple[str, str], list[float]]:
+    found: dict[tuple[str, str], list[float]] = {}
+    for log in logs:
+        counted = log.fitted | log.checked
+        for values in ({}, *sets.values()):
+            simulated = prepared(replace(model, values={**model.values, **values}), log)
+            out = simulated.outputs_or_nan({})
+            for k, (name, measured) in enumerate(log.outputs.items()):
+                error = (out[:, k] - measured)[counted]
+                found.setdefault((log.name, name), []).append(float(np.sqrt(np.mean(error**2))))
+    return found

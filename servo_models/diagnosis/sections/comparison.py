@@ -1,0 +1,94 @@
+"""Several sets of values on the same logs, as people read it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from servo_models.analysis.experiment import display
+from servo_models.analysis.explain import display_scale, display_unit
+from servo_models.analysis.live import NOMINAL
+from servo_models.diagnosis.compare import Comparison
+from servo_models.identification.live import MOVE, live_logs
+from servo_models.report.live import Live
+from servo_models.report.numbers import Quantity
+from servo_models.report.result import Report, document_of, report_of
+from servo_models.report.sections import Cell, Section, Table
+
+TITLE = "Measured and simulated"
+
+
+@report_of.register(Comparison)
+def report(found: Comparison, date: str = "") -> Report:
+    """Return the report of a comparison: errors, values, and a panel with each set."""
+    names = (NOMINAL, *found.sets)
+    model = found.model
+    models = live_logs(model, found.logs, found.sets, {}, {*found.changed}, {})
+    columns = ("log", "output", *names)
+    errors = Table("RMS errors", columns, tuple(_errors(found)))
+    values = Table("Values", ("parameter", "unit", *names), tuple(_values(found)))
+    return Report(
+        f"{model.actuator.name}, variant {model.variant}: {', '.join(found.sets)}",
+        _sentence(found),
+        remarks=found.remarks,
+        sections=(
+            Section(TITLE, live=Live(TITLE, MOVE, models) if models else None, tables=(errors,)),
+            Section("Parameters", tables=(values,)),
+        ),
+        date=date,
+    )
+
+
+@document_of.register(Comparison)
+def document(found: Comparison) -> dict[str, Any]:
+    """Return values and errors in SI."""
+    names = (NOMINAL, *found.sets)
+    return {
+        "actuator": found.model.actuator.name,
+        "variant": found.model.variant,
+        "remarks": list(found.remarks),
+        "errors": [
+            {"log": log, "output": output, "rms": dict(zip(names, sizes))}
+            for (log, output), sizes in found.errors.items()
+        ],
+        "parameters": {
+            name: {NOMINAL: found.model.values[name]}
+            | {
+                title: values.get(name, found.model.values[name])
+                for title, values in found.sets.items()
+            }
+            for name in found.changed
+        },
+    }
+
+
+def _sentence(found: Comparison) -> str:
+    """Which set leaves least of the first output, over all logs."""
+    first = next(iter(found.logs[0].outputs))
+    names = (NOMINAL, *found.sets)
+    rows = [sizes for (_, output), sizes in found.errors.items() if output == first]
+    total = [sum(size**2 for size in sizes) for sizes in zip(*rows)]
+    scale, unit = display(found.model.plant.wire[first])
+    told = ", ".join(
+        f"{name} {Quantity(scale * (sum_ / len(rows)) ** 0.5, unit, digits=3)}"
+        for name, sum_ in sorted(zip(names, total), key=lambda it: it[1])
+    )
+    return f"Error of {first.replace('_', ' ')}, RMS: {told}"
+
+
+def _errors(found: Comparison) -> Iterator[tuple[Cell, ...]]:
+    for (log, output), sizes in found.errors.items():
+        scale, unit = display(found.model.plant.wire[output])
+        yield (log, output.replace("_", " "), *(Quantity(scale * it, unit or "1") for it in sizes))
+
+
+def _values(found: Comparison) -> Iterator[tuple[Cell, ...]]:
+    nominal = found.model.values
+    for name in found.changed:
+        parameter = found.model.plant.parameters[name]
+        every = (
+            nominal[name],
+            *(values.get(name, nominal[name]) for values in found.sets.values()),
+        )
+        scale = display_scale(parameter)
+        yield (name, display_unit(parameter), *(Quantity(scale * it, digits=5) for it in every))
