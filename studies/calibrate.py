@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import structs
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.calibration import DATA, MOST_PROBABILITY, Map, probability
@@ -85,7 +86,7 @@ def with_probabilities(case: Case, maps: dict[str, Map]) -> Case:
     """Return a case as these maps would have told it."""
     by, weights = maps.get(case.said.verdict), case.said.chances
     told = probability(np.array(list(weights.values())), by).tolist() if by and weights else []
-    return replace(case, said=replace(case.said, probabilities=dict(zip(weights, told))))
+    return replace(case, said=structs.replace(case.said, probabilities=dict(zip(weights, told))))
 
 
 def cross_validated(runs: Sequence[Run]) -> list[Case]:
@@ -105,7 +106,7 @@ def cross_validated(runs: Sequence[Run]) -> list[Case]:
 def before(cases: Iterable[Case]) -> list[Case]:
     """The same cases with their weights told as if they were probabilities, where any are told."""
     return [
-        replace(case, said=replace(case.said, probabilities=case.said.chances))
+        replace(case, said=structs.replace(case.said, probabilities=case.said.chances))
         if case.said.probabilities
         else case
         for case in cases

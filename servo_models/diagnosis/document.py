@@ -1,4 +1,4 @@
-"""A diagnosis for other programs: as JSON by ``schema.json``, as GitHub's workflow commands, and
+"""A diagnosis for other programs: as JSON by ``schema.py``, as GitHub's workflow commands, and
 as a parameter file, which closes the loop from log to FMU.
 """
 
@@ -6,17 +6,17 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import permutations
-from typing import Any
+from typing import TypeVar
 
-from servo_models.data.audit import Audit, Reading
+from servo_models.data.audit import Audit
 from servo_models.data.log import hashes
 from servo_models.data.parameters import Estimate, FitFigure, ParameterSet, known_error, with_given
-from servo_models.diagnosis import summary
-from servo_models.diagnosis.confirm import Confirmation
+from servo_models.diagnosis import schema, summary
 from servo_models.diagnosis.design import Experiment
 from servo_models.diagnosis.gap import GapSummary
+from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.search.masking import MaskedEffect
@@ -27,44 +27,39 @@ from servo_models.errors import UserError
 from servo_models.identification.result import FIT, HELD_OUT, Accuracy, overall
 from servo_models.report.interchange import command, conditions
 
-VERSION = 3  # of the schema: it counts up when a reader of the one before would go wrong
+Reduction = TypeVar("Reduction", bound=schema.Reduction)
+
 FLOORS = "noise floor"
 
 
-def document(diagnosis: Diagnosis) -> dict[str, Any]:
+def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
     """Return a diagnosis as what JSON is made of: figures in SI or noise floors, no date."""
-    confirmation = diagnosis.confirmation
-    return {
-        "schema_version": VERSION,
-        "actuator": diagnosis.model.actuator.name,
-        "variant": diagnosis.model.variant,
-        "verdict": diagnosis.verdict.kind,
-        "sentence": summary.sentence(diagnosis),
-        "not_asserted": summary.not_asserted(diagnosis),
-        "tolerance": diagnosis.tolerance,
-        "settings": asdict(diagnosis.settings),
-        "gap": {**_gap_summary(diagnosis.gap, FLOORS), "outputs": _outputs(diagnosis)},
-        "confirmation": _confirmation(diagnosis, confirmation) if confirmation else None,
-        "effects": [_effect(diagnosis, effect) for effect in diagnosis.ranking],
-        "confidence_set": _confidence_set(diagnosis),
-        "ruled_out": [
-            {"name": n, "reason": why} for n, why in summary.ruled_out(diagnosis).items()
-        ],
-        "masked": [_masked_effect(diagnosis, one) for one in diagnosis.masked],
-        "parameters": [_parameter(diagnosis, value) for value in diagnosis.found],
-        "residual_map": _residual_map(diagnosis),
-        "between_rows": diagnosis.between_rows,
-        "parts": [_part(one) for one in diagnosis.parts],
-        "held_out": [asdict(one) for one in diagnosis.held_out],
-        "localisation": [asdict(breakdown) for breakdown in diagnosis.localisation],
-        "next_experiments": [_experiment(one) for one in diagnosis.next_experiments],
-        "repeats_wanted": diagnosis.repeats_wanted or None,
-        "unfinished": list(diagnosis.unfinished),
-        "warnings": list(summary.warnings(diagnosis)),
-        "seed": diagnosis.seed,
-        "versions": conditions(),
-        "logs": [_log(diagnosis, audit) for audit in diagnosis.audits],
-    }
+    return schema.DiagnosisDocument.made_from(
+        diagnosis,
+        schema_version=schema.VERSION,
+        actuator=diagnosis.model.actuator.name,
+        variant=diagnosis.model.variant,
+        verdict=diagnosis.verdict.kind,
+        sentence=summary.sentence(diagnosis),
+        not_asserted=summary.not_asserted(diagnosis),
+        settings=vars(diagnosis.settings),
+        gap=_reduction(schema.WholeGap, diagnosis.gap, FLOORS, outputs=_outputs(diagnosis)),
+        confirmation=_confirmation(diagnosis),
+        effects=[_effect(diagnosis, effect) for effect in diagnosis.ranking],
+        confidence_set=_confidence_set(diagnosis),
+        ruled_out=[schema.RuledOut(*each) for each in summary.ruled_out(diagnosis).items()],
+        masked=[_masked_effect(diagnosis, effect) for effect in diagnosis.masked],
+        parameters=[_parameter(diagnosis, value) for value in diagnosis.found],
+        residual_map=_residual_map(diagnosis),
+        parts=[_part(part) for part in diagnosis.parts],
+        held_out=[schema.HeldOutLog.made_from(log) for log in diagnosis.held_out],
+        localisation=[_breakdown(breakdown) for breakdown in diagnosis.localisation],
+        next_experiments=[_experiment(planned) for planned in diagnosis.next_experiments],
+        repeats_wanted=diagnosis.repeats_wanted or None,
+        warnings=summary.warnings(diagnosis),
+        versions=conditions(),
+        logs=[_log(diagnosis, audit) for audit in diagnosis.audits],
+    )
 
 
 def github(diagnosis: Diagnosis) -> Iterator[str]:
@@ -75,208 +70,168 @@ def github(diagnosis: Diagnosis) -> Iterator[str]:
         yield command("warning", title, text)
 
 
-def _gap_summary(gap: GapSummary, unit: str) -> dict[str, Any]:
-    closed = gap.closed or (None, None, None)
-    return {
+def _reduction(kind: type[Reduction], gap: GapSummary, unit: str, **others: object) -> Reduction:
+    share, *interval = gap.closed or (None, None, None)
+    return kind.made_from(
+        gap,
         **gap.rms,
-        "floor": gap.floor,
-        "unit": unit,
-        "held_out": True,
-        "intervals": {stage: list(interval) for stage, interval in gap.intervals.items()},
-        "closed": closed[0],
-        "closed_interval": list(closed[1:]),
-    }
+        unit=unit,
+        held_out=True,
+        intervals=schema.Intervals(**gap.intervals),
+        closed=share,
+        closed_interval=interval,
+        **others,
+    )
 
 
-def _outputs(diagnosis: Diagnosis) -> dict[str, Any]:
+def _outputs(diagnosis: Diagnosis) -> dict[str, schema.OutputGap]:
+    wires = diagnosis.model.plant.wire
     return {
-        gap.output: {
-            **_gap_summary(gap, diagnosis.model.plant.wire[gap.output].unit),
-            "floor_origin": gap.origin,
-            "nrmse": gap.nrmse,
-            "delay": gap.delay,
-            "worst": {"log": gap.worst[0], "time": gap.worst[1]},
-        }
+        gap.output: _reduction(
+            schema.OutputGap,
+            gap,
+            wires[gap.output].unit,
+            floor_origin=gap.origin,
+            worst=schema.Worst(*gap.worst),
+        )
         for gap in diagnosis.gaps
     }
 
 
-def _confirmation(diagnosis: Diagnosis, confirmation: Confirmation) -> dict[str, Any]:
-    wires = diagnosis.model.plant.wire
-    return {
-        "difference": confirmation.difference,
-        "outputs": {
-            output: {
-                "unit": wires[output].unit,
-                "fit": _whole(confirmation.rows, output, FIT),
-                "held_out": _whole(confirmation.rows, output, HELD_OUT),
-            }
-            for output in dict.fromkeys(row.output for row in confirmation.rows)
-        },
-    }
-
-
-def _whole(rows: Sequence[Accuracy], output: str, part: str) -> dict[str, float]:
-    return {stage: overall(rows, output, part, stage) for stage in ("before", "after")}
-
-
-def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> dict[str, Any]:
-    return {
-        "name": effect.name,
-        "block": effect.wire,
-        "model_weight": effect.model_weight,
-        "probability": effect.probability,
-        "in_set": effect.in_set,
-        "taken": effect.taken,
-        "parameters": [_value(diagnosis, value) for value in effect.parameters],
-        "gap_after": effect.gap_after,
-        "closed": effect.closed,
-        "converged": effect.converged,
-        "detectability": effect.detectability,
-        "beside": list(effect.beside),
-        "detected": None if effect.detected is None else _detected(effect.detected),
-    }
-
-
-def _residual_map(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    found, wires = diagnosis.residual_map, diagnosis.model.plant.wire
-    if found is None:
+def _confirmation(diagnosis: Diagnosis) -> schema.Confirmed | None:
+    confirmation, wires = diagnosis.confirmation, diagnosis.model.plant.wire
+    if confirmation is None:
         return None
-    return {
-        "block": found.wire,
-        "unit": wires[found.wire].unit,
-        "text": found.sentence,
-        "before": found.before,
-        "after": found.after,
-        "beside": list(found.fitted.effects),
-        "curves": [
-            {
-                "of": curve.regressor,
-                "wire": curve.wire,
-                "unit": wires[curve.wire].unit,
-                "knots": curve.knots.tolist(),
-                "values": curve.values.tolist(),
-                "standard_errors": curve.errors.tolist(),
-                "samples": curve.samples.tolist(),
-            }
-            for curve in found.curves
-        ],
-        "parameters": found.values,
+    rows = confirmation.rows
+    outputs = {
+        output: schema.ConfirmedOutput(
+            wires[output].unit, _whole(rows, output, FIT), _whole(rows, output, HELD_OUT)
+        )
+        for output in dict.fromkeys(row.output for row in rows)
     }
+    return schema.Confirmed(confirmation.difference, outputs)
 
 
-def _confidence_set(diagnosis: Diagnosis) -> dict[str, Any]:
+def _whole(rows: Sequence[Accuracy], output: str, part: str) -> schema.Stages:
+    return schema.Stages(*(overall(rows, output, part, stage) for stage in ("before", "after")))
+
+
+def _effect(diagnosis: Diagnosis, effect: RankedEffect) -> schema.Effect:
+    return schema.Effect.made_from(
+        effect,
+        block=effect.wire,
+        parameters=[_value(diagnosis, value) for value in effect.parameters],
+        detected=effect.detected and _detected(effect.detected),
+    )
+
+
+def _residual_map(diagnosis: Diagnosis) -> schema.LearntMap | None:
+    learnt, wires = diagnosis.residual_map, diagnosis.model.plant.wire
+    if learnt is None:
+        return None
+    curves = [
+        schema.MapCurve.made_from(
+            curve,
+            of=curve.regressor,
+            unit=wires[curve.wire].unit,
+            standard_errors=curve.errors,
+        )
+        for curve in learnt.curves
+    ]
+    return schema.LearntMap.made_from(
+        learnt,
+        block=learnt.wire,
+        unit=wires[learnt.wire].unit,
+        text=learnt.sentence,
+        beside=learnt.fitted.effects,
+        curves=curves,
+        parameters=learnt.values,
+    )
+
+
+def _confidence_set(diagnosis: Diagnosis) -> schema.ConfidenceSet:
     """The fitted models that cannot be told apart, and the choices that they leave."""
     weights = weights_by_effects(diagnosis.selection, diagnosis.verdict)
-    return {
-        "models": [
-            {"effects": list(one.effects), "model_weight": weights[one.effects]}
-            for one in diagnosis.verdict.rivals
-        ],
-        "alternatives": [
-            [
-                {"family": slot.family, "count": slot.count, "effects": list(slot.effects)}
-                for slot in slots
-            ]
-            for slots in diagnosis.alternatives
-        ],
-    }
+    rivals = [model.effects for model in diagnosis.verdict.rivals]
+    return schema.ConfidenceSet(
+        [schema.FittedEffects(effects, weights[effects]) for effects in rivals],
+        [[schema.Choice.made_from(slot) for slot in slots] for slots in diagnosis.alternatives],
+    )
 
 
-def _masked_effect(diagnosis: Diagnosis, one: MaskedEffect) -> dict[str, Any]:
-    wire = diagnosis.model.plant.main_wire(one.name)
-    return {"name": one.name, "block": wire, "up_to": one.moved}
+def _masked_effect(diagnosis: Diagnosis, effect: MaskedEffect) -> schema.Masked:
+    wire = diagnosis.model.plant.main_wire(effect.name)
+    return schema.Masked(effect.name, wire, effect.moved)
 
 
-def _part(one: Part) -> dict[str, Any]:
-    return {
-        "log": one.log,
-        "half": one.half or None,
-        "parameter": one.value.name,
-        "value": one.value.value,
-        "standard_error": one.value.standard_error,
-        "left": one.left,
-    }
+def _part(part: Part) -> schema.ExplainedPart:
+    value = part.value
+    return schema.ExplainedPart(
+        part.log, part.half or None, value.name, value.value, value.standard_error, part.left
+    )
 
 
-def _detected(seen: Signature) -> dict[str, Any]:
-    return {
-        "by": "codes" if isinstance(seen, Codes) else "clock",
-        "bunched": seen.bunched,
-        "by_chance": seen.chance,
-        "text": sentence(seen),
-    }
+def _detected(seen: Signature) -> schema.Detected:
+    by = "codes" if isinstance(seen, Codes) else "clock"
+    return schema.Detected(by, seen.bunched, seen.chance, sentence(seen))
 
 
-def _parameter(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
-    moved, doubt = summary.moves(diagnosis), summary.doubts(diagnosis)
-    retuned = {one.name: one.value for one in diagnosis.moved}
-    return {
-        **_value(diagnosis, value),
-        "retuned": retuned.get(value.name),
-        "prior_deviations": moved.get(value.name),
-        "doubt": doubt.get(value.name, ""),
-    }
+def _parameter(diagnosis: Diagnosis, value: Value) -> schema.Parameter:
+    retuned = {moved.name: moved.value for moved in diagnosis.moved}
+    return schema.Parameter.made_from(
+        _value(diagnosis, value),
+        retuned=retuned.get(value.name),
+        prior_deviations=summary.moves(diagnosis).get(value.name),
+        doubt=summary.doubts(diagnosis).get(value.name, ""),
+    )
 
 
-def _value(diagnosis: Diagnosis, value: Value) -> dict[str, Any]:
+def _value(diagnosis: Diagnosis, value: Value) -> schema.Value:
     unit = diagnosis.model.plant.parameters[value.name].param.unit
-    figures = asdict(value)
-    return {"name": figures.pop("name"), "prior": figures.pop("nominal"), **figures, "unit": unit}
+    return schema.Value.made_from(value, prior=value.nominal, unit=unit)
 
 
-def _log(diagnosis: Diagnosis, audit: Audit) -> dict[str, Any]:
-    log, clock = audit.log, audit.sampling
-    return {
-        "name": log.name,
-        "file": log.path.name,
-        "sha256": log.sha256,
-        "samples": clock.samples,
-        "duration": clock.duration,
-        "step": clock.step,
-        "jitter": clock.jitter,
-        "gaps": len(clock.gaps),
-        "at_rest": audit.at_rest,
-        "notes": list(log.notes),
-        "readings": {one.name: _reading(diagnosis, one) for one in audit.readings},
+def _breakdown(breakdown: Breakdown) -> schema.Breakdown:
+    bins = [schema.Bin.made_from(each) for each in breakdown.bins]
+    return schema.Breakdown.made_from(breakdown, bins=bins)
+
+
+def _log(diagnosis: Diagnosis, audit: Audit) -> schema.AuditedLog:
+    log, clock, wires = audit.log, audit.sampling, diagnosis.model.plant.wire
+    readings = {
+        reading.name: schema.ReadOutput.made_from(
+            reading,
+            unit=wires[reading.name].unit,
+            floor=schema.NoiseFloor.made_from(reading.floor),
+        )
+        for reading in audit.readings
     }
+    return schema.AuditedLog.made_from(
+        clock,
+        name=log.name,
+        file=log.path.name,
+        sha256=log.sha256,
+        gaps=len(clock.gaps),
+        at_rest=audit.at_rest,
+        notes=log.notes,
+        readings=readings,
+    )
 
 
-def _reading(diagnosis: Diagnosis, reading: Reading) -> dict[str, Any]:
-    floor = reading.floor
-    return {
-        "unit": diagnosis.model.plant.wire[reading.name].unit,
-        "low": reading.low,
-        "high": reading.high,
-        "step": reading.step,
-        "clipped": reading.clipped,
-        "stale": reading.stale,
-        "floor": {"quantum": floor.quantum, "repeats": floor.repeats, "residual": floor.residual},
-    }
-
-
-def _experiment(next_: Experiment) -> dict[str, Any]:
-    return {
-        "explanations": [
-            {"effects": list(effects), "weight": float(weight)}
-            for effects, weight in zip(next_.explanations, next_.weights)
+def _experiment(planned: Experiment) -> schema.NextExperiment:
+    names = planned.explanations
+    return schema.NextExperiment.made_from(
+        planned,
+        explanations=[schema.Explanation(*each) for each in zip(names, planned.weights)],
+        pairs=[
+            schema.Pair(names[i], names[k], planned.separations[i, k], planned.told[i, k])
+            for i, k in permutations(range(len(names)), 2)
         ],
-        "pairs": [
-            {
-                "right": list(next_.explanations[i]),
-                "model": list(next_.explanations[k]),
-                "leaves": float(next_.separations[i, k]),
-                "ruled_out": bool(next_.told[i, k]),
-            }
-            for i, k in permutations(range(len(next_.explanations)), 2)
-        ],
-        "text": next_.text,
-        "input": next_.wire.name,
-        "unit": next_.wire.unit,
-        "constants": dict(next_.constants),
-        "duration": float(next_.times[-1]),
-        "file": next_.file or None,
-    }
+        input=planned.wire.name,
+        unit=planned.wire.unit,
+        duration=planned.times[-1],
+        file=planned.file or None,
+    )
 
 
 def parameter_set(

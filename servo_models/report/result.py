@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.report.html import notebook, page
-from servo_models.report.interchange import finite_json
+from servo_models.report.interchange import Document, finite_json, plain
 from servo_models.report.sections import Page, Section, Table
 from servo_models.report.style import figure
 from servo_models.report.terminal import group, text
@@ -58,9 +58,9 @@ def report_of(result: Any, date: str = "") -> Report:
 
 
 @singledispatch
-def document_of(result: Any) -> dict[str, Any]:
+def document_of(result: Any) -> Document | dict[str, Any]:
     """Return a result as what JSON is made of, figures in SI."""
-    made: dict[str, Any] = registered(document_of.dispatch, result)(result)
+    made: Document | dict[str, Any] = registered(document_of.dispatch, result)(result)
     return made
 
 
@@ -94,7 +94,8 @@ class Result:
 
     def document(self) -> dict[str, Any]:
         """Return the result as what JSON is made of, figures in SI."""
-        return document_of(self)
+        made: dict[str, Any] = plain(document_of(self))
+        return made
 
     def __str__(self) -> str:
         return str(self.report())
@@ -108,7 +109,7 @@ class Result:
 
     def to_json(self) -> str:
         """Return the document as JSON; a figure that is not finite becomes null."""
-        return finite_json(self.document())
+        return finite_json(document_of(self))
 
     def write_report(self, path: str | Path, date: str = "") -> None:
         """Write the result as one HTML file that needs nothing else, whole or not at all.

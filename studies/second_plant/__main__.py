@@ -21,7 +21,7 @@ from typing import Any
 from servo_models.cli.console import progress, show
 from servo_models.errors import UserError
 from servo_models.files import write_whole
-from servo_models.report.interchange import conditions
+from servo_models.report.interchange import conditions, plain
 from studies.second_plant.figures import BARS, FIGURES, Case, Cases, play_by_share, report
 from studies.second_plant.judge import Observed, judged
 from studies.second_plant.mujoco_plant import engine
@@ -56,7 +56,9 @@ def main() -> int:
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    write_whole(given.folder / "figures.json", f"{json.dumps(document(title, cases))}\n".encode())
+    write_whole(
+        given.folder / "figures.json", f"{json.dumps(plain(document(title, cases)))}\n".encode()
+    )
     show(report(title, cases))
     return 0
 
@@ -108,16 +110,14 @@ def document(title: str, cases: Cases) -> dict[str, Any]:
     return {
         "title": title,
         "versions": conditions(),
-        "figures": {define.__name__: asdict(define(cases)) for define in FIGURES},
-        "play_by_share": {
-            f"{share:.2f}": asdict(figure) for share, figure in play_by_share(cases).items()
-        },
+        "figures": {define.__name__: define(cases) for define in FIGURES},
+        "play_by_share": {f"{share:.2f}": figure for share, figure in play_by_share(cases).items()},
         "bars": {name: " ".join(map(str, bar)) for name, bar in BARS.items()},
         "cases": [
             {
                 **case.answer,
                 "right": case.right,
-                "said": asdict(case.said),
+                "said": case.said,
                 "observed": asdict(case.observed),
             }
             for case in cases

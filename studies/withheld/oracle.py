@@ -25,18 +25,21 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import field
+from msgspec.structs import asdict
 
 from servo_models.core.workers import Workers
 from servo_models.data.description import Description, read_description
 from servo_models.data.log import Log
 from servo_models.data.readers import read_columns
 from servo_models.diagnosis.diagnose import Diagnosis, diagnose
+from servo_models.diagnosis.schema import KINDS
 from servo_models.diagnosis.search.candidates import candidates
 from servo_models.diagnosis.search.crossval import dispersion
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
@@ -46,6 +49,7 @@ from servo_models.diagnosis.search.screening import Screened, likeliest, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
+from servo_models.report.interchange import Document, Figure, Magnitude, choice
 
 FAILED = "failed"
 HALF = 0.5
@@ -53,8 +57,7 @@ DISTANCE = 5.0
 RIVALS = 4  # nearest rivals that are fitted, of those that the diagnosis has tried
 
 
-@dataclass(frozen=True)
-class Diagnosed:
+class Diagnosed(Document, frozen=True):
     """What a diagnosis said of a case.
 
     Attributes:
@@ -75,15 +78,15 @@ class Diagnosed:
     """
 
     case: str
-    verdict: str
-    seconds: float
+    verdict: Annotated[str, choice(*KINDS, FAILED)]
+    seconds: Magnitude
     why: str = ""
     named: list[str] = field(default_factory=list)
     members: list[str] = field(default_factory=list)
     chances: dict[str, float] = field(default_factory=dict)
     probabilities: dict[str, float] = field(default_factory=dict)
     tried: list[list[str]] = field(default_factory=list)
-    left: list[float] = field(default_factory=list)
+    left: list[Figure] = field(default_factory=list)
     values: list[dict[str, float]] = field(default_factory=list)
     floors: dict[str, float] = field(default_factory=dict)
     before: float = 0.0
@@ -91,8 +94,7 @@ class Diagnosed:
     imitated: list[str] | None = None
 
 
-@dataclass(frozen=True)
-class Known:
+class Known(Document, frozen=True):
     """What could have been said of a case.
 
     Attributes:

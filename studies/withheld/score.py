@@ -11,12 +11,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from servo_models.diagnosis.settings import DEFAULT
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
+from servo_models.report.interchange import Document, Figure
 from studies.withheld.oracle import FAILED, Diagnosed, Known
 
 NOTHING = "nothing"
@@ -31,14 +33,14 @@ DRAWS, SEED = 2000, 0
 """Of the bootstrap of a mean."""
 
 
-@dataclass(frozen=True)
-class Statistic:
-    """A figure, its 95 % interval, and the number of cases behind it; None for no cases."""
+class Statistic(Document, frozen=True):
+    """A share with its Wilson interval, or a mean with its bootstrap interval, at 95 %, and the
+    number of cases behind it; None for no cases."""
 
-    value: float | None
-    low: float | None
-    high: float | None
-    n: int
+    value: Figure
+    low: Figure
+    high: Figure
+    n: Annotated[int, Meta(ge=0)]
 
 
 NONE = Statistic(None, None, None, 0)
@@ -363,9 +365,8 @@ FIGURES: tuple[Callable[[Cases], Statistic], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Bin:
-    """Effects that are given a probability from ``low`` to ``high``."""
+class Bin(Document, frozen=True):
+    """Effects that are given a probability from ``low`` to ``high``, and its mean."""
 
     low: float
     high: float

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
-from typing import Any
+from typing import Annotated, ClassVar
 
+from msgspec import Meta, Struct, defstruct
+
+from servo_models.report.interchange import Digest, Document, about, choice, constant
 from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Section, Table
+from studies.withheld.generator.cases import KINDS, TIERS
+from studies.withheld.oracle import Diagnosed, Known
 from studies.withheld.run import Check
 from studies.withheld.score import (
     FIGURES,
+    Bin,
     Case,
     Cases,
     Statistic,
@@ -167,44 +172,105 @@ def _calibration(cases: Cases) -> Section:
     return Section("Calibration, all tiers", tables=(Table("", columns, rows),), folded=True)
 
 
+# the document
+
+
+class Standing(Document, frozen=True):
+    """What was set for a figure; met is null without cases."""
+
+    bar: Annotated[str, Meta(pattern="^[<>]= [0-9.]+$")]
+    met: bool | None
+
+
+Count = Annotated[int, Meta(ge=1)]
+Tier = defstruct(
+    "Tier",
+    [
+        ("n", Count),
+        *((define.__name__, Statistic) for define in FIGURES),
+        ("bars", dict[str, Standing]),
+        (
+            "confusion",
+            Annotated[
+                dict[str, dict[str, Count]],
+                about("Cases by truth and answer, effects joined by ' + '."),
+            ],
+        ),
+        (
+            "calibration",
+            Annotated[
+                list[Bin],
+                about(
+                    "How often an effect is there, by the probability that it is given: all effects"
+                    " that were fitted, in cases with one or two effects."
+                ),
+            ],
+        ),
+    ],
+    bases=(Document,),
+)
+TierName = Annotated[str, choice(*TIERS)]
+
+
+class JudgedCase(Document, frozen=True):
+    """``said`` is by the diagnosis; ``oracle``, null where nothing is wrong, could have been."""
+
+    case: str
+    tier: TierName
+    actuator: str
+    kind: Annotated[str, choice(*KINDS)]
+    truth: list[str]
+    hidden: list[str]
+    right: bool
+    covered: bool
+    said: Diagnosed
+    oracle: Known | None
+
+
+class CheckDocument(Document, frozen=True):
+    """Every figure is defined by the docstring of its function in studies/withheld/score.py;
+    separated and absorbed in studies/withheld/oracle.py. Errors are RMS in noise floors. null is a
+    figure that does not exist."""
+
+    title: ClassVar[str] = f"servo-models blind --json, schema_version {VERSION}"
+
+    schema_version: Annotated[int, constant(VERSION)]
+    seed: Annotated[int, Meta(ge=0)]
+    n: Annotated[Count, about("Cases of all tiers.")]
+    seal: Annotated[
+        Digest, about("SHA-256 of answers.json, printed before anything was diagnosed.")
+    ]
+    versions: dict[str, str]
+    tiers: Annotated[dict[TierName, Tier], Meta(min_length=1)]  # type: ignore[valid-type]
+    cases: Annotated[list[JudgedCase], Meta(min_length=1)]
+
+
 @document_of.register(Check)
-def document(check: Check) -> dict[str, Any]:
-    """Return a check as what JSON is made of, by the schema in ``schema.json``."""
-    return {
-        "schema_version": VERSION,
-        "seed": check.seed,
-        "n": len(check.cases),
-        "seal": check.seal,
-        "versions": dict(check.versions),
-        "tiers": {tier: _tier(tier, cases) for tier, cases in by_tier(check).items()},
-        "cases": [_case(case) for case in check.cases],
-    }
+def document(check: Check) -> CheckDocument:
+    """Return a check as what JSON is made of."""
+    return CheckDocument.made_from(
+        check,
+        schema_version=VERSION,
+        n=len(check.cases),
+        tiers={tier: _tier(tier, cases) for tier, cases in by_tier(check).items()},
+        cases=[_case(case) for case in check.cases],
+    )
 
 
-def _tier(tier: str, cases: Cases) -> dict[str, Any]:
+def _tier(tier: str, cases: Cases) -> Struct:
     figures = {define.__name__: define(cases) for define in FIGURES}
-    return {
-        "n": len(cases),
-        **{name: asdict(figure) for name, figure in figures.items()},
-        "bars": {
-            name: {"bar": " ".join(map(str, bar)), "met": met(figures[name], bar)}
-            for name, bar in BARS[tier].items()
-        },
-        "confusion": confusion(cases),
-        "calibration": [asdict(one) for one in calibration(cases)],
+    bars = {
+        name: Standing(" ".join(map(str, bar)), met(figures[name], bar))
+        for name, bar in BARS[tier].items()
     }
+    return Tier(len(cases), *figures.values(), bars, confusion(cases), calibration(cases))
 
 
-def _case(case: Case) -> dict[str, Any]:
-    return {
-        "case": case.said.case,
-        "tier": case.tier,
-        "actuator": case.actuator,
-        "kind": case.kind,
-        "truth": sorted(case.truth),
-        "hidden": sorted(case.hidden),
-        "right": case.right,
-        "covered": case.covered,
-        "said": asdict(case.said),
-        "oracle": asdict(case.known) if case.known else None,
-    }
+def _case(case: Case) -> JudgedCase:
+    return JudgedCase.made_from(
+        case,
+        case=case.said.case,
+        truth=sorted(case.truth),
+        hidden=sorted(case.hidden),
+        oracle=case.known,
+    )

@@ -25,9 +25,10 @@ from servo_models.identification.optimise import descend
 from servo_models.identification.problem import Problem
 from servo_models.validation.torque_motor.reference import DELAY, IDENTIFIED, Linear
 from tests.conftest import Run
-from tests.support.delayed_motor import DESCRIPTION, NOISE, RATE, check_schema, describe
+from tests.support.delayed_motor import DESCRIPTION, NOISE, RATE, describe
 from tests.support.fmu_host import Host
 from tests.support.html_page import Page
+from tests.support.schemas import check_schema
 
 
 class Session(NamedTuple):

@@ -9,9 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
-from servo_models import diagnosis
 from servo_models.core.simulate import model, simulate
 from servo_models.data.description import read_description
 from servo_models.diagnosis.preconditions import check_duration
@@ -19,6 +17,7 @@ from servo_models.errors import UserError
 from servo_models.validation.linear_drive.reference import G_TAU, K_V
 from tests.conftest import Run
 from tests.support.delayed_motor import DESCRIPTION, RATE, describe
+from tests.support.schemas import check_schema
 
 BAD = {
     "no file": ("", "no file", "absent.csv"),
@@ -120,8 +119,7 @@ def test_a_log_on_which_the_diagnosed_model_runs_away_stops_nothing(
     code, out, err = run("diagnose", path, "--format", "json", "--report", page)
     assert code == 1, err
     told = json.loads(out)
-    schema = json.loads((Path(diagnosis.__file__).parent / "schema.json").read_text())
-    Draft202012Validator(schema).validate(told)
+    check_schema(told)
     assert any(one["name"] == "stiffness_hardening" and one["taken"] for one in told["effects"])
     (soft_,) = [one for one in told["held_out"] if one["log"] == "soft"]
     assert soft_["worse"]
@@ -149,8 +147,7 @@ def test_a_platform_that_runs_no_fmu_gets_its_diagnosis(
     assert code == 1, err
     assert all(file.exists() for file in written)
     told = json.loads(written[0].read_text())
-    schema = json.loads((Path(diagnosis.__file__).parent / "schema.json").read_text())
-    Draft202012Validator(schema).validate(told)
+    check_schema(told)
     assert told["confirmation"] is None
     assert any("no binary for this platform" in text for text in told["warnings"])
     assert "no binary for this platform" in out

@@ -41,9 +41,9 @@ from servo_models.report import html
 from servo_models.report.curves import draw_legend
 from servo_models.report.numbers import ERROR, MINUS, prefix
 from servo_models.report.style import drawing
-from tests.support.delayed_motor import check_schema
 from tests.support.html_page import Page, unpictured
 from tests.support.logs import measured
+from tests.support.schemas import check_schema
 
 STEP = 2.5e-4
 DELAY = 1.1e-3

@@ -26,8 +26,8 @@ from servo_models.diagnosis.search.screening import screening_results
 from servo_models.diagnosis.sections import tables
 from servo_models.diagnosis.verdict import Verdict
 from tests.conftest import Run
-from tests.support.delayed_motor import check_schema
 from tests.support.logs import changed
+from tests.support.schemas import check_schema
 from tests.support.two_levels import DEAD_ZONE, STEP, TWO_LEVELS, record
 
 MANY = np.repeat([0.0, 3.0, 10.0, -6.0, -1.0, 14.0, -14.0, 1.0, -4.0, 0.0], 120)

@@ -16,7 +16,8 @@ from servo_models.data.description import read_description
 from servo_models.data.tables import read_signals
 from servo_models.diagnosis import design
 from tests.conftest import Run
-from tests.support.delayed_motor import check_schema, describe
+from tests.support.delayed_motor import describe
+from tests.support.schemas import check_schema
 
 VOLTAGE = model("torque_motor").plant.wire["voltage"]
 Diagnosed = Callable[..., tuple[str, list[dict[str, Any]]]]

@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given
@@ -31,6 +30,7 @@ from servo_models.errors import UserError
 from studies.withheld.generator.cases import EASY, Case, draw_case
 from studies.withheld.generator.files import write_case
 from tests.support.document import ROOT
+from tests.support.schemas import check_schema
 
 SEED = 77
 
@@ -146,9 +146,7 @@ def test_it_goes_from_the_log_into_a_parameter_file(dragged: Dragged, tmp_path: 
     case, *_ = dragged
     found = diagnose(description_of(case, tmp_path), jobs=1)
     document = json.loads(found.to_json())
-    path = ROOT / "servo_models" / "diagnosis" / "schema.json"
-    schema = json.loads(path.read_text(encoding="utf-8"))
-    jsonschema.validate(document, schema)
+    check_schema(document)
     assert document["verdict"] == "outside-catalogue"
     assert "the square of the rate" in document["sentence"]
     before, after = (document["residual_map"][key] for key in ("before", "after"))

@@ -7,7 +7,6 @@ import math
 from dataclasses import fields, replace
 from pathlib import Path
 
-import jsonschema
 import pytest
 
 import servo_models
@@ -15,9 +14,9 @@ from servo_models.diagnosis.search.selection import select_effects
 from servo_models.diagnosis.settings import Settings
 from servo_models.errors import UserError
 from tests.support.diagnoses import made
+from tests.support.schemas import check_schema
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-SCHEMA = Path(servo_models.__file__).parent / "diagnosis" / "schema.json"
 
 
 def test_no_more_effects_are_taken_than_are_allowed() -> None:
@@ -31,7 +30,7 @@ def test_settings_are_told_and_hold_the_schema(tmp_path: Path) -> None:
     settings = Settings(entry_advantage=30.0, fits_alone=4)
     found = servo_models.diagnose(EXAMPLES / "own_plants" / "servo.toml", settings=settings)
     told = json.loads(found.to_json())
-    jsonschema.validate(told, json.loads(SCHEMA.read_text("utf-8")))
+    check_schema(told)
     assert Settings(**told["settings"]) == settings
     found.write_report(tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text("utf-8")

@@ -23,8 +23,9 @@ from servo_models.diagnosis.search.selection import STAGES, Selection, select_ef
 from servo_models.errors import UserError
 from servo_models.identification.simulation import InternalSteps
 from tests.conftest import Run
-from tests.support.delayed_motor import check_schema, describe
+from tests.support.delayed_motor import describe
 from tests.support.diagnoses import made
+from tests.support.schemas import check_schema
 
 TWO_EFFECTS = {"coulomb_friction.level": 1.5e-3, "sensor_offset.value": 1e-4}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -12,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from servo_models.diagnosis.schema import DiagnosisDocument
+from servo_models.report.interchange import schema_of
 from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
 
@@ -56,7 +57,7 @@ def test_the_keys_of_a_diagnosis_in_json_are_those_of_its_schema() -> None:
         found = set(part.get("properties", ())) if isinstance(part, dict) else set()
         return found.union(*map(names_in, inner))
 
-    schema = json.loads((ROOT / "servo_models" / "diagnosis" / "schema.json").read_text())
+    schema = schema_of(DiagnosisDocument)
     text = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
     table = text.split("| key | what it holds |")[1].split("\n\n")[0]
     told = set(re.findall(r"`([a-z_]+)`", table))

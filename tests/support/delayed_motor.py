@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
-from jsonschema import Draft202012Validator
 
-from servo_models import diagnosis
 from servo_models.validation.torque_motor.reference import IDENTIFIED, Linear
 
 RATE = 4000.0
@@ -47,10 +44,3 @@ def describe(folder: Path, text: str = DESCRIPTION.format(""), seconds: float = 
     path = folder / "rig.toml"
     path.write_text(text)
     return path
-
-
-def check_schema(document: object) -> None:
-    path = Path(diagnosis.__file__).parent / "schema.json"
-    schema = json.loads(path.read_text(encoding="utf-8"))
-    Draft202012Validator.check_schema(schema)
-    Draft202012Validator(schema).validate(document)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
+
+from msgspec.structs import replace
 
 from studies.withheld.oracle import Diagnosed, Known
 from studies.withheld.score import Case
@@ -44,7 +45,7 @@ def case(
         kind,
         frozenset(truth.split()),
         frozenset(hidden.split()),
-        Diagnosed(**{**asdict(said), "after": after, "imitated": imitated and imitated.split()}),
+        replace(said, after=after, imitated=imitated and imitated.split()),
         None if kind == "nothing" else Known(case="0", **oracle),
     )
 

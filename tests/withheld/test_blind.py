@@ -9,18 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
-import studies.withheld as package
 from servo_models.cli import main
 from servo_models.data.description import read_description
 from servo_models.errors import UserError
 from studies.withheld.oracle import Diagnosed, Question, _logs, diagnose_case, rivals, seen
 from studies.withheld.run import Asked, check_tiers, own_code, run_blind
+from studies.withheld.sections import CheckDocument
 from tests.support.made_once import made_once
+from tests.support.schemas import check_schema
 
 CASES, SEED = 3, 3
-SCHEMA = json.loads((Path(package.__file__).parent / "schema.json").read_text(encoding="utf-8"))
 
 
 def command(folder: Path, json_: Path, seed: int = SEED) -> list[str]:
@@ -59,9 +58,8 @@ def untimed(value: Any) -> Any:
 
 @pytest.mark.thorough
 def test_the_json_of_a_small_check_keeps_to_its_schema(finished: Path) -> None:
-    Draft202012Validator.check_schema(SCHEMA)
     found = result(finished)
-    Draft202012Validator(SCHEMA).validate(found)
+    check_schema(found, CheckDocument)
     assert found["n"] == CASES
     tiers = ("easy", "hard", "poor")  # those of a check that names none
     assert {tier: it["n"] for tier, it in found["tiers"].items()} == dict.fromkeys(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from studies.withheld.score import FIGURES, calibration, confusion, mean, share
 from studies.withheld.sections import BARS, met
@@ -42,8 +43,8 @@ def test_the_interval_of_a_mean_is_that_of_a_normal_one() -> None:
 
 def test_no_case_is_no_figure() -> None:
     none = {"value": None, "low": None, "high": None, "n": 0}
-    assert asdict(share([])) == none
-    assert asdict(mean([])) == none
+    assert structs.asdict(share([])) == none
+    assert structs.asdict(mean([])) == none
 
 
 EXPECTED = {
@@ -118,7 +119,7 @@ def test_a_set_that_holds_the_truth_covers_it_whatever_else_may_be_right() -> No
 def test_calibration_counts_every_effect_with_a_probability() -> None:
     """Also those beside the most probable one, which is right more often than the others."""
     one = case("one", "a", "effect", "a")
-    said = replace(one.said, probabilities={"a": 0.6, "b": 0.65, "c": 0.0})
+    said = structs.replace(one.said, probabilities={"a": 0.6, "b": 0.65, "c": 0.0})
     found = calibration([replace(one, said=said)])
     assert [(it.low, it.right.n, it.right.value) for it in found] == [(0.0, 1, 0.0), (0.5, 2, 0.5)]
 

@@ -1,0 +1,466 @@
+"""What the JSON of a diagnosis holds: ``schema.json`` is made from this."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from servo_models.diagnosis import verdict
+from servo_models.diagnosis.residual_map import WORDS
+from servo_models.report.interchange import (
+    Digest,
+    Document,
+    Figure,
+    Magnitude,
+    Share,
+    about,
+    choice,
+    constant,
+)
+
+VERSION = 3  # it counts up when a reader of the one before would go wrong
+KINDS = (
+    verdict.NO_GAP,
+    verdict.PARAMETERS,
+    verdict.EFFECT,
+    verdict.EFFECTS,
+    verdict.OUTSIDE,
+    verdict.NOT_IDENTIFIABLE,
+)
+
+Positive = Annotated[float, Meta(gt=0)]
+Names = Sequence[str]
+SomeNames = Annotated[Names, Meta(min_length=1)]
+Interval = Annotated[tuple[Figure, Figure], about("95 %.")]
+Block = Annotated[str, about("Wire on which it acts.")]
+Floors = Annotated[Figure, about("RMS in noise floors.")]
+
+
+class Stages(Document, frozen=True):
+    before: Figure
+    after: Figure
+
+
+class Intervals(Document, frozen=True):
+    before: Interval
+    retuned: Interval
+    after: Interval
+
+
+class Reduction(Document, frozen=True):
+    """RMS errors on blocks of time that the fit of each stage has not seen."""
+
+    before: Magnitude
+    retuned: Magnitude
+    after: Magnitude
+    floor: Annotated[Positive, about("Noise floor.")]
+    unit: str
+    held_out: Annotated[bool, constant(True)]
+    intervals: Intervals
+    closed: Annotated[
+        Figure, about("(before - after) / (before - floor); null where there is nothing to close.")
+    ]
+    closed_interval: Interval
+
+
+class Worst(Document, frozen=True):
+    """Log and time [s] of the largest error before."""
+
+    log: str
+    time: float
+
+
+class OutputGap(Reduction, frozen=True):
+    """In SI."""
+
+    floor_origin: Annotated[str, about("What the noise floor is from.")]
+    nrmse: Annotated[Figure, about("Error before over the measured range.")]
+    delay: Annotated[
+        Figure,
+        about(
+            "Shift [s] of the simulation that takes most of the gap before away; positive: the rig"
+            " lags."
+        ),
+    ]
+    worst: Worst
+
+
+class WholeGap(Reduction, frozen=True):
+    """All outputs together, in noise floors."""
+
+    outputs: Annotated[dict[str, OutputGap], Meta(min_length=1)]
+
+
+class ConfirmedOutput(Document, frozen=True):
+    unit: str
+    fit: Stages
+    held_out: Annotated[
+        Stages,
+        about("Samples that the description holds out; figures are null where it holds out none."),
+    ]
+
+
+class Confirmed(Document, frozen=True):
+    """RMS [SI] by one run over each log: before of the nominal model, after of the FMU with the
+    diagnosed parameters, run in a process of its own. null where the FMU cannot be run; a warning
+    says why."""
+
+    difference: Annotated[
+        Magnitude,
+        about("Largest one between FMU and simulation over full scale; 0: equal to the last bit."),
+    ]
+    outputs: dict[str, ConfirmedOutput]
+
+
+class Value(Document, frozen=True):
+    """A parameter."""
+
+    name: str
+    prior: float
+    value: float
+    standard_error: Annotated[
+        Figure, about("null on a bound, or where the logs do not determine it.")
+    ]
+    unit: str
+
+
+class Parameter(Value, frozen=True):
+    """A parameter that was free in the diagnosed model."""
+
+    retuned: Annotated[
+        Figure, about("After re-tuning without any effect; null where it was not free then.")
+    ]
+    prior_deviations: Annotated[Figure, about("How far it moved; null without a prior.")]
+    doubt: Annotated[str, about("Why its value is doubtful.")]
+
+
+class Detected(Document, frozen=True):
+    """What an effect's own detector says, apart from any error; null without one."""
+
+    by: Annotated[
+        str,
+        choice("codes", "clock"),
+        about("Code histogram of a reading, or clock of the command."),
+    ]
+    bunched: Annotated[Share, about("1 on codes or ticks, 0 anywhere.")]
+    by_chance: Annotated[Share, about("Probability of as much without codes or ticks.")]
+    text: str
+
+
+class Effect(Document, frozen=True):
+    """An effect that was fitted, the most likely first."""
+
+    name: str
+    block: Block
+    model_weight: Annotated[
+        Share | None,
+        about(
+            "Share of the fitted models of as many effects as were taken that have it, each with"
+            " its weight: it ranks and is surer than it should be. null where none of them has it,"
+            " and where parameters alone were taken."
+        ),
+    ]
+    probability: Annotated[
+        Share | None,
+        about(
+            "That it is among the causes: how often effects with such a model weight were there on"
+            " withheld rigs. Several may be there, so these need not add up to 1. null without a"
+            " model weight, where the search was stopped, and outside the catalogue, where model"
+            " weights rank effects none of which explains all."
+        ),
+    ]
+    in_set: Annotated[
+        bool,
+        about(
+            "Whether it is in the set that cannot be told apart, or, where parameters explain the"
+            " gap, among what they mask."
+        ),
+    ]
+    taken: Annotated[bool, about("Whether the gap after, the parameters and the FMU are with it.")]
+    parameters: Annotated[list[Value], about("In the best explanation that has it.")]
+    gap_after: Annotated[Figure, about("Noise floors that this explanation leaves held out.")]
+    closed: Annotated[Figure, about("Share of the reducible gap that it closes.")]
+    converged: bool
+    detectability: Annotated[
+        Figure,
+        about(
+            "How far it can move the outputs of these logs [noise floors], without what re-tuned"
+            " parameters imitate."
+        ),
+    ]
+    beside: Annotated[Names, about("The other effects of that explanation.")]
+    detected: Detected | None
+
+
+class FittedEffects(Document, frozen=True):
+    effects: SomeNames
+    model_weight: Share
+
+
+class Choice(Document, frozen=True):
+    family: Annotated[
+        str,
+        about(
+            "What all of the effects are, such as friction; empty where they are of several"
+            " families."
+        ),
+    ]
+    count: Annotated[int, about("How many of the effects each model has.", ge=1)]
+    effects: Annotated[SomeNames, about("They exchange for each other while the rest stays.")]
+
+
+class ConfidenceSet(Document, frozen=True):
+    """Fitted models that cannot be told apart."""
+
+    models: Annotated[
+        list[FittedEffects],
+        about("Likeliest first; their model weights add up to 1 with those outside the set."),
+    ]
+    alternatives: Annotated[
+        list[Annotated[list[Choice], Meta(min_length=1)]],
+        about("One of these: each is a list of choices, all of which are made."),
+    ]
+
+
+class RuledOut(Document, frozen=True):
+    """An effect that is neither named nor imitated, and why."""
+
+    name: str
+    reason: str
+
+
+class Masked(Document, frozen=True):
+    """An effect that may be there and not show, since re-tuned parameters imitate it in these logs,
+    the largest first; none unless parameters are said to explain the gap."""
+
+    name: str
+    block: Block
+    up_to: Annotated[
+        Positive,
+        about(
+            "How far it moves the outputs [RMS, noise floors] at the largest size found at which it"
+            " does not show; more than the tolerance, and than 1."
+        ),
+    ]
+
+
+class MapCurve(Document, frozen=True):
+    """A curve of the sum; it goes straight between its knots and is held at its ends."""
+
+    of: Annotated[str, choice(*WORDS)]
+    wire: str
+    unit: Annotated[str, about("Of the knots.")]
+    knots: list[float]
+    values: Annotated[list[float], about("In the unit of the map.")]
+    standard_errors: list[float]
+    samples: Annotated[list[int], about("Nearest to each knot; 0: nothing is known there.")]
+
+
+class LearntMap(Document, frozen=True):
+    """What is left outside the catalogue, learnt as a shape; null where nothing is left, or no
+    shape holds on stretches that no fit has seen."""
+
+    block: Block
+    unit: str
+    text: Annotated[str, about("What it looks like.")]
+    before: Annotated[float, about("RMS on stretches that no fit has seen [noise floors].")]
+    after: Annotated[float, about("The same with the map.")]
+    beside: Annotated[
+        Names, about("Effects with which it was learnt, which may hold a part of the shape.")
+    ]
+    curves: Annotated[list[MapCurve], Meta(min_length=1)]
+    parameters: Annotated[
+        dict[str, float], about("Of the diagnosed model with the map, all fitted together [SI].")
+    ]
+
+
+class ExplainedPart(Document, frozen=True):
+    """A log, or a half of one, that is explained by parameters of its own where all together are
+    not, with the parameter that differs most [SI]: two actuators, or one that was changed. None
+    otherwise."""
+
+    log: str
+    half: Annotated[str, choice("first", "second")] | None
+    parameter: str
+    value: float
+    standard_error: Figure
+    left: Annotated[float, about("RMS in noise floors.")]
+
+
+class HeldOutLog(Document, frozen=True):
+    """A log with samples held out, RMS in noise floors: by nominal parameters alone, and with the
+    diagnosed effects, if any."""
+
+    log: str
+    retuned: Figure
+    after: Annotated[Figure, about("null where the model cannot be simulated.")]
+    worse: Annotated[bool, about("Beyond what blocks of time scatter.")]
+
+
+class Bin(Document, frozen=True):
+    label: str
+    low: Figure
+    high: Figure
+    share_before: Figure
+    share_after: Figure
+    rms_before: Floors
+    rms_after: Floors
+    relative_before: Annotated[Figure, about("Over the local amplitude of the response.")]
+    relative_after: Figure
+    count: Annotated[int, about("Samples.", ge=0)]
+    worse: Annotated[bool, about("The error after is larger than before, beyond chance.")]
+    closed: Annotated[
+        Figure,
+        about(
+            "Share of the error above the noise floor that is closed, null where there is none, and"
+            " of bands of frequency."
+        ),
+    ]
+
+
+class Breakdown(Document, frozen=True):
+    """Shares of the squared error along one dimension."""
+
+    dimension: str
+    unit: Annotated[str, about("Of the edges, as a person reads them.")]
+    bins: list[Bin]
+    sentence: str
+
+
+class Explanation(Document, frozen=True):
+    effects: Annotated[Names, about("None for parameters alone.")]
+    weight: Annotated[Share, about("Probability among these.")]
+
+
+class Pair(Document, frozen=True):
+    right: Annotated[Names, about("Effects of the explanation that is right.")]
+    model: Annotated[Names, about("Effects of another one.")]
+    leaves: Annotated[
+        Figure, about("What it is then expected to leave of the log, re-fitted [noise floors].")
+    ]
+    ruled_out: Annotated[bool, about("Whether that would rule it out.")]
+
+
+class NextExperiment(Document, frozen=True):
+    """The command that best tells apart the explanations left, none where only one is."""
+
+    explanations: Annotated[
+        list[Explanation],
+        about("Those that it is designed for, the likeliest first.", min_length=2),
+    ]
+    pairs: list[Pair]
+    text: Annotated[str, about("Instruction.")]
+    input: Annotated[str, about("Input that is played.")]
+    unit: str
+    constants: Annotated[dict[str, float], about("Inputs and parameters [SI] that hold meanwhile.")]
+    duration: Annotated[Positive, about("Seconds.")]
+    file: Annotated[
+        str | None,
+        about(
+            "Table of the command, beside the JSON file or the report; null where neither is"
+            " written."
+        ),
+    ]
+
+
+class NoiseFloor(Document, frozen=True):
+    """By method; the largest counts."""
+
+    quantum: float
+    repeats: Figure
+    residual: float
+
+
+class ReadOutput(Document, frozen=True):
+    unit: str
+    low: float
+    high: float
+    step: Annotated[float, about("Smallest common step, 0 for none.")]
+    clipped: Annotated[
+        float, about("Share of the samples held at an extreme while the command moves on.")
+    ]
+    stale: Annotated[float, about("Share of the moving samples that repeat the one before.")]
+    floor: NoiseFloor
+
+
+class AuditedLog(Document, frozen=True):
+    name: str
+    file: str
+    sha256: Digest
+    samples: int
+    duration: float
+    step: Annotated[float, about("Mean time between samples.")]
+    jitter: Annotated[float, about("Standard deviation of that time.")]
+    gaps: Annotated[int, about("Places where samples are missing.")]
+    at_rest: Annotated[float, about("Share of the samples in which nothing moves.")]
+    notes: Annotated[
+        list[str],
+        about("What reading has changed of the file, such as times put back on an even grid."),
+    ]
+    readings: Annotated[dict[str, ReadOutput], about("Outputs as they were read, by name.")]
+
+
+class DiagnosisDocument(Document, frozen=True):
+    """Figures are SI with their unit beside them, or noise floors. null is a figure that does not
+    exist."""
+
+    title: ClassVar[str] = f"servo-models diagnose --json, schema_version {VERSION}"
+
+    schema_version: Annotated[int, constant(VERSION)]
+    actuator: str
+    variant: str
+    verdict: Annotated[str, choice(*KINDS)]
+    sentence: Annotated[str, Meta(min_length=1)]
+    not_asserted: Annotated[
+        str,
+        about(
+            "Why the effects that were taken are not said to explain the gap, empty where they are."
+        ),
+    ]
+    tolerance: Annotated[Magnitude, about("Gap in noise floors that counts as none.")]
+    settings: Annotated[
+        dict[str, Magnitude],
+        about(
+            "What decided the verdict, and how much was tried: fields of servo_models.Settings.",
+            min_length=1,
+        ),
+    ]
+    gap: WholeGap
+    confirmation: Confirmed | None
+    effects: list[Effect]
+    confidence_set: ConfidenceSet
+    ruled_out: list[RuledOut]
+    masked: list[Masked]
+    parameters: list[Parameter]
+    residual_map: LearntMap | None
+    between_rows: Annotated[
+        bool,
+        about(
+            "Whether the verdict explains the logs only if commands may have been sent any time"
+            " before the rows that have them."
+        ),
+    ]
+    parts: list[ExplainedPart]
+    held_out: list[HeldOutLog]
+    localisation: list[Breakdown]
+    next_experiments: list[NextExperiment]
+    repeats_wanted: Annotated[
+        str | None,
+        about(
+            "Instruction to repeat a command where only that tells noise from structure, else null."
+        ),
+    ]
+    unfinished: Annotated[
+        list[str],
+        about(
+            "What was not tried, or not to the end, since the diagnosis was stopped by a time"
+            " limit, Ctrl-C or --quick; none if it was not. With any, verdict and effects are the"
+            " best so far."
+        ),
+    ]
+    warnings: list[str]
+    seed: int
+    versions: dict[str, str]
+    logs: Annotated[list[AuditedLog], Meta(min_length=1)]
