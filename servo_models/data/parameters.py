@@ -27,6 +27,7 @@ from servo_models.data.schema import (
 )
 from servo_models.errors import UserError
 from servo_models.files import write_whole
+from servo_models.report.interchange import Document, Figure, about, plain
 from servo_models.report.result import registered
 from servo_models.units import factor
 
@@ -123,6 +124,31 @@ class FitFigure(NamedTuple):
     unit: str = "1"
 
 
+class EstimateDocument(Document, frozen=True):
+    value: float
+    unit: str
+    standard_error: Annotated[Figure, about("null where the data say nothing, or nobody asked.")]
+    origin: str
+
+
+class FigureDocument(Document, frozen=True):
+    value: Figure
+    unit: str
+
+
+class ParametersDocument(Document, frozen=True):
+    """Parameters of an actuator [SI], as identified or given, by name."""
+
+    actuator: str
+    variant: str
+    method: str
+    date: str | None
+    servo_models: Annotated[str, about("Version that found them.")]
+    logs: Annotated[dict[str, str], about("Hash of each file that they were found from.")]
+    parameters: dict[str, EstimateDocument]
+    figures: Annotated[dict[str, FigureDocument], about("What the fit reached.")]
+
+
 def installed_version() -> str:
     return metadata.version("servo-models")
 
@@ -173,24 +199,18 @@ class ParameterSet:
     def document(self) -> dict[str, Any]:
         """Return it as what JSON is made of, figures in SI."""
         known = find_actuator(self.actuator).plant_of(self.variant).parameters
-        return {
-            "actuator": self.actuator,
-            "variant": self.variant,
-            "method": self.method,
-            "date": self.date and self.date.isoformat(),
-            "servo_models": self.version,
-            "logs": dict(self.logs),
-            "parameters": {
-                e.name: {
-                    "value": e.value,
-                    "unit": known[e.name].param.unit,
-                    "standard_error": e.standard_error,
-                    "origin": e.origin,
-                }
-                for e in self.estimates
+        found = ParametersDocument.made_from(
+            self,
+            date=self.date and self.date.isoformat(),
+            servo_models=self.version,
+            parameters={
+                each.name: EstimateDocument.made_from(each, unit=known[each.name].param.unit)
+                for each in self.estimates
             },
-            "figures": {name: figure._asdict() for name, figure in self.figures.items()},
-        }
+            figures={name: FigureDocument(*figure) for name, figure in self.figures.items()},
+        )
+        made: dict[str, Any] = plain(found)
+        return made
 
     def provenance(self, overrides: Mapping[str, object]) -> str:
         """Return in words where the values come from."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from servo_models.data.audit import Audit, Command, Floor, Sampling, audits, noi
 from servo_models.data.audit import Reading as Measured
 from servo_models.data.log import Log
 from servo_models.errors import UserError
+from servo_models.identification import document
 from servo_models.identification.check import NOTHING, ROUGHLY, WELL, Check, verdict
 from servo_models.identification.doubts import correlated, doubt, is_far, judged, surprise
 from servo_models.identification.identifiability import SHOWN, Detectability, Group
@@ -87,24 +88,6 @@ def _identification_page(found: Identification, date: str = "") -> Report:
     return with_figures(report_of(found, date), found.fitted)
 
 
-@document_of.register(Identification)
-def _identification_document(found: Identification) -> dict[str, Any]:
-    return {
-        "method": found.method,
-        "free": [free.name for free in found.free],
-        "values": found.values.tolist(),
-        "standard_errors": found.standard_errors.tolist(),
-        "correlations": found.correlations.tolist(),
-        "condition": found.condition,
-        "only_together": [list(names) for names in found.groups],
-        "accuracy": [asdict(row) for row in found.accuracy],
-        "warnings": list(found.warnings),
-        "notes": {log.name: list(log.notes) for log in found.logs if log.notes},
-        "costs": list(found.costs),
-        "evaluations": found.evaluations,
-    }
-
-
 @report_of.register(Outcome)
 def _identified(found: Outcome, date: str = "") -> Report:
     return report_of(found.result, date)
@@ -113,18 +96,6 @@ def _identified(found: Outcome, date: str = "") -> Report:
 @page_of.register(Outcome)
 def _identified_page(found: Outcome, date: str = "") -> Report:
     return page_of(found.result, date)
-
-
-@document_of.register(Outcome)
-def _identified_document(found: Outcome) -> dict[str, Any]:
-    """Return the parameters and what the method found beside; figures in SI."""
-    return {
-        "converged": found.converged,
-        "believable": found.believable,
-        "doubts": list(found.doubts),
-        "parameter_set": found.parameters and found.parameters.document(),
-        "result": document_of(found.result),
-    }
 
 
 def identification_report(
@@ -629,48 +600,6 @@ def beside(reference: Array, response: Complex) -> Array:
 # the check of logs
 
 
-@document_of.register(Check)
-def _check_document(found: Check) -> dict[str, Any]:
-    """Return what the logs determine; figures in SI."""
-    told, seen = found.description, found.identifiability
-    return {
-        "actuator": told.actuator.name,
-        "variant": told.variant,
-        "warnings": list(found.warnings),
-        "notes": {log.name: list(log.notes) for log in told.logs if log.notes},
-        "noise_floors": dict(found.floors),
-        "parameters": {
-            reach.name: {
-                "value": reach.sizes[reach.name],
-                "standard_error_alone": reach.alone * reach.scale,
-                "standard_error_together": reach.together * reach.scale,
-                "verdict": verdict(reach, reach.name in told.uncertainty),
-            }
-            for reach in seen.parameters
-        },
-        "effects": {
-            reach.name: {
-                "sizes": dict(reach.sizes),
-                "output": reach.output,
-                "moves_noise_floors": reach.moves,
-                "shown": bool(reach.shown),
-            }
-            for reach in seen.effects
-        },
-        "ambiguity_groups": [list(group.names) for group in seen.groups],
-        "resolution": [
-            {
-                "log": blur.log,
-                "input": blur.column,
-                "why": blur.why,
-                "size": blur.size,
-                "moves_noise_floors": dict(blur.moves),
-            }
-            for blur in found.blurs
-        ],
-    }
-
-
 @report_of.register(Check)
 def _check(found: Check, date: str = "") -> Report:
     """Return what logs are worth and what they determine."""
@@ -895,3 +824,8 @@ def _alike(group: Group, plant: Plant) -> str:
     if all(name in plant.parameters for name in group.names):
         cures = ["fix one of them", *(cures if len(group.names) == 2 else [])]
     return f"{_names(group.names)}: {'; or '.join(cures or ['keep one of them'])}"
+
+
+document_of.register(Identification, document.identification_document)
+document_of.register(Outcome, document.outcome_document)
+document_of.register(Check, document.check_document)

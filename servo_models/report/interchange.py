@@ -87,7 +87,7 @@ def finite_json(document: object) -> str:
 
     Of ``##`` one sign is escaped, as CI runners obey ``##[error]`` anywhere in a line.
     """
-    return json.dumps(_finite(plain(document)), indent=2).replace("##", r"#\u0023")
+    return json.dumps(finite(plain(document)), indent=2).replace("##", r"#\u0023")
 
 
 def command(kind: str, title: str, message: str) -> str:
@@ -103,12 +103,12 @@ def _escaped(words: str) -> str:
     return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
-def _finite(value: object) -> object:
-    """JSON has no infinity."""
+def finite(value: object) -> object:
+    """Return lists, dictionaries or a figure with None in place of what is not finite."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [finite(item) for item in value]
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value

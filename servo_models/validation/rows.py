@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from servo_models.report.interchange import Document
 from servo_models.report.result import Result
 from servo_models.validation.any_fmu.comparison import Compared
 
@@ -134,8 +135,7 @@ def _tightness(row: Row) -> tuple[bool, float]:
     return row.passed is False, row.value / row.limit
 
 
-@dataclass(frozen=True)
-class CostPoint:
+class CostPoint(Document, frozen=True):
     """Accuracy and price of one internal step.
 
     Attributes:
@@ -149,8 +149,7 @@ class CostPoint:
     seconds: float
 
 
-@dataclass(frozen=True)
-class CostCurve:
+class CostCurve(Document, frozen=True):
     """Error against internal step for one case; ``default_step`` [s] is the model's own."""
 
     actuator: str

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from servo_models.analysis.live import with_panel
+from servo_models.report.interchange import Document, Figure, about, choice, finite
 from servo_models.report.numbers import Quantity, number, percent, with_unit
 from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table
@@ -17,6 +17,7 @@ from servo_models.validation.any_fmu.sections import curves, faults, notes
 from servo_models.validation.cases import offered
 from servo_models.validation.live import panel
 from servo_models.validation.rows import (
+    CLAIMS,
     FILES,
     IMPLEMENTATION,
     MODEL,
@@ -92,27 +93,49 @@ DIGITS = 7  # enough for every coefficient that the papers print
 MARKERS = "os^D"
 
 
+class RowDocument(Document, frozen=True):
+    """A measured figure: ``limit`` is the largest value that passes or, for a paper, the largest
+    distance from ``printed``.  ``passed`` is null where nothing is judged."""
+
+    claim: Annotated[str, choice(*CLAIMS)]
+    actuator: str
+    variant: str
+    case: str
+    quantity: str
+    value: Figure
+    limit: Figure
+    unit: Annotated[str, about("Of the figures; 1 for a pure number.")]
+    passed: bool | None
+    note: str
+    printed: Figure
+    recomputed: Annotated[Figure, about("From the paper's own numbers, without this model.")]
+    subject: Annotated[str, about("FMU that was run, empty for the simulation.")]
+    verdict: str
+
+
+class ValidationDocument(Document, frozen=True):
+    """Figures beside their limits, and what accuracy costs."""
+
+    title: ClassVar[str] = "servo-models validate --format json"
+
+    passed: bool
+    conditions: dict[str, str]
+    rows: list[RowDocument]
+    cost: list[CostCurve]
+
+
 @document_of.register(Validation)
-def _document(validation: Validation) -> dict[str, Any]:
-    """Return plain lists and dictionaries for JSON: the same figures, the same document.
+def _document(validation: Validation) -> ValidationDocument:
+    """Return what JSON is made of: the same figures, the same document.
 
-    A figure that is not finite is None; times of the rows are left out.
+    A figure of a row that is not finite is None; times of the rows are left out.
     """
-    return {
-        "passed": validation.passed,
-        "conditions": dict(validation.conditions),
-        "rows": [
-            {n: _finite(value) for n, value in asdict(row).items() if n != "seconds"}
-            | {"verdict": row.verdict}
-            for row in validation.rows
-        ],
-        "cost": [asdict(curve) for curve in validation.cost],
-    }
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no infinity and no NaN."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    names = ("value", "limit", "printed", "recomputed")
+    rows = [
+        RowDocument.made_from(row, **{name: finite(getattr(row, name)) for name in names})
+        for row in validation.rows
+    ]
+    return ValidationDocument.made_from(validation, rows=rows)
 
 
 @report_of.register(Validation)

@@ -12,7 +12,6 @@ from servo_models.core.types import Array
 from servo_models.data.arrays import describe
 from servo_models.data.clock import stamped_late
 from servo_models.identification.check import check
-from servo_models.report.result import document_of
 
 PERIOD = 0.01  # [s] from one tick to the next
 SEEDS = st.integers(0, 10_000)
@@ -96,5 +95,5 @@ def test_check_tells_that_rows_are_stamped_late() -> None:
     found = describe(model("smart_servo"), {"arm": log}, {name: name for name in log})
     (read,) = found.logs
     assert np.ptp(np.diff(read.times)) < 1e-9
-    told = str(document_of(check(found))["notes"])
+    told = str(check(found).document()["notes"])
     assert "an even clock of 10 ms and not over the stamps" in told
