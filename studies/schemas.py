@@ -8,7 +8,7 @@ from typing import Any
 
 from servo_models.diagnosis.schema import DiagnosisDocument
 from servo_models.files import write_whole
-from servo_models.report.interchange import Document, schema_of
+from servo_models.report.document import Document, schema_of
 from studies.withheld.sections import CheckDocument
 
 ROOT = Path(__file__).parents[1]

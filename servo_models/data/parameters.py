@@ -27,7 +27,8 @@ from servo_models.data.schema import (
 )
 from servo_models.errors import UserError
 from servo_models.files import write_whole
-from servo_models.report.interchange import Document, Figure, about, plain
+from servo_models.report.document import Document, Figure, about
+from servo_models.report.interchange import plain
 from servo_models.report.result import registered
 from servo_models.units import factor
 

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from servo_models.diagnosis import verdict
 from servo_models.diagnosis.residual_map import WORDS
-from servo_models.report.interchange import (
+from servo_models.report.document import (
     Digest,
     Document,
     Figure,

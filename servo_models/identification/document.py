@@ -10,7 +10,7 @@ from servo_models.data.parameters import ParametersDocument
 from servo_models.identification.check import Check, verdict
 from servo_models.identification.identify import Outcome
 from servo_models.identification.result import FIT, HELD_OUT, Identification
-from servo_models.report.interchange import Document, Figure, about, choice
+from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.result import document_of
 
 Notes = Annotated[

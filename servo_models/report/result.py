@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from servo_models.errors import UserError
 from servo_models.files import write_whole
 from servo_models.report.html import notebook, page
-from servo_models.report.interchange import Document, finite_json, plain
+from servo_models.report.interchange import finite_json, plain
 from servo_models.report.sections import Page, Section, Table
 from servo_models.report.style import figure
 from servo_models.report.terminal import group, text
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
     from rich.console import Group
+
+    from servo_models.report.document import Document
 
 
 class Report(Page):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from servo_models.report.interchange import Document
+from servo_models.report.document import Document
 from servo_models.report.result import Result
 from servo_models.validation.any_fmu.comparison import Compared
 

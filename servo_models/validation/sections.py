@@ -8,7 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from servo_models.analysis.live import with_panel
-from servo_models.report.interchange import Document, Figure, about, choice, finite
+from servo_models.report.document import Document, Figure, about, choice
+from servo_models.report.interchange import finite
 from servo_models.report.numbers import Quantity, number, percent, with_unit
 from servo_models.report.result import Report, document_of, page_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Picture, Section, Table

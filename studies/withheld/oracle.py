@@ -49,7 +49,7 @@ from servo_models.diagnosis.search.screening import Screened, likeliest, screen
 from servo_models.diagnosis.verdict import NO_GAP
 from servo_models.errors import UserError
 from servo_models.identification.problem import Problem
-from servo_models.report.interchange import Document, Figure, Magnitude, choice
+from servo_models.report.document import Document, Figure, Magnitude, choice
 
 FAILED = "failed"
 HALF = 0.5

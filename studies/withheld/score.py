@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from servo_models.diagnosis.settings import DEFAULT
 from servo_models.diagnosis.verdict import NO_GAP, NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
-from servo_models.report.interchange import Document, Figure
+from servo_models.report.document import Document, Figure
 from studies.withheld.oracle import FAILED, Diagnosed, Known
 
 NOTHING = "nothing"

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct, defstruct
 
-from servo_models.report.interchange import Digest, Document, about, choice, constant
+from servo_models.report.document import Digest, Document, about, choice, constant
 from servo_models.report.numbers import Quantity
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Cell, Mark, Section, Table

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from servo_models.diagnosis.schema import DiagnosisDocument
-from servo_models.report.interchange import schema_of
+from servo_models.report.document import schema_of
 from tests.conftest import Run
 from tests.support.document import ROOT, code_blocks, follow
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jsonschema import Draft202012Validator
 
 from servo_models.diagnosis.schema import DiagnosisDocument
-from servo_models.report.interchange import Document, schema_of
+from servo_models.report.document import Document, schema_of
 
 
 def check_schema(document: object, kind: type[Document] = DiagnosisDocument) -> None:
