@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from json import dumps
 from pathlib import Path
-from typing import Any
 
 from servo_models.diagnosis.schema import DiagnosisDocument
 from servo_models.files import write_whole
@@ -19,15 +18,12 @@ FILES: dict[Path, type[Document]] = {
 
 
 def text_of(kind: type[Document]) -> str:
-    """Return the schema of a document as a file: one line a property."""
+    """Return the schema of a document as a file: one line a structure."""
     schema = schema_of(kind)
-    parts = ",\n".join(_part(name, part) for name, part in schema.pop("$defs").items())
-    return f'{dumps(schema)[:-1]}, "$defs": {{\n{parts}\n}}}}\n'
-
-
-def _part(name: str, part: dict[str, Any]) -> str:
-    lines = ",\n".join(f"{dumps(key)}: {dumps(it)}" for key, it in part.pop("properties").items())
-    return f'{dumps(name)}: {dumps(part)[:-1]}, "properties": {{\n{lines}}}}}'
+    parts = ",\n".join(
+        f"{dumps(name)}: {dumps(part)}" for name, part in schema.pop("$defs").items()
+    )
+    return f'{dumps(schema)[:-1]}, "$defs": {{\n{parts}}}}}\n'
 
 
 if __name__ == "__main__":

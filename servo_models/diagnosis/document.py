@@ -19,7 +19,6 @@ from servo_models.diagnosis.gap import GapSummary
 from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.search.masking import MaskedEffect
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
 from servo_models.diagnosis.stretches import Part
 from servo_models.diagnosis.verdict import weights_by_effects
@@ -34,6 +33,7 @@ FLOORS = "noise floor"
 
 def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
     """Return a diagnosis as what JSON is made of: figures in SI or noise floors, no date."""
+    plant = diagnosis.model.plant
     return schema.DiagnosisDocument.made_from(
         diagnosis,
         schema_version=schema.VERSION,
@@ -48,7 +48,10 @@ def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
         effects=[_effect(diagnosis, effect) for effect in diagnosis.ranking],
         confidence_set=_confidence_set(diagnosis),
         ruled_out=[schema.RuledOut(*each) for each in summary.ruled_out(diagnosis).items()],
-        masked=[_masked_effect(diagnosis, effect) for effect in diagnosis.masked],
+        masked=[
+            schema.Masked(effect.name, plant.main_wire(effect.name), effect.moved)
+            for effect in diagnosis.masked
+        ],
         parameters=[_parameter(diagnosis, value) for value in diagnosis.found],
         residual_map=_residual_map(diagnosis),
         parts=[_part(part) for part in diagnosis.parts],
@@ -131,10 +134,7 @@ def _residual_map(diagnosis: Diagnosis) -> schema.LearntMap | None:
         return None
     curves = [
         schema.MapCurve.made_from(
-            curve,
-            of=curve.regressor,
-            unit=wires[curve.wire].unit,
-            standard_errors=curve.errors,
+            curve, of=curve.regressor, unit=wires[curve.wire].unit, standard_errors=curve.errors
         )
         for curve in learnt.curves
     ]
@@ -157,11 +157,6 @@ def _confidence_set(diagnosis: Diagnosis) -> schema.ConfidenceSet:
         [schema.FittedEffects(effects, weights[effects]) for effects in rivals],
         [[schema.Choice.made_from(slot) for slot in slots] for slots in diagnosis.alternatives],
     )
-
-
-def _masked_effect(diagnosis: Diagnosis, effect: MaskedEffect) -> schema.Masked:
-    wire = diagnosis.model.plant.main_wire(effect.name)
-    return schema.Masked(effect.name, wire, effect.moved)
 
 
 def _part(part: Part) -> schema.ExplainedPart:
@@ -199,12 +194,10 @@ def _breakdown(breakdown: Breakdown) -> schema.Breakdown:
 def _log(diagnosis: Diagnosis, audit: Audit) -> schema.AuditedLog:
     log, clock, wires = audit.log, audit.sampling, diagnosis.model.plant.wire
     readings = {
-        reading.name: schema.ReadOutput.made_from(
-            reading,
-            unit=wires[reading.name].unit,
-            floor=schema.NoiseFloor.made_from(reading.floor),
+        each.name: schema.ReadOutput.made_from(
+            each, unit=wires[each.name].unit, floor=schema.NoiseFloor.made_from(each.floor)
         )
-        for reading in audit.readings
+        for each in audit.readings
     }
     return schema.AuditedLog.made_from(
         clock,

@@ -50,7 +50,8 @@ class Intervals(Document, frozen=True):
 
 
 class Reduction(Document, frozen=True):
-    """RMS errors on blocks of time that the fit of each stage has not seen."""
+    """RMS errors on blocks of time that the fit of each stage has not seen. ``closed`` is (before -
+    after) / (before - floor); null where there is nothing to close."""
 
     before: Magnitude
     retuned: Magnitude
@@ -59,9 +60,7 @@ class Reduction(Document, frozen=True):
     unit: str
     held_out: Annotated[bool, constant(True)]
     intervals: Intervals
-    closed: Annotated[
-        Figure, about("(before - after) / (before - floor); null where there is nothing to close.")
-    ]
+    closed: Figure
     closed_interval: Interval
 
 
@@ -73,17 +72,12 @@ class Worst(Document, frozen=True):
 
 
 class OutputGap(Reduction, frozen=True):
-    """In SI."""
+    """In SI. ``delay`` [s] is the shift of the simulation that takes most of the gap before away;
+    positive: the rig lags."""
 
     floor_origin: Annotated[str, about("What the noise floor is from.")]
     nrmse: Annotated[Figure, about("Error before over the measured range.")]
-    delay: Annotated[
-        Figure,
-        about(
-            "Shift [s] of the simulation that takes most of the gap before away; positive: the rig"
-            " lags."
-        ),
-    ]
+    delay: Figure
     worst: Worst
 
 
@@ -94,44 +88,38 @@ class WholeGap(Reduction, frozen=True):
 
 
 class ConfirmedOutput(Document, frozen=True):
+    """``held_out`` are samples that the description holds out; null where it holds out none."""
+
     unit: str
     fit: Stages
-    held_out: Annotated[
-        Stages,
-        about("Samples that the description holds out; figures are null where it holds out none."),
-    ]
+    held_out: Stages
 
 
 class Confirmed(Document, frozen=True):
     """RMS [SI] by one run over each log: before of the nominal model, after of the FMU with the
     diagnosed parameters, run in a process of its own. null where the FMU cannot be run; a warning
-    says why."""
+    says why. ``difference`` is the largest one between FMU and simulation over full scale; 0: equal
+    to the last bit."""
 
-    difference: Annotated[
-        Magnitude,
-        about("Largest one between FMU and simulation over full scale; 0: equal to the last bit."),
-    ]
+    difference: Magnitude
     outputs: dict[str, ConfirmedOutput]
 
 
 class Value(Document, frozen=True):
-    """A parameter."""
+    """A parameter. ``standard_error`` is null on a bound, or where the logs do not determine it."""
 
     name: str
     prior: float
     value: float
-    standard_error: Annotated[
-        Figure, about("null on a bound, or where the logs do not determine it.")
-    ]
+    standard_error: Figure
     unit: str
 
 
 class Parameter(Value, frozen=True):
-    """A parameter that was free in the diagnosed model."""
+    """A parameter that was free in the diagnosed model; ``retuned`` without any effect, null where
+    it was not free then."""
 
-    retuned: Annotated[
-        Figure, about("After re-tuning without any effect; null where it was not free then.")
-    ]
+    retuned: Figure
     prior_deviations: Annotated[Figure, about("How far it moved; null without a prior.")]
     doubt: Annotated[str, about("Why its value is doubtful.")]
 
@@ -139,11 +127,7 @@ class Parameter(Value, frozen=True):
 class Detected(Document, frozen=True):
     """What an effect's own detector says, apart from any error; null without one."""
 
-    by: Annotated[
-        str,
-        choice("codes", "clock"),
-        about("Code histogram of a reading, or clock of the command."),
-    ]
+    by: Annotated[str, choice("codes", "clock"), about("Of a reading, or of the command.")]
     bunched: Annotated[Share, about("1 on codes or ticks, 0 anywhere.")]
     by_chance: Annotated[Share, about("Probability of as much without codes or ticks.")]
     text: str
@@ -173,10 +157,7 @@ class Effect(Document, frozen=True):
     ]
     in_set: Annotated[
         bool,
-        about(
-            "Whether it is in the set that cannot be told apart, or, where parameters explain the"
-            " gap, among what they mask."
-        ),
+        about("It cannot be told apart or, where parameters explain the gap, they may mask it."),
     ]
     taken: Annotated[bool, about("Whether the gap after, the parameters and the FMU are with it.")]
     parameters: Annotated[list[Value], about("In the best explanation that has it.")]
@@ -185,10 +166,7 @@ class Effect(Document, frozen=True):
     converged: bool
     detectability: Annotated[
         Figure,
-        about(
-            "How far it can move the outputs of these logs [noise floors], without what re-tuned"
-            " parameters imitate."
-        ),
+        about("How far it moves the outputs [noise floors] beyond what parameters imitate."),
     ]
     beside: Annotated[Names, about("The other effects of that explanation.")]
     detected: Detected | None
@@ -200,28 +178,21 @@ class FittedEffects(Document, frozen=True):
 
 
 class Choice(Document, frozen=True):
-    family: Annotated[
-        str,
-        about(
-            "What all of the effects are, such as friction; empty where they are of several"
-            " families."
-        ),
-    ]
-    count: Annotated[int, about("How many of the effects each model has.", ge=1)]
-    effects: Annotated[SomeNames, about("They exchange for each other while the rest stays.")]
+    """``count`` of the effects, which exchange for each other while the rest stays, are in each
+    model. ``family`` is what all of them are, such as friction; empty where they are of several."""
+
+    family: str
+    count: Annotated[int, Meta(ge=1)]
+    effects: SomeNames
 
 
 class ConfidenceSet(Document, frozen=True):
-    """Fitted models that cannot be told apart."""
+    """Fitted models that cannot be told apart, the likeliest first; their model weights add up to 1
+    with those outside the set. The same as ``alternatives``, of which one holds: each is a list of
+    choices, all of which are made."""
 
-    models: Annotated[
-        list[FittedEffects],
-        about("Likeliest first; their model weights add up to 1 with those outside the set."),
-    ]
-    alternatives: Annotated[
-        list[Annotated[list[Choice], Meta(min_length=1)]],
-        about("One of these: each is a list of choices, all of which are made."),
-    ]
+    models: list[FittedEffects]
+    alternatives: list[Annotated[list[Choice], Meta(min_length=1)]]
 
 
 class RuledOut(Document, frozen=True):
@@ -233,21 +204,17 @@ class RuledOut(Document, frozen=True):
 
 class Masked(Document, frozen=True):
     """An effect that may be there and not show, since re-tuned parameters imitate it in these logs,
-    the largest first; none unless parameters are said to explain the gap."""
+    the largest first; none unless parameters are said to explain the gap. ``up_to`` is how far it
+    moves the outputs [RMS, noise floors] at the largest size found at which it does not show; more
+    than the tolerance, and than 1."""
 
     name: str
     block: Block
-    up_to: Annotated[
-        Positive,
-        about(
-            "How far it moves the outputs [RMS, noise floors] at the largest size found at which it"
-            " does not show; more than the tolerance, and than 1."
-        ),
-    ]
+    up_to: Positive
 
 
 class MapCurve(Document, frozen=True):
-    """A curve of the sum; it goes straight between its knots and is held at its ends."""
+    """It goes straight between its knots and is held at its ends."""
 
     of: Annotated[str, choice(*WORDS)]
     wire: str
@@ -260,20 +227,18 @@ class MapCurve(Document, frozen=True):
 
 class LearntMap(Document, frozen=True):
     """What is left outside the catalogue, learnt as a shape; null where nothing is left, or no
-    shape holds on stretches that no fit has seen."""
+    shape holds on stretches that no fit has seen, whose RMS [noise floors] are ``before`` and
+    ``after``. It is the sum of ``curves``; effects ``beside`` it may hold a part of the shape.
+    ``parameters`` [SI] are of the diagnosed model with the map, all fitted together."""
 
     block: Block
     unit: str
     text: Annotated[str, about("What it looks like.")]
-    before: Annotated[float, about("RMS on stretches that no fit has seen [noise floors].")]
-    after: Annotated[float, about("The same with the map.")]
-    beside: Annotated[
-        Names, about("Effects with which it was learnt, which may hold a part of the shape.")
-    ]
+    before: float
+    after: float
+    beside: Names
     curves: Annotated[list[MapCurve], Meta(min_length=1)]
-    parameters: Annotated[
-        dict[str, float], about("Of the diagnosed model with the map, all fitted together [SI].")
-    ]
+    parameters: dict[str, float]
 
 
 class ExplainedPart(Document, frozen=True):
@@ -300,6 +265,9 @@ class HeldOutLog(Document, frozen=True):
 
 
 class Bin(Document, frozen=True):
+    """``closed`` is the share of the error above the noise floor that is closed, null where there
+    is none, and of bands of frequency."""
+
     label: str
     low: Figure
     high: Figure
@@ -311,13 +279,7 @@ class Bin(Document, frozen=True):
     relative_after: Figure
     count: Annotated[int, about("Samples.", ge=0)]
     worse: Annotated[bool, about("The error after is larger than before, beyond chance.")]
-    closed: Annotated[
-        Figure,
-        about(
-            "Share of the error above the noise floor that is closed, null where there is none, and"
-            " of bands of frequency."
-        ),
-    ]
+    closed: Figure
 
 
 class Breakdown(Document, frozen=True):
@@ -337,32 +299,23 @@ class Explanation(Document, frozen=True):
 class Pair(Document, frozen=True):
     right: Annotated[Names, about("Effects of the explanation that is right.")]
     model: Annotated[Names, about("Effects of another one.")]
-    leaves: Annotated[
-        Figure, about("What it is then expected to leave of the log, re-fitted [noise floors].")
-    ]
+    leaves: Annotated[Figure, about("Expected to be left of the log, re-fitted [noise floors].")]
     ruled_out: Annotated[bool, about("Whether that would rule it out.")]
 
 
 class NextExperiment(Document, frozen=True):
-    """The command that best tells apart the explanations left, none where only one is."""
+    """The command that best tells apart the explanations left, the likeliest first, none where only
+    one is. ``file`` is the table of the command, beside the JSON file or the report; null where
+    neither is written."""
 
-    explanations: Annotated[
-        list[Explanation],
-        about("Those that it is designed for, the likeliest first.", min_length=2),
-    ]
+    explanations: Annotated[list[Explanation], Meta(min_length=2)]
     pairs: list[Pair]
     text: Annotated[str, about("Instruction.")]
     input: Annotated[str, about("Input that is played.")]
     unit: str
     constants: Annotated[dict[str, float], about("Inputs and parameters [SI] that hold meanwhile.")]
     duration: Annotated[Positive, about("Seconds.")]
-    file: Annotated[
-        str | None,
-        about(
-            "Table of the command, beside the JSON file or the report; null where neither is"
-            " written."
-        ),
-    ]
+    file: str | None
 
 
 class NoiseFloor(Document, frozen=True):
@@ -374,18 +327,21 @@ class NoiseFloor(Document, frozen=True):
 
 
 class ReadOutput(Document, frozen=True):
+    """``clipped`` is the share of the samples held at an extreme while the command moves on."""
+
     unit: str
     low: float
     high: float
     step: Annotated[float, about("Smallest common step, 0 for none.")]
-    clipped: Annotated[
-        float, about("Share of the samples held at an extreme while the command moves on.")
-    ]
+    clipped: float
     stale: Annotated[float, about("Share of the moving samples that repeat the one before.")]
     floor: NoiseFloor
 
 
 class AuditedLog(Document, frozen=True):
+    """``notes`` say what reading has changed of the file, such as times put back on an even
+    grid."""
+
     name: str
     file: str
     sha256: Digest
@@ -395,10 +351,7 @@ class AuditedLog(Document, frozen=True):
     jitter: Annotated[float, about("Standard deviation of that time.")]
     gaps: Annotated[int, about("Places where samples are missing.")]
     at_rest: Annotated[float, about("Share of the samples in which nothing moves.")]
-    notes: Annotated[
-        list[str],
-        about("What reading has changed of the file, such as times put back on an even grid."),
-    ]
+    notes: Sequence[str]
     readings: Annotated[dict[str, ReadOutput], about("Outputs as they were read, by name.")]
 
 
@@ -413,19 +366,11 @@ class DiagnosisDocument(Document, frozen=True):
     variant: str
     verdict: Annotated[str, choice(*KINDS)]
     sentence: Annotated[str, Meta(min_length=1)]
-    not_asserted: Annotated[
-        str,
-        about(
-            "Why the effects that were taken are not said to explain the gap, empty where they are."
-        ),
-    ]
+    not_asserted: Annotated[str, about("Why the effects taken are not said to explain the gap.")]
     tolerance: Annotated[Magnitude, about("Gap in noise floors that counts as none.")]
     settings: Annotated[
         dict[str, Magnitude],
-        about(
-            "What decided the verdict, and how much was tried: fields of servo_models.Settings.",
-            min_length=1,
-        ),
+        about("Fields of servo_models.Settings, which decided the verdict.", min_length=1),
     ]
     gap: WholeGap
     confirmation: Confirmed | None
@@ -437,20 +382,14 @@ class DiagnosisDocument(Document, frozen=True):
     residual_map: LearntMap | None
     between_rows: Annotated[
         bool,
-        about(
-            "Whether the verdict explains the logs only if commands may have been sent any time"
-            " before the rows that have them."
-        ),
+        about("It explains the logs only if commands were sent before the rows that have them."),
     ]
     parts: list[ExplainedPart]
     held_out: list[HeldOutLog]
     localisation: list[Breakdown]
     next_experiments: list[NextExperiment]
     repeats_wanted: Annotated[
-        str | None,
-        about(
-            "Instruction to repeat a command where only that tells noise from structure, else null."
-        ),
+        str | None, about("Instruction, where only repeats tell noise from structure.")
     ]
     unfinished: Annotated[
         list[str],

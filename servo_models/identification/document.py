@@ -78,16 +78,13 @@ class EffectReach(Document, frozen=True):
 
 
 class Resolution(Document, frozen=True):
-    """What the resolution of an input's column alone does to the outputs."""
+    """What the resolution of an input's column alone does to the outputs: it is written in steps
+    [SI], or a change is logged at the next row [s]."""
 
     log: str
     input: str
-    why: Annotated[
-        str,
-        choice("step", "row"),
-        about("It is written in steps, or a change is logged at the next row."),
-    ]
-    size: Annotated[float, about("Of the step [SI], or between rows [s].")]
+    why: Annotated[str, choice("step", "row")]
+    size: float
     moves_noise_floors: dict[str, Figure]
 
 
@@ -142,19 +139,20 @@ def check_document(found: Check) -> CheckDocument:
         reach.name: EffectReach.made_from(reach, moves_noise_floors=reach.moves)
         for reach in seen.effects
     }
-    return CheckDocument(
-        described.actuator.name,
-        described.variant,
-        found.warnings,
-        _notes(described.logs),
-        found.floors,
-        parameters,
-        effects,
-        [group.names for group in seen.groups],
-        [
-            Resolution.made_from(blur, input=blur.column, moves_noise_floors=blur.moves)
-            for blur in found.blurs
-        ],
+    resolution = [
+        Resolution.made_from(blur, input=blur.column, moves_noise_floors=blur.moves)
+        for blur in found.blurs
+    ]
+    return CheckDocument.made_from(
+        described,
+        actuator=described.actuator.name,
+        warnings=found.warnings,
+        notes=_notes(described.logs),
+        noise_floors=found.floors,
+        parameters=parameters,
+        effects=effects,
+        ambiguity_groups=[group.names for group in seen.groups],
+        resolution=resolution,
     )
 
 

@@ -366,7 +366,8 @@ FIGURES: tuple[Callable[[Cases], Statistic], ...] = (
 
 
 class Bin(Document, frozen=True):
-    """Effects that are given a probability from ``low`` to ``high``, and its mean."""
+    """How often effects that are given a probability from ``low`` to ``high``, its mean beside, are
+    there: all that were fitted, in cases with one or two effects."""
 
     low: float
     high: float

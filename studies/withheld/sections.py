@@ -183,32 +183,12 @@ class Standing(Document, frozen=True):
 
 
 Count = Annotated[int, Meta(ge=1)]
-Tier = defstruct(
-    "Tier",
-    [
-        ("n", Count),
-        *((define.__name__, Statistic) for define in FIGURES),
-        ("bars", dict[str, Standing]),
-        (
-            "confusion",
-            Annotated[
-                dict[str, dict[str, Count]],
-                about("Cases by truth and answer, effects joined by ' + '."),
-            ],
-        ),
-        (
-            "calibration",
-            Annotated[
-                list[Bin],
-                about(
-                    "How often an effect is there, by the probability that it is given: all effects"
-                    " that were fitted, in cases with one or two effects."
-                ),
-            ],
-        ),
-    ],
-    bases=(Document,),
-)
+Confusion = Annotated[
+    dict[str, dict[str, Count]], about("Cases by truth and answer, effects joined by ' + '.")
+]
+PARTS = [("bars", dict[str, Standing]), ("confusion", Confusion), ("calibration", list[Bin])]
+KEYS = [("n", Count), *((define.__name__, Statistic) for define in FIGURES), *PARTS]
+Tier = defstruct("Tier", KEYS, bases=(Document,))
 TierName = Annotated[str, choice(*TIERS)]
 
 
@@ -260,8 +240,8 @@ def document(check: Check) -> CheckDocument:
 def _tier(tier: str, cases: Cases) -> Struct:
     figures = {define.__name__: define(cases) for define in FIGURES}
     bars = {
-        name: Standing(" ".join(map(str, bar)), met(figures[name], bar))
-        for name, bar in BARS[tier].items()
+        n: Standing(f"{way} {limit}", met(figures[n], (way, limit)))
+        for n, (way, limit) in BARS[tier].items()
     }
     return Tier(len(cases), *figures.values(), bars, confusion(cases), calibration(cases))
 
