@@ -26,6 +26,7 @@ from servo_models.data.sensor import (
     spread_of_repeats,
     stale_share,
 )
+from servo_models.report.document import Document
 
 EXACT = 1e-6  # a reading without steps or noise counts as exact to this share of its range
 NO_NOISE = "millionth of the range, no noise"  # the origin of such a floor
@@ -332,8 +333,7 @@ FLAG = 1.0 / math.sqrt(12.0)  # noise floor of a reading that says yes or no
 SAME_CLOCK = 1.5  # intervals below this many shortest ones are one period of a command's clock
 
 
-@dataclass(frozen=True)
-class Floor:
+class Floor(Document, frozen=True):
     """Noise floor of an output [SI]: how far readings are from the motion, root mean square.
 
     A reading is off by noise and, independently, by the rounding to its step: their squares add.

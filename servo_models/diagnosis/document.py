@@ -16,7 +16,6 @@ from servo_models.data.parameters import Estimate, FitFigure, ParameterSet, know
 from servo_models.diagnosis import schema, summary
 from servo_models.diagnosis.design import Experiment
 from servo_models.diagnosis.gap import GapSummary
-from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.result import Diagnosis
 from servo_models.diagnosis.signatures import Codes, Signature, sentence
@@ -55,8 +54,6 @@ def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
         parameters=[_parameter(diagnosis, value) for value in diagnosis.found],
         residual_map=_residual_map(diagnosis),
         parts=[_part(part) for part in diagnosis.parts],
-        held_out=[schema.HeldOutLog.made_from(log) for log in diagnosis.held_out],
-        localisation=[_breakdown(breakdown) for breakdown in diagnosis.localisation],
         next_experiments=[_experiment(planned) for planned in diagnosis.next_experiments],
         repeats_wanted=diagnosis.repeats_wanted or None,
         warnings=summary.warnings(diagnosis),
@@ -186,17 +183,10 @@ def _value(diagnosis: Diagnosis, value: Value) -> schema.Value:
     return schema.Value.made_from(value, prior=value.nominal, unit=unit)
 
 
-def _breakdown(breakdown: Breakdown) -> schema.Breakdown:
-    bins = [schema.Bin.made_from(each) for each in breakdown.bins]
-    return schema.Breakdown.made_from(breakdown, bins=bins)
-
-
 def _log(diagnosis: Diagnosis, audit: Audit) -> schema.AuditedLog:
     log, clock, wires = audit.log, audit.sampling, diagnosis.model.plant.wire
     readings = {
-        each.name: schema.ReadOutput.made_from(
-            each, unit=wires[each.name].unit, floor=schema.NoiseFloor.made_from(each.floor)
-        )
+        each.name: schema.ReadOutput.made_from(each, unit=wires[each.name].unit)
         for each in audit.readings
     }
     return schema.AuditedLog.made_from(

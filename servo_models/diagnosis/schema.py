@@ -7,8 +7,11 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
+from servo_models.data.audit import Floor
 from servo_models.diagnosis import verdict
+from servo_models.diagnosis.localisation import Breakdown
 from servo_models.diagnosis.residual_map import WORDS
+from servo_models.diagnosis.stretches import HeldOut
 from servo_models.report.document import (
     Digest,
     Document,
@@ -35,7 +38,6 @@ Names = Sequence[str]
 SomeNames = Annotated[Names, Meta(min_length=1)]
 Interval = Annotated[tuple[Figure, Figure], about("95 %.")]
 Block = Annotated[str, about("Wire on which it acts.")]
-Floors = Annotated[Figure, about("RMS in noise floors.")]
 
 
 class Stages(Document, frozen=True):
@@ -254,43 +256,6 @@ class ExplainedPart(Document, frozen=True):
     left: Annotated[float, about("RMS in noise floors.")]
 
 
-class HeldOutLog(Document, frozen=True):
-    """A log with samples held out, RMS in noise floors: by nominal parameters alone, and with the
-    diagnosed effects, if any."""
-
-    log: str
-    retuned: Figure
-    after: Annotated[Figure, about("null where the model cannot be simulated.")]
-    worse: Annotated[bool, about("Beyond what blocks of time scatter.")]
-
-
-class Bin(Document, frozen=True):
-    """``closed`` is the share of the error above the noise floor that is closed, null where there
-    is none, and of bands of frequency."""
-
-    label: str
-    low: Figure
-    high: Figure
-    share_before: Figure
-    share_after: Figure
-    rms_before: Floors
-    rms_after: Floors
-    relative_before: Annotated[Figure, about("Over the local amplitude of the response.")]
-    relative_after: Figure
-    count: Annotated[int, about("Samples.", ge=0)]
-    worse: Annotated[bool, about("The error after is larger than before, beyond chance.")]
-    closed: Figure
-
-
-class Breakdown(Document, frozen=True):
-    """Shares of the squared error along one dimension."""
-
-    dimension: str
-    unit: Annotated[str, about("Of the edges, as a person reads them.")]
-    bins: list[Bin]
-    sentence: str
-
-
 class Explanation(Document, frozen=True):
     effects: Annotated[Names, about("None for parameters alone.")]
     weight: Annotated[Share, about("Probability among these.")]
@@ -318,14 +283,6 @@ class NextExperiment(Document, frozen=True):
     file: str | None
 
 
-class NoiseFloor(Document, frozen=True):
-    """By method; the largest counts."""
-
-    quantum: float
-    repeats: Figure
-    residual: float
-
-
 class ReadOutput(Document, frozen=True):
     """``clipped`` is the share of the samples held at an extreme while the command moves on."""
 
@@ -335,7 +292,7 @@ class ReadOutput(Document, frozen=True):
     step: Annotated[float, about("Smallest common step, 0 for none.")]
     clipped: float
     stale: Annotated[float, about("Share of the moving samples that repeat the one before.")]
-    floor: NoiseFloor
+    floor: Floor
 
 
 class AuditedLog(Document, frozen=True):
@@ -385,8 +342,8 @@ class DiagnosisDocument(Document, frozen=True):
         about("It explains the logs only if commands were sent before the rows that have them."),
     ]
     parts: list[ExplainedPart]
-    held_out: list[HeldOutLog]
-    localisation: list[Breakdown]
+    held_out: Sequence[HeldOut]
+    localisation: Sequence[Breakdown]
     next_experiments: list[NextExperiment]
     repeats_wanted: Annotated[
         str | None, about("Instruction, where only repeats tell noise from structure.")

@@ -24,12 +24,12 @@ from servo_models.diagnosis.search.crossval import BLOCKS
 from servo_models.diagnosis.search.fitting import FittedModel, Fitter
 from servo_models.diagnosis.search.limit_cycle import lacks
 from servo_models.diagnosis.search.selection import Selection
+from servo_models.report.document import Document, Unbounded
 
 APART_ERRORS = 5.0  # combined standard errors between two parts, from which a parameter has changed
 
 
-@dataclass(frozen=True)
-class HeldOut:
+class HeldOut(Document, frozen=True):
     """Samples of a log that no fit of a diagnosis has seen, RMS in noise floors.
 
     Attributes:
@@ -40,8 +40,8 @@ class HeldOut:
     """
 
     log: str
-    retuned: float
-    after: float
+    retuned: Unbounded
+    after: Unbounded
     worse: bool
 
 

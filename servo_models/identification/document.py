@@ -9,7 +9,7 @@ from servo_models.data.log import Log
 from servo_models.data.parameters import ParametersDocument
 from servo_models.identification.check import Check, verdict
 from servo_models.identification.identify import Outcome
-from servo_models.identification.result import FIT, HELD_OUT, Identification
+from servo_models.identification.result import Accuracy, Identification
 from servo_models.report.document import Document, Figure, about, choice
 from servo_models.report.result import document_of
 
@@ -17,19 +17,6 @@ Notes = Annotated[
     Mapping[str, Sequence[str]], about("What reading has changed of each file, by log.")
 ]
 Together = Annotated[Sequence[Sequence[str]], about("Parameters that the logs show only together.")]
-
-
-class AccuracyDocument(Document, frozen=True):
-    """RMS error [SI] of an output in a part of a log, before and after the fit."""
-
-    log: str
-    output: str
-    part: Annotated[str, choice(FIT, HELD_OUT)]
-    samples: int
-    before: Figure
-    after: Figure
-    fit: Annotated[Figure, about("100 % (1 - error / standard deviation measured), after.")]
-    column_scale: Annotated[float, about("SI per number in the file.")]
 
 
 class IdentificationDocument(Document, frozen=True):
@@ -44,7 +31,7 @@ class IdentificationDocument(Document, frozen=True):
     correlations: list[list[Figure]]
     condition: Annotated[Figure, about("Of the slopes.")]
     only_together: Together
-    accuracy: list[AccuracyDocument]
+    accuracy: Sequence[Accuracy]
     warnings: list[str]
     notes: Notes
     costs: Annotated[list[Figure], about("Where every start ended, best first.")]
@@ -110,7 +97,6 @@ def identification_document(found: Identification) -> IdentificationDocument:
         found,
         free=[free.name for free in found.free],
         only_together=found.groups,
-        accuracy=[AccuracyDocument.made_from(row) for row in found.accuracy],
         notes=_notes(found.logs),
     )
 

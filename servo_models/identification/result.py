@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from servo_models.errors import UserError
 from servo_models.identification.linear_inference import Spread
 from servo_models.identification.optimise import Optimum
 from servo_models.identification.problem import Free, Problem
+from servo_models.report.document import Document, Unbounded, choice
 from servo_models.report.result import Result
 
 FIT = "fit"
@@ -31,8 +33,7 @@ def doubts(warnings: Iterable[str]) -> tuple[str, ...]:
     return tuple(text for text in warnings if isinstance(text, Doubt))
 
 
-@dataclass(frozen=True)
-class Accuracy:
+class Accuracy(Document, frozen=True):
     """Error of one output in one part of one log.
 
     Attributes:
@@ -46,11 +47,11 @@ class Accuracy:
 
     log: str
     output: str
-    part: str
+    part: Annotated[str, choice(FIT, HELD_OUT)]
     samples: int
-    before: float
-    after: float
-    fit: float
+    before: Unbounded
+    after: Unbounded
+    fit: Unbounded
     column_scale: float
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from msgspec import structs
 
 from servo_models.analysis.figures import figures
 from servo_models.analysis.linearise import linearise
@@ -189,7 +190,7 @@ def test_what_is_doubtful_is_flagged_and_warned_of(found: Identification) -> Non
 
 def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
     logs = [replace(log, held_out=np.zeros(len(log.times), dtype=bool)) for log in found.logs]
-    rows = [replace(row, part="fit") for row in found.accuracy]
+    rows = [structs.replace(row, part="fit") for row in found.accuracy]
     text = _page(replace(found, logs=logs, accuracy=rows))
     assert "nothing held out" in text
     assert "no samples of angle were, so the error on new data is unknown" in text
@@ -197,7 +198,9 @@ def test_a_fit_without_held_out_data_says_so(found: Identification) -> None:
 
 @pytest.mark.thorough
 def test_a_model_that_got_worse_fails(found: Identification) -> None:
-    worse = [replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy]
+    worse = [
+        structs.replace(row, before=row.after, after=2.0 * row.after) for row in found.accuracy
+    ]
     assert '<header class="pass">' in _words(replace(found, warnings=[]))
     assert '<header class="fail">' in _words(replace(found, accuracy=worse, warnings=[]))
 
@@ -205,7 +208,7 @@ def test_a_model_that_got_worse_fails(found: Identification) -> None:
 def test_hostile_names_stay_text(found: Identification) -> None:
     channel = Channel("angle", "1", HOSTILE, 1.0)
     first = replace(found.logs[0], name=HOSTILE, channels={"angle": channel})
-    rows = [replace(row, log=HOSTILE) for row in found.accuracy[:1]]
+    rows = [structs.replace(row, log=HOSTILE) for row in found.accuracy[:1]]
     page = Page(
         _page(replace(found, logs=[first, found.logs[1]], accuracy=[*rows, *found.accuracy[1:]]))
     )
@@ -231,7 +234,7 @@ def test_long_logs_make_no_large_page(found: Identification) -> None:
         for i in range(count)
     ]
     responses = [{"angle": random.standard_normal(n)} for _ in range(count)]
-    rows = [replace(found.accuracy[0], log=log.name) for log in logs]
+    rows = [structs.replace(found.accuracy[0], log=log.name) for log in logs]
     long = replace(found, logs=logs, before=responses, after=responses, accuracy=rows)
     text = _page(long)
     assert len(text.encode()) < 2_000_000

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from servo_models.core.types import Array
 from servo_models.diagnosis.gap import closed
+from servo_models.report.document import Document, Unbounded
 
 Rows = NDArray[np.int64]
 
@@ -22,8 +25,7 @@ SURE = 3.0
 """Standard errors by which it does, as blocks of time scatter, or samples where that is more."""
 
 
-@dataclass(frozen=True)
-class Bin:
+class Bin(Document, frozen=True):
     """One row of a breakdown.
 
     Attributes:
@@ -40,21 +42,20 @@ class Bin:
     """
 
     label: str
-    low: float
-    high: float
-    share_before: float
-    share_after: float
-    rms_before: float
-    rms_after: float
-    relative_before: float
-    relative_after: float
-    count: int
+    low: Unbounded
+    high: Unbounded
+    share_before: Unbounded
+    share_after: Unbounded
+    rms_before: Unbounded
+    rms_after: Unbounded
+    relative_before: Unbounded
+    relative_after: Unbounded
+    count: Annotated[int, Meta(ge=0)]
     worse: bool
     closed: float | None
 
 
-@dataclass(frozen=True)
-class Breakdown:
+class Breakdown(Document, frozen=True):
     """Where the squared error lies along one dimension; the shares of all bins make 1.
 
     Attributes:
