@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 from threadpoolctl import threadpool_info
 
 from servo_models.analysis.linear_model import LinearModel
@@ -228,7 +229,7 @@ def test_repeats_that_differ_by_more_than_noise_are_warned_of(
     (gap,), (audit,) = found.gaps, found.audits
     (reading,) = audit.readings
     spread = times * max(reading.floor.quantum, reading.floor.residual)
-    seen = replace(reading, floor=replace(reading.floor, repeats=spread))
+    seen = replace(reading, floor=structs.replace(reading.floor, repeats=spread))
     told = replace(
         found,
         audits=(replace(audit, readings=(seen,)),),
