@@ -111,7 +111,7 @@ class Result:
 
     def to_json(self) -> str:
         """Return the document as JSON; a figure that is not finite becomes null."""
-        return finite_json(document_of(self))
+        return finite_json(self.document())
 
     def write_report(self, path: str | Path, date: str = "") -> None:
         """Write the result as one HTML file that needs nothing else, whole or not at all.
