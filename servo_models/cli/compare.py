@@ -43,7 +43,7 @@ def compare(
     servo-models compare fitted.toml --on mine.toml
     """
     from servo_models.cli.console import progress, show
-    from servo_models.diagnosis.compare import compare as run
+    from servo_models.diagnosis.comparison.compare import compare as run
     from servo_models.files import write_whole
 
     check_outputs((report, ".html"), (json, ".json"), description=on)

@@ -20,6 +20,7 @@ written, which is the cure for one that is missing or of another type, and for w
 from __future__ import annotations
 
 import datetime
+import hashlib
 import math
 import re
 import sys
@@ -107,11 +108,13 @@ class Section:
         file: the file, for messages.
         name: dotted name of the place, "" for the whole file.
         content: what stands there.
+        sha256: of the bytes of a whole file.
     """
 
     file: Path
     name: str
     content: Any
+    sha256: str = ""
 
     def __contains__(self, key: str) -> bool:
         return key in self.content
@@ -238,12 +241,13 @@ def read_toml(path: Path) -> Section:
             beyond 64 bits or too many tables inside each other, with the key.
     """
     try:
-        content = tomllib.loads(read_regular(path, LARGEST).decode("utf-8-sig"))
+        raw = read_regular(path, LARGEST)
+        content = tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise UserError(f"'{path}' is no text in UTF-8: save it as such") from error
     except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
         raise UserError(f"'{path}' is no TOML: {error}; correct it there") from error
-    document = Section(path, "", content)
+    document = Section(path, "", content, hashlib.sha256(raw).hexdigest())
     _check_values(document, content)
     return document
 

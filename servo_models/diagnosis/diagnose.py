@@ -25,8 +25,8 @@ from servo_models.diagnosis.settings import DEFAULT, Settings
 from servo_models.diagnosis.stretches import Part, unlike_parts
 from servo_models.diagnosis.verdict import OUTSIDE, decide
 from servo_models.errors import UserError
+from servo_models.identification.fit import checked_logs
 from servo_models.identification.plausibility import answer_time, mistaken_columns
-from servo_models.identification.preconditions import checked_logs
 from servo_models.identification.simulation import InternalSteps
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -66,7 +66,7 @@ def diagnose(
     Raises:
         UserError: an effect to be left out that the actuator has not, a tolerance or a time limit
             below 0 or not finite; see ``read_description``,
-            ``identification.preconditions.checked_logs`` and ``diagnosis.preconditions``.
+            ``identification.fit.checked_logs`` and ``diagnosis.preconditions``.
 
     Example:
         >>> import servo_models as sm
@@ -176,7 +176,8 @@ def _diagnose(
         tell("learning the shape of what is left")
     return Diagnosis(
         name=told.path.stem,
-        file=told.path.name if told.path.suffix == ".toml" else "",
+        file=told.path.name if told.document.sha256 else "",
+        sha256=told.document.sha256,
         model=told.model,
         logs=told.logs,
         audits=audited,

@@ -36,6 +36,7 @@ def document(diagnosis: Diagnosis) -> schema.DiagnosisDocument:
     return schema.DiagnosisDocument.made_from(
         diagnosis,
         schema_version=schema.VERSION,
+        description=schema.SourceFile(diagnosis.file, diagnosis.sha256) if diagnosis.file else None,
         actuator=diagnosis.model.actuator.name,
         variant=diagnosis.model.variant,
         verdict=diagnosis.verdict.kind,

@@ -50,7 +50,7 @@ class Diagnosis(Parametrised, Result):
 
     Attributes:
         name: of the description.
-        file: name of the description's file, "" for one in memory.
+        file, sha256: name of the description's file, and of its bytes; "" for one in memory.
         model: as it was given.
         logs: as they were measured.
         audits: one a log.
@@ -79,6 +79,7 @@ class Diagnosis(Parametrised, Result):
 
     name: str
     file: str
+    sha256: str
     model: Model
     logs: tuple[Log, ...]
     audits: tuple[Audit, ...]

@@ -312,6 +312,13 @@ class AuditedLog(Document, frozen=True):
     readings: Annotated[dict[str, ReadOutput], about("Outputs as they were read, by name.")]
 
 
+class SourceFile(Document, frozen=True):
+    """The description, by which ``servo-models compare`` finds the logs; null for one in memory."""
+
+    file: str
+    sha256: Digest
+
+
 class DiagnosisDocument(Document, frozen=True):
     """Figures are SI with their unit beside them, or noise floors. null is a figure that does not
     exist."""
@@ -319,6 +326,7 @@ class DiagnosisDocument(Document, frozen=True):
     title: ClassVar[str] = f"servo-models diagnose --json, schema_version {VERSION}"
 
     schema_version: Annotated[int, constant(VERSION)]
+    description: SourceFile | None
     actuator: str
     variant: str
     verdict: Annotated[str, choice(*KINDS)]

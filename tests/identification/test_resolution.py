@@ -9,7 +9,7 @@ from servo_models.core.simulate import model, simulate
 from servo_models.core.types import Array
 from servo_models.data.arrays import describe
 from servo_models.identification.check import check
-from servo_models.identification.preconditions import checked_logs
+from servo_models.identification.fit import checked_logs
 from servo_models.identification.resolution import ROW, STEP, Blur, blurs, shifted_outputs
 from servo_models.identification.simulation import Run, prepared
 from tests.support.logs import changed, log_of

@@ -10,7 +10,7 @@ from servo_models.diagnosis import document, summary
 from servo_models.diagnosis.ranking import RankedEffect, Value
 from servo_models.diagnosis.residual_map import ResidualMap
 from servo_models.diagnosis.result import Diagnosis
-from servo_models.diagnosis.sections import comparison, pictures, tables
+from servo_models.diagnosis.sections import pictures, tables
 from servo_models.diagnosis.verdict import NOT_IDENTIFIABLE, OUTSIDE, PARAMETERS
 from servo_models.identification.live import MOVE, live_logs
 from servo_models.identification.readings import log_facts, log_notes
@@ -20,7 +20,7 @@ from servo_models.report.numbers import ARROW, number, percent
 from servo_models.report.result import Report, document_of, report_of
 from servo_models.report.sections import Card, Section
 
-ANSWER, WARNINGS, ERRORS, WHERE = comparison.TITLE, "Warnings", "Errors", "Where it lies"
+ANSWER, WARNINGS, ERRORS, WHERE = "Measured and simulated", "Warnings", "Errors", "Where it lies"
 EFFECTS, PARAMETER, NEXT = "Effects", "Parameters", "Next experiment"
 SHAPE = "What is left, as a shape"
 

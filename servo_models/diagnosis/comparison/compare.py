@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -136,10 +135,9 @@ def _named(told: Sequence[_Told]) -> dict[str, dict[str, float]]:
 def _remarks(told: Sequence[_Told], described: Description, path: Path) -> Iterator[str]:
     """What the files were made of that is not what is here."""
     now = {name: f"sha256:{digest}" for name, digest in hashes(described.logs).items()}
-    digest = hashlib.sha256(read_regular(path)).hexdigest()
     for one in told:
         name, before = one.description
-        if name and before != digest:
+        if name and before != described.document.sha256:
             yield f"'{one.path.name}' was made with another '{name}' than '{path.name}' is now."
         missing = [file for file in one.logs if file not in now]
         other = [file for file, told in one.logs.items() if now.get(file, told) != told]

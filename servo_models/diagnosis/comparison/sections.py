@@ -8,7 +8,7 @@ from typing import Any
 from servo_models.analysis.experiment import display
 from servo_models.analysis.explain import display_scale, display_unit
 from servo_models.analysis.live import NOMINAL
-from servo_models.diagnosis.compare import Comparison
+from servo_models.diagnosis.comparison.compare import Comparison
 from servo_models.identification.live import MOVE, live_logs
 from servo_models.report.live import Live
 from servo_models.report.numbers import Quantity

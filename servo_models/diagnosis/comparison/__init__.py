@@ -1,0 +1,1 @@
+"""Diagnoses and parameter sets side by side, on the same logs."""
