@@ -21,6 +21,9 @@ from servo_models.report.sections import Table
 from servo_models.units import factor
 
 
+FEW = 1  # actuators that are named in a list of effects
+
+
 def explain(name: str, variant: str | None = None) -> Report:
     """Return the data sheet of an actuator, an effect, or an effect at its place.
 
@@ -63,20 +66,13 @@ def overview() -> Report:
         for actuator in actuators().values()
         for variant in actuator.variants
     )
-    found = tuple(
-        (
-            name,
-            about_effect(name),
-            ", ".join(dict.fromkeys(place.actuator.name for place in places(name))),
-        )
-        for name in effects()
-    )
+    found = tuple((name, _where(name), about_effect(name)) for name in effects())
     return data_sheet(
         "Actuators and effects",
         (),
         (
             Table("Actuators", ("actuator", "variant", ""), variants),
-            Table("Effects", ("effect", "", "on"), found),
+            Table("Effects", ("effect", "on", ""), found),
             Table(
                 "Warnings",
                 ("",),
@@ -84,6 +80,12 @@ def overview() -> Report:
             ),
         ),
     )
+
+
+def _where(effect: str) -> str:
+    """Actuators that have an effect: by name where there are few; ``explain`` lists all."""
+    names = list(dict.fromkeys(place.actuator.name for place in places(effect)))
+    return f"{len(names)} actuators" if len(names) > FEW else ", ".join(names)
 
 
 def warnings(actuator: Actuator) -> tuple[str, ...]:

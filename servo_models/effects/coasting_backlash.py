@@ -1,4 +1,4 @@
-"""Play before an output mass that coasts through it: two more states, contacts that only push."""
+"""Play before an output mass that coasts through it."""
 
 import math
 from typing import Annotated

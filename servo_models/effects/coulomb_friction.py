@@ -1,4 +1,4 @@
-"""Coulomb friction, with exact standstill (plants/shaft.py)."""
+"""Coulomb friction, with exact standstill."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Command dead band: small changes of the command are ignored."""
+"""Dead band: small changes of the command do nothing."""
 
 from typing import Annotated
 

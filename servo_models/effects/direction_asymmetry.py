@@ -1,4 +1,4 @@
-"""Direction asymmetry: one direction is stronger than the other."""
+"""Asymmetry: one direction is stronger than the other."""
 
 from typing import Annotated
 

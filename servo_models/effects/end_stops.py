@@ -1,4 +1,4 @@
-"""Inelastic end stops (plants/shaft.py)."""
+"""Inelastic end stops."""
 
 from typing import Annotated
 

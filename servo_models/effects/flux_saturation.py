@@ -1,4 +1,4 @@
-"""Magnetic saturation of the flux linkage, and its bend over the angle."""
+"""Saturation of the flux linkage, and its bend."""
 
 import math
 from typing import Annotated

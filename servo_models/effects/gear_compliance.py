@@ -1,4 +1,4 @@
-"""Gear compliance with a load inertia behind it: two more states, and their step limit."""
+"""Gear compliance with a load inertia behind it."""
 
 import math
 from typing import Annotated

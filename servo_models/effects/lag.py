@@ -1,4 +1,4 @@
-"""First-order lag of a signal, stable for every time constant."""
+"""First-order lag of a signal."""
 
 import math
 from typing import Annotated

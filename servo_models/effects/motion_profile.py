@@ -1,4 +1,4 @@
-"""Motion profile: firmware brings the goal there on a trapezoid of velocity."""
+"""Motion profile: the goal moves on a velocity trapezoid."""
 
 import math
 from typing import Annotated

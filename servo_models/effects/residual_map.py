@@ -1,4 +1,4 @@
-"""Residual map: a term without a name, learnt from a log where no effect explains what is left.
+"""Residual map: a shape without a name, learnt from logs.
 
 It is a sum of broken lines, each of one thing that the actuator does.  Three sizes say where it
 acts: on the load torque, on the drive, or on the reading in the loop.  No law of physics is

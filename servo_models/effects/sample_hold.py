@@ -1,4 +1,4 @@
-"""Sample and hold: the command is read on a clock of its own."""
+"""Sample and hold: the command is read on its own clock."""
 
 import math
 from typing import Annotated

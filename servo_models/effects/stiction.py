@@ -1,4 +1,4 @@
-"""Stiction of a control valve: it sticks, and slips by a jump once the force on it is large enough.
+"""Stiction of a valve: it sticks, then slips by a jump.
 
 Two parameters as in the literature: the band S, which the input crosses at a reversal before the
 valve moves (dead band and stick band together), and the slip jump J.

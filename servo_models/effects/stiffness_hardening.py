@@ -1,4 +1,4 @@
-"""Nonlinear stiffness: the spring stiffens (or softens) with the angle."""
+"""Nonlinear stiffness: the spring stiffens or softens."""
 
 from typing import Annotated
 

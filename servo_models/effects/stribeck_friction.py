@@ -1,4 +1,4 @@
-"""Stiction and the Stribeck curve: friction is larger near standstill."""
+"""Stribeck friction: larger near standstill."""
 
 import math
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Supply limit: an amplifier cannot give more than its supply."""
+"""Supply limit: no amplifier gives more than its supply."""
 
 from typing import Annotated
 
