@@ -20,7 +20,6 @@ from servo_models.report.result import Report, data_sheet
 from servo_models.report.sections import Table
 from servo_models.units import factor
 
-
 FEW = 1  # actuators that are named in a list of effects
 
 

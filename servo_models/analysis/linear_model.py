@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from servo_models.core.types import Array
 
+CANCELS = 1e-6  # distance of a pole and a zero that cancel, over the fastest pole
+FURTHEST_ZERO = 1e4  # over the fastest pole; beyond, a zero is the rounding of a leading 0
+
 
 @dataclass(frozen=True)
 class LinearModel:
@@ -66,20 +69,41 @@ class LinearModel:
 
     def slowest(self) -> float:
         """Return the longest time constant [s] of the poles that decay, 0 without any."""
-        poles = self._poles()
+        poles = self.rates()
         rates = -poles.real
         decaying = rates[rates > 1e-9 * np.max(abs(poles), initial=0.0)]
         return float(1.0 / decaying.min()) if len(decaying) else 0.0
 
     def integrates(self) -> bool:
         """Whether a pole stands at 0, so that nothing brings the output back."""
-        sizes = abs(self._poles())
+        sizes = abs(self.rates())
         return bool(np.any(sizes <= 1e-9 * np.max(sizes, initial=0.0)))
 
-    def _poles(self) -> NDArray[np.complex128]:
-        """Poles [rad/s] of A, of discrete ones those that are not a mere delay."""
-        poles = np.linalg.eigvals(self.matrices()[0]).astype(complex)
-        return np.log(poles[poles != 0.0]) / self.period if self.period else poles
+    def rates(self) -> NDArray[np.complex128]:
+        """Return the poles [rad/s] of A, of discrete ones those that are not a mere delay."""
+        return self._in_time(np.linalg.eigvals(self.matrices()[0]))
+
+    def _in_time(self, roots: ArrayLike) -> NDArray[np.complex128]:
+        """Roots [rad/s], of a sampled model by the logarithm."""
+        found = np.asarray(roots, dtype=complex)
+        return np.log(found[found != 0.0]) / self.period if self.period else found
+
+    def poles_and_zeros(
+        self, input_: str, output: str
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return poles and zeros [rad/s] from one input to one output, what cancels left out."""
+        import control
+
+        system = control.ss(*self.channel(input_, output), remove_useless_states=False)
+        poles, zeros = list(system.poles()), []
+        fastest = np.max(np.abs(poles), initial=0.0)
+        for zero in system.zeros():
+            nearest = min(poles, key=lambda pole: abs(pole - zero), default=math.inf)
+            if abs(nearest - zero) <= CANCELS * fastest:
+                poles.remove(nearest)
+            elif abs(zero) <= FURTHEST_ZERO * fastest:
+                zeros.append(zero)
+        return self._in_time(poles), self._in_time(zeros)
 
     def channel(self, input_: str, output: str) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C, D from one input to one output, shapes (n, n), (n, 1), (1, n), (1, 1)."""

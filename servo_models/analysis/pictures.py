@@ -5,7 +5,7 @@ Colours and line styles are those of the report.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from servo_models.analysis.experiment import display
+from servo_models.analysis.linear_model import LinearModel
+from servo_models.analysis.linearise import linearise
 from servo_models.core.plant import Plant, Wire
-from servo_models.core.simulate import Result
+from servo_models.core.simulate import Model, Result, simulate
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.files import write_with
 from servo_models.report.curves import shade
-from servo_models.report.style import colour, drawing
+from servo_models.report.style import SERIES, colour, drawing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +32,7 @@ SUFFIXES = (".svg", ".png", ".pdf")
 PANEL = 1.25  # height of a panel [inch]
 MARGIN = 1.0  # height of title and time axis together [inch]
 WIDTH = 7.0
+POINTS = 601  # of a curve
 LEAD = 0.04  # rest shown before time 0, as a share of the run, so that a step can be seen as one
 SMALL = 1e-9
 """A signal that moves by less than this part of its full scale is drawn as a straight line."""
@@ -116,12 +119,65 @@ def comparison(
         return figure
 
 
+def small_signals(models: Mapping[str, Model], at: Mapping[str, float] | None = None) -> Figure:
+    """Draw models together: a step as simulated, and gain, phase, poles and zeros as linearised.
+
+    Args:
+        models: of one actuator, by what they are called.
+        at: inputs [SI] at the working point, see ``linearise``.
+
+    Raises:
+        UserError: see ``linearise`` and ``simulate``.
+    """
+    first = next(iter(models.values()))
+    command, size = first.actuator.step
+    wires, output = first.plant.wire, first.plant.outputs[0]
+    scale, unit = _time_scale(np.array([0.0, first.stop_time]))
+    times = np.linspace(0.0, first.stop_time, POINTS)
+    title = f"{first.actuator.name}: {output.replace('_', ' ')} over {command.replace('_', ' ')}"
+    with _page(title, 4, heights=(1.8, 1.6, 1.3, 1.8), shared=False) as (figure, panels):
+        step, gain, phase, plane = panels
+        for (name, model), line in zip(models.items(), SERIES * len(models)):
+            linear, look = linearise(model, at), {"color": colour(line), "label": name}
+            values, shown = _display(simulate(model, times, {command: size})[output], wires[output])
+            step.plot(scale * times, values, **look)
+            frequencies = _band(linear)
+            response = linear.response(frequencies, command, output)
+            gain.loglog(frequencies, abs(response), **look)
+            phase.semilogx(frequencies, np.degrees(np.unwrap(np.angle(response))), **look)
+            poles, zeros = linear.poles_and_zeros(command, output)
+            plane.plot(poles.real, poles.imag, "x", **look)
+            plane.plot(zeros.real, zeros.imag, "o", mfc="none", color=colour(line))
+        _heading(step, "step", shown)
+        _time_axis(step, 0.0, scale * times[-1], unit)
+        _heading(gain, "gain", f"{wires[output].unit} per {wires[command].unit}")
+        _heading(phase, "phase", "deg")
+        phase.set_xlabel("frequency [Hz]")
+        _heading(plane, "poles x, zeros o", "rad/s")
+        plane.set_xlabel("real part [rad/s]")
+        plane.axvline(0.0, color=colour("muted"), lw=0.8)
+        if len(models) > 1:
+            step.legend(frameon=False, fontsize=8.5)
+        return figure
+
+
+def _band(linear: LinearModel) -> Array:
+    """Frequencies [Hz] about the poles of a model, below half its sampling frequency."""
+    rates = abs(linear.rates())
+    rates = rates[rates > 1e-9 * np.max(rates, initial=0.0)]
+    low, high = (rates.min(), rates.max()) if len(rates) else (1.0, 1.0)
+    low, high = 0.03 * low / (2.0 * np.pi), 30.0 * high / (2.0 * np.pi)
+    return np.geomspace(low, min(high, 0.5 / linear.period) if linear.period else high, POINTS)
+
+
 @contextmanager
-def _page(title: str, rows: int, heights: Sequence[float] = ()) -> Iterator[tuple[Figure, Any]]:
+def _page(
+    title: str, rows: int, heights: Sequence[float] = (), shared: bool = True
+) -> Iterator[tuple[Figure, Any]]:
     """Give a titled figure with ``rows`` panels, ``heights`` in panel heights."""
     ratios = list(heights) or [1.0] * rows
     height = MARGIN + PANEL * sum(ratios)
-    with drawing(rows, height) as (figure, panels):
+    with drawing(rows, height, shared) as (figure, panels):
         figure.set_size_inches(WIDTH, height)
         figure.set_facecolor(colour("paper"))
         figure.suptitle(title, x=0.01, ha="left", size=11, weight="bold")

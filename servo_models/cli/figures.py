@@ -17,6 +17,7 @@ from servo_models.cli.options import (
     chosen_model,
     complete_input,
 )
+from servo_models.errors import UserError
 
 
 def figures(
@@ -51,6 +52,19 @@ def figures(
         Path | None,
         typer.Option(metavar="FILE", help="Write figures and A, B, C, D: .json, .mat or .npz."),
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Draw step, gain, phase, poles and zeros to .svg, .png or .pdf.",
+        ),
+    ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE", help="Draw a parameter file beside it (.toml); may be repeated."
+        ),
+    ] = None,
 ) -> None:
     """Measure slew rate, bandwidth, delay, phase lag; linear state space A, B, C, D.
 
@@ -61,16 +75,31 @@ def figures(
     servo-models figures sg90 --at "pulse_width=1.6 ms" --amplitude "20 deg" --out sg90.mat
 
     servo-models figures --params identified.toml
+
+    servo-models figures sg90 --plot sg90.svg --beside identified.toml
     """
+    from servo_models.analysis import pictures
     from servo_models.analysis.figures import check_suffix
     from servo_models.analysis.figures import figures as measure
     from servo_models.cli.console import progress, show
+    from servo_models.data.parameters import read_parameters
 
     if out:
         check_suffix(out)
+    if plot:
+        pictures.check_suffix(plot)
     chosen = chosen_model(actuator, variant, set_, params, trust)
     with progress(f"measuring {chosen.actuator.name}"):
         found = measure(chosen, assignments("--at", at or ()), amplitude, frequency or ())
     show(found.report())
     if out:
         found.write(out)
+    if plot:
+        sets = {chosen.variant: chosen}
+        sets |= {it.stem: read_parameters(it, trust).model() for it in beside or ()}
+        if {it.plant.wire.keys() != chosen.plant.wire.keys() for it in sets.values()} != {False}:
+            raise UserError("--beside: give parameter files of the same actuator")
+        with progress(f"drawing {plot}"):
+            pictures.save(pictures.small_signals(sets, found.at), plot)
+    elif beside:
+        raise UserError("--beside is drawn: add --plot FILE")
