@@ -238,7 +238,7 @@ NAMED = {
     "diagnosis/residual_map.py": "it learns the one effect that has any form",
     "data/mistakes.py": "a mistake knows which effects imitate it",
     "identification/plausibility.py": "a mistake knows which effects imitate it",
-    "identification/elements/identify.py": "the table of a hysteresis loop is one of the elements",
+    "identification/elements/motor.py": "the table of a hysteresis loop is one of the elements",
 }
 """Modules that name an effect, and why."""
 

@@ -6,6 +6,7 @@ Source: Ljung, System Identification, 2nd ed., sec. 16.6; Ljung and Box, Biometr
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -181,3 +182,12 @@ def memory(errors: Array) -> int:
     correlation = autocorrelation(errors)
     quiet = np.flatnonzero(correlation < 2.0 / np.sqrt(len(errors)))
     return int(quiet[0]) - 1 if len(quiet) else max(len(correlation) - 1, 0)
+
+
+def derivatives(function: Callable[[Array], Array], at: Array) -> Array:
+    """Return those of a smooth vector function by central differences, shape (outputs, inputs)."""
+    columns = []
+    for step in np.diag(1e-5 * np.where(at == 0.0, 1.0, np.abs(at))):
+        rise = function(at + step) - function(at - step)
+        columns.append(rise / (2.0 * np.max(step)))
+    return np.column_stack(columns)

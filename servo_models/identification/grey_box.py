@@ -6,12 +6,13 @@ coefficients to constants (first order, "delta method").
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from servo_models.analysis.statistics import derivatives
 from servo_models.core.plant import GreyBox
 from servo_models.core.types import Array
 from servo_models.identification.result import Doubt
@@ -102,7 +103,7 @@ def physical_constants(
 
     values = solve(base)
     names = list(values)
-    slopes = _slopes(lambda x: np.array(list(solve(x).values())), base)
+    slopes = derivatives(lambda x: np.array(list(solve(x).values())), base)
     spread = None
     if covariance is not None:
         joint = np.zeros((len(base), len(base)))
@@ -121,13 +122,3 @@ def physical_constants(
         error = None if covariance is None else float(np.sqrt(np.asarray(covariance)[count, count]))
         found[grey_box.delay] = Constant(grey_box.delay, float(given[count]), error)
     return PhysicalConstants(found, spread)
-
-
-def _slopes(function: Callable[[Array], Array], at: Array) -> Array:
-    """Derivatives of a vector function by central differences, shape (outputs, inputs)."""
-    columns = []
-    for k, value in enumerate(at):
-        step = np.zeros(len(at))
-        step[k] = 1e-5 * value
-        columns.append((function(at + step) - function(at - step)) / (2.0 * step[k]))
-    return np.column_stack(columns)

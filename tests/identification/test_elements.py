@@ -16,14 +16,16 @@ from hypothesis import strategies as st
 from servo_models.analysis.compare import overshoot, settling_time, time_to
 from servo_models.core.simulate import model
 from servo_models.identification.elements import Loop, identify_elements
-from servo_models.identification.elements.estimate import Estimate
-from servo_models.identification.elements.lines import line_with_flats, straight_line
+from servo_models.identification.elements.estimate import Estimate, Figure
+from servo_models.identification.elements.lines import BENT, amplifier, potentiometer
 from servo_models.identification.elements.loop import REACHED
-from servo_models.identification.elements.motor import first_order, motor_curve
+from servo_models.identification.elements.motor import NAMES, motor, motor_step
 from servo_models.report.style import figure
 from servo_models.report.terminal import text
 from tests.support.servo_bench import K_EN, Bench, taken_apart
 
+WIDTH = "hysteresis width at the edges"
+SHIFT = "shift of the line, rising to falling"
 TABLES = 200
 LOW, HIGH = 0.885, 0.995
 """Coverage of 95 % intervals in 200 tables: binomial, each end missed once in 10 000 times."""
@@ -33,61 +35,64 @@ def inside(estimate: Estimate | None, truth: float) -> bool:
     return estimate is not None and estimate.low <= truth <= estimate.high
 
 
+def told(measured: tuple[list[Figure], list[str]]) -> dict[str, Estimate]:
+    """Figures of an element by name."""
+    return {figure.name: figure.estimate for figure in measured[0]}
+
+
 def near(estimate: Estimate | None, truth: float, within: float) -> bool:
     return estimate is not None and abs(estimate.value - truth) <= within
 
 
 def test_the_printed_points_give_the_printed_gains() -> None:
-    motor = straight_line(np.array([0.6, 1.8]), np.array([106.76, 617.53]))
-    assert round(motor.gain.value, 2) == 425.64
-    assert motor.gain.standard_error == math.inf  # two points leave nothing to judge by
+    line = told(potentiometer(np.array([0.6, 1.8]), np.array([106.76, 617.53])))
+    assert round(line["gain k_FS"].value, 2) == 425.64
+    assert line["gain k_FS"].standard_error == math.inf  # two points leave nothing to judge by
     for ends, printed in (((-0.1, 2.65), 5.79), ((-1.15, 2.4), 7.47)):
-        line = straight_line(np.array([0.125, 0.6]), np.array(ends))
-        assert round(line.gain.value, 2) == printed
+        line = told(potentiometer(np.array([0.125, 0.6]), np.array(ends)))
+        assert round(line["gain k_FS"].value, 2) == printed
 
 
 def test_the_motor_of_the_paper_is_found_in_its_table() -> None:
     bench = Bench(half_width=0.03)
-    curve = motor_curve(*bench.table(0.02, 0.013, 2.5, noise=3.0)[:2])
-    positive, negative = curve.positive, curve.negative
-    assert curve.gain.value == pytest.approx(K_EN, abs=4.0 * curve.gain.standard_error)
-    assert curve.gain.standard_error < 1.0
-    for side, edge, zero, knee, top in zip(
-        (positive, negative), bench.edge, bench.zero, bench.knee, bench.top
+    measured = motor(*bench.table(0.02, 0.013, 2.5, noise=3.0)[:2])
+    curve, doubts = told(measured), measured[1]
+    gain = curve["gain K_EN"]
+    assert gain.value == pytest.approx(K_EN, abs=4.0 * gain.standard_error)
+    assert gain.standard_error < 1.0
+    for name, sign, edge, zero, knee, top in zip(
+        NAMES, (1.0, -1.0), bench.edge, bench.zero, bench.knee, bench.top
     ):
-        assert side.edge.value == pytest.approx(edge, abs=0.02)
-        assert near(side.starts, edge + 0.03, 0.02)
-        assert near(side.stops, edge - 0.03, 0.02)
-        assert side.zero.value == pytest.approx(zero, abs=4.0 * side.zero.standard_error)
-        assert near(side.top, top, 2.0)
-        assert near(side.saturation, knee, 0.01)
-    assert near(curve.width, 0.06, 0.02)
-    assert near(curve.shift, 0.0, 0.004)
-    assert not curve.unequal
-    assert not curve.bent
+        line = curve[f"zero of the line, {name}"]
+        assert near(curve[f"insensitivity edge, {name}"], sign * edge, 0.02)
+        assert near(curve[f"edge, rising, {name}"], sign * (edge + 0.03), 0.02)
+        assert near(curve[f"edge, falling, {name}"], sign * (edge - 0.03), 0.02)
+        assert near(line, sign * zero, 4.0 * line.standard_error)
+        assert near(curve[f"top speed, {name}"], sign * top, 2.0)
+        assert near(curve[f"saturation edge, {name}"], sign * knee, 0.01)
+    assert near(curve[WIDTH], 0.06, 0.02)
+    assert near(curve[SHIFT], 0.0, 0.004)
+    assert not any("gains of both sides" in doubt or doubt == BENT for doubt in doubts)
 
 
 def test_a_speed_that_leaps_to_its_top_is_told_from_one_that_bends() -> None:
     """As the paper says in words: saturation beyond 1.8 V, where its line is at 617.5 rad/s."""
-    curve = motor_curve(*Bench(knee=(1.8, 1.5)).table(0.04, 0.018, 2.5, noise=3.0)[:2])
-    assert inside(curve.positive.saturation, 1.8)
-    assert curve.positive.saturation
-    assert curve.positive.saturation.standard_error == pytest.approx(
-        0.0115, rel=0.1
-    )  # 0.04 V / sqrt(12)
-    assert inside(curve.negative.saturation, 1.5)
-    assert inside(curve.gain, K_EN)
+    curve = told(motor(*Bench(knee=(1.8, 1.5)).table(0.04, 0.018, 2.5, noise=3.0)[:2]))
+    saturation = curve["saturation edge, positive"]
+    assert inside(saturation, 1.8)
+    assert saturation.standard_error == pytest.approx(0.0115, rel=0.1)  # 0.04 V / sqrt(12)
+    assert inside(curve["saturation edge, negative"], -1.5)
+    assert inside(curve["gain K_EN"], K_EN)
 
 
 def test_without_noise_everything_between_rows_is_exact() -> None:
     bench = Bench()
-    curve = motor_curve(*bench.table(0.05, 0.02, 2.5)[:2])
-    assert curve.gain.value == pytest.approx(K_EN, rel=1e-12)
-    assert curve.positive.zero.value == pytest.approx(bench.zero[0], rel=1e-12)
-    assert curve.positive.saturation
-    assert curve.positive.saturation.value == pytest.approx(bench.knee[0], rel=1e-12)
-    assert curve.positive.edge.value == pytest.approx(0.495)  # between 0.47 and 0.52 V
-    assert near(curve.width, 0.0, 0.0)
+    curve = told(motor(*bench.table(0.05, 0.02, 2.5)[:2]))
+    assert curve["gain K_EN"].value == pytest.approx(K_EN, rel=1e-12)
+    assert curve["zero of the line, positive"].value == pytest.approx(bench.zero[0], rel=1e-12)
+    assert curve["saturation edge, positive"].value == pytest.approx(bench.knee[0], rel=1e-12)
+    assert curve["insensitivity edge, positive"].value == pytest.approx(0.495)  # 0.47 to 0.52 V
+    assert near(curve[WIDTH], 0.0, 0.0)
 
 
 def test_a_table_without_noise_shows_neither_unequal_gains_nor_a_bow() -> None:
@@ -97,9 +102,8 @@ def test_a_table_without_noise_shows_neither_unequal_gains_nor_a_bow() -> None:
         zero, knee = draw.uniform(0.2, 0.4, 2), draw.uniform(1.4, 1.9, 2)
         gain = draw.uniform(300.0, 550.0)
         bench = Bench(gain, tuple(zero), tuple(zero + 0.1), tuple(knee), tuple(gain * knee), 0.03)
-        curve = motor_curve(*bench.table(0.07, 0.02, 2.4)[:2])
-        assert not curve.unequal
-        assert not curve.bent
+        _, doubts = motor(*bench.table(0.07, 0.02, 2.4)[:2])
+        assert not any("gains of both sides" in doubt or doubt == BENT for doubt in doubts)
 
 
 @pytest.mark.parametrize("sides", [(1,), (-1,), (1, -1), ()])
@@ -107,17 +111,17 @@ def test_a_bow_of_either_side_is_told(sides: tuple[int, ...]) -> None:
     voltages, speeds, _ = Bench(half_width=0.0).table(0.05, 0.02, 1.2, noise=0.2)
     bowed = np.isin(np.sign(voltages), sides) & (np.abs(speeds) > 10.0)
     bow = np.where(bowed, np.sign(voltages) * 300.0 * (np.abs(voltages) - 0.9) ** 2, 0.0)
-    assert motor_curve(voltages, speeds + bow).bent == bool(sides)
+    assert (BENT in motor(voltages, speeds + bow)[1]) == bool(sides)
 
 
 def test_a_branch_column_says_what_the_order_of_rows_says() -> None:
     voltages, speeds, rising = Bench(half_width=0.04).table(0.05, 0.01, 2.5, noise=3.0)
     mixed = np.random.default_rng(1).permutation(len(voltages))
-    told = motor_curve(voltages[mixed], speeds[mixed], rising[mixed])
-    ordered = motor_curve(voltages, speeds)
-    assert told.positive.starts == ordered.positive.starts
-    assert told.width == ordered.width
-    assert told.gain.value == pytest.approx(ordered.gain.value, rel=1e-9)
+    by_column = told(motor(voltages[mixed], speeds[mixed], 1.0 * rising[mixed]))
+    ordered = told(motor(voltages, speeds))
+    assert by_column["edge, rising, positive"] == ordered["edge, rising, positive"]
+    assert by_column[WIDTH] == ordered[WIDTH]
+    assert by_column["gain K_EN"].value == pytest.approx(ordered["gain K_EN"].value, rel=1e-9)
 
 
 @pytest.mark.long
@@ -134,18 +138,18 @@ def test_intervals_of_the_motor_cover_the_truth() -> None:
         bench = Bench(gain, tuple(zero), tuple(edge), tuple(knee), tuple(top), half)
         step = draw.uniform(0.03, 0.1)
         table = bench.table(step, draw.uniform(0.1, 1.0) * step, 2.4, draw.uniform(2.0, 6.0), seed)
-        curve = motor_curve(*table[:2])
-        hits["gain"].append(inside(curve.gain, gain))
-        hits["width"].append(inside(curve.width, 2.0 * half))
-        hits["shift"].append(inside(curve.shift, 0.0))
-        for k, side in enumerate((curve.positive, curve.negative)):
-            hits[f"own gain {k}"].append(inside(side.gain, gain))
-            hits[f"zero {k}"].append(inside(side.zero, zero[k]))
-            hits[f"edge {k}"].append(inside(side.edge, edge[k]))
-            hits[f"starts {k}"].append(inside(side.starts, edge[k] + half))
-            hits[f"stops {k}"].append(inside(side.stops, edge[k] - half))
-            hits[f"saturation {k}"].append(inside(side.saturation, knee[k]))
-            hits[f"top {k}"].append(inside(side.top, top[k]))
+        curve = told(motor(*table[:2]))
+        truth = {"gain K_EN": gain, WIDTH: 2.0 * half, SHIFT: 0.0}
+        for k, (name, sign) in enumerate(zip(NAMES, (1.0, -1.0))):
+            truth[f"gain, {name}"] = gain
+            truth[f"zero of the line, {name}"] = sign * zero[k]
+            truth[f"insensitivity edge, {name}"] = sign * edge[k]
+            truth[f"edge, rising, {name}"] = sign * (edge[k] + half)
+            truth[f"edge, falling, {name}"] = sign * (edge[k] - half)
+            truth[f"saturation edge, {name}"] = sign * knee[k]
+            truth[f"top speed, {name}"] = sign * top[k]
+        for name, value in truth.items():
+            hits[name].append(inside(curve.get(name), value))
     for name, each in hits.items():
         assert LOW <= np.mean(each) <= HIGH, (name, np.mean(each))
 
@@ -164,16 +168,18 @@ def test_intervals_of_the_amplifier_cover_the_truth() -> None:
         y = gain * np.clip(x, low if flats[0] else 0.0, high if flats[2] else 1.0)
         if flats[1]:
             y = np.where(y < gain * dead[0], y, np.maximum(y - gain * np.ptp(dead), gain * dead[0]))
-        line = line_with_flats(x, y + draw.normal(0.0, 0.03, len(x)))
-        found = line.lower is not None, line.dead is not None, line.upper is not None
+        line = told(amplifier(x, y + draw.normal(0.0, 0.03, len(x))))
+        knees = ("no change below", "dead band from", "no change above")
+        found = tuple(knee in line for knee in knees)
         hits["shape"].append(found == flats)
         if found == flats:
-            hits["gain"].append(inside(line.gain, gain))
+            truth = {"gain K_AP": gain}
             if flats[0]:
-                hits["lower"].append(inside(line.lower, low))
-                hits["upper"].append(inside(line.upper, high))
-            for k, knee in enumerate(line.dead or ()):
-                hits[f"dead {k}"].append(inside(knee, dead[k]))
+                truth |= {"no change below": low, "no change above": high}
+            if flats[1]:
+                truth |= {"dead band from": dead[0], "dead band to": dead[1]}
+            for name, value in truth.items():
+                hits[name].append(inside(line[name], value))
     assert np.mean(hits.pop("shape")) > 0.95
     for name, each in hits.items():
         assert 0.87 <= np.mean(each) <= HIGH, (name, np.mean(each))
@@ -192,10 +198,10 @@ def test_intervals_of_the_time_constant_cover_the_truth() -> None:
         speeds = np.concatenate([np.zeros(before), moved])
         speeds = speeds + draw.normal(0.0, 0.01 * gain * size, len(times))
         voltages = np.where(np.arange(len(times)) >= before, size, 0.0)
-        found = first_order(times, speeds, voltages)
-        hits["time constant"].append(inside(found.time_constant, constant))
-        hits["gain"].append(inside(found.gain, gain))
-        hits["without voltage"].append(inside(first_order(times, speeds).time_constant, constant))
+        step, alone = (told(motor_step(times, speeds, u)) for u in (voltages, None))
+        hits["time constant"].append(inside(step["time constant T"], constant))
+        hits["gain"].append(inside(step["gain of the step"], gain))
+        hits["without voltage"].append(inside(alone["time constant T"], constant))
     for name, each in hits.items():
         assert LOW <= np.mean(each) <= HIGH, (name, np.mean(each))
 
@@ -302,9 +308,9 @@ def test_figures_have_the_signs_and_units_of_the_bench(bench: Path) -> None:
     document = json.loads(result.to_json())
     assert document["parameters"]["edge_negative"]["value"] == pytest.approx(0.6, abs=0.02)
     assert result.tables()["Parameters"]["parameter"].to_list() == list(result.parameters)
-    told = text(result.report(), 200)
+    shown = text(result.report(), 200)
     for words in ("V/deg", "chosen", "time constant [s]", "settling +-5 % [s]", "+-2 %", "rad/s/V"):
-        assert words in told
+        assert words in shown
 
 
 def test_what_is_not_measured_is_that_of_the_variant(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from servo_models.core.types import Array
 from servo_models.errors import UserError
 from servo_models.identification.elements import identify_elements
-from servo_models.identification.elements.motor import first_order
+from servo_models.identification.elements.motor import motor_step
 from tests.support.servo_bench import DESCRIPTION, Bench, taken_apart, write
 
 
@@ -111,4 +111,4 @@ def test_a_record_that_is_no_step_is_told(
     speeds: Array, voltages: Array | None, words: str
 ) -> None:
     with pytest.raises(UserError, match=words):
-        first_order(np.arange(len(speeds)) * 0.1, speeds, voltages)
+        motor_step(np.arange(len(speeds)) * 0.1, speeds, voltages)

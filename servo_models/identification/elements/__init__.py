@@ -2,19 +2,7 @@
 
 from __future__ import annotations
 
-from servo_models.identification.elements.identify import (
-    ElementFigure,
-    ElementsResult,
-    identify_elements,
-)
-from servo_models.identification.elements.loop import Choice, Loop, Response, Synthesis
+from servo_models.identification.elements.identify import ElementsResult, identify_elements
+from servo_models.identification.elements.loop import Loop
 
-__all__ = [
-    "Choice",
-    "ElementFigure",
-    "ElementsResult",
-    "Loop",
-    "Response",
-    "Synthesis",
-    "identify_elements",
-]
+__all__ = ["ElementsResult", "Loop", "identify_elements"]

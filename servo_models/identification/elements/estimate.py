@@ -1,7 +1,7 @@
-"""Least squares on a table, and estimates with standard error and 95 % interval.
+"""Least squares on the table of an element, and estimates with standard error and 95 % interval.
 
-Sources: Seber, Wild, Nonlinear Regression, secs. 2.1.3 and 9.3 (joined lines); Draper,
-Smith, Applied Regression Analysis, 3rd ed., ch. 5.
+Sources: Seber, Wild, Nonlinear Regression, sec. 2.1.3; Draper, Smith, Applied Regression
+Analysis, 3rd ed., ch. 5.
 """
 
 from __future__ import annotations
@@ -12,68 +12,77 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from servo_models.analysis.statistics import derivatives
 from servo_models.core.types import Array
 
 CONFIDENCE = 0.95
-EXACT = 1e-24
-"""Mean square of residuals, relative to that of the values, below which a fit is exact."""
-ROUNDING = 1e-9  # relative difference of two estimates that is nothing but rounding
-TIGHT = 1e-12  # relative tolerance of the unknowns of a fit
-STEP = 1e-5  # step of a slope, relative to the unknown
+FEWEST = 8  # residuals that show a bow or a correlation
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number that was estimated, in one unit.
-
-    Attributes:
-        value: the estimate.
-        standard_error: infinite where there are as many unknowns as rows.
-        low, high: 95 % interval.
-    """
+    """A number that was estimated, in one unit, with its 95 % interval ``low`` to ``high``; the
+    standard error is infinite where there are as many unknowns as rows."""
 
     value: float
     standard_error: float
     low: float
     high: float
 
+    @classmethod
+    def of(cls, value: float, error: float = 0.0, freedom: float = math.inf) -> Estimate:
+        """The interval is that of Student's t."""
+        from scipy.special import stdtrit
+
+        half = float(stdtrit(min(freedom, 1e9), 0.5 + 0.5 * CONFIDENCE)) * error
+        return cls(value, error, value - half, value + half)
+
     def scaled(self, by: float) -> Estimate:
         """Return the estimate of ``by`` times this quantity."""
         low, high = sorted((by * self.low, by * self.high))
         return Estimate(by * self.value, abs(by) * self.standard_error, low, high)
 
-    def contradicts(self, other: Estimate, errors: float = 3.0) -> bool:
-        """Whether both are further apart than so many standard errors, and than rounding."""
+    def contradicts(self, other: Estimate) -> bool:
+        """Whether both are further apart than three standard errors, and than rounding."""
         gap = combined((1.0, self), (-1.0, other))
-        differ = not math.isclose(self.value, other.value, rel_tol=ROUNDING)
-        return differ and abs(gap.value) > errors * gap.standard_error
+        differ = not math.isclose(self.value, other.value, rel_tol=1e-9)
+        return differ and abs(gap.value) > 3.0 * gap.standard_error
 
 
-def exactly(value: float) -> Estimate:
-    """Return a number that is known, such as a count of teeth."""
-    return Estimate(value, 0.0, value, value)
-
-
-def between(one: float, other: float) -> Estimate:
+def between(low: float, high: float) -> Estimate:
     """Return an estimate of what lies anywhere between two rows, with equal chance."""
-    middle, width = 0.5 * (one + other), abs(other - one)
-    half = 0.5 * CONFIDENCE * width
-    return Estimate(middle, width / math.sqrt(12.0), middle - half, middle + half)
+    middle, half = 0.5 * (low + high), 0.5 * abs(high - low)
+    inner = CONFIDENCE * half
+    return Estimate(middle, half / math.sqrt(3.0), middle - inner, middle + inner)
 
 
 def combined(*parts: tuple[float, Estimate]) -> Estimate:
     """Return the weighted sum of independent estimates, given as (weight, estimate)."""
     value = sum(weight * part.value for weight, part in parts)
-    error = math.hypot(*(weight * part.standard_error for weight, part in parts))
-    return _with_interval(value, error, math.inf)
+    return Estimate.of(value, math.hypot(*(w * part.standard_error for w, part in parts)))
 
 
-def _with_interval(value: float, error: float, freedom: float) -> Estimate:
-    """The interval is that of Student's t."""
-    from scipy.special import stdtrit
+@dataclass(frozen=True)
+class Figure:
+    """A figure of an element.
 
-    half = float(stdtrit(min(freedom, 1e9), 0.5 + 0.5 * CONFIDENCE)) * error
-    return Estimate(value, error, value - half, value + half)
+    Attributes:
+        name: in words.
+        estimate: in ``unit``.
+        unit: SI.
+        display: unit that a person reads it in, "" for ``unit``.
+        parameter: of the actuator that it tells, "" for none; ``factor`` times this figure.
+        element, file: where it is from.
+    """
+
+    name: str
+    estimate: Estimate
+    unit: str
+    display: str = ""
+    parameter: str = ""
+    factor: float = 1.0
+    element: str = ""
+    file: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,94 +91,69 @@ class Fit:
 
     Attributes:
         values: the unknowns, shape (p,).
-        covariance: of them, shape (p, p); it means nothing without a row to spare.
+        slopes: of the fitted rows by the unknowns, shape (n, p).
         residuals: measured minus fitted, shape (n,).
     """
 
     values: Array
-    covariance: Array
+    slopes: Array
     residuals: Array
 
     @property
-    def freedom(self) -> int:
-        """Rows minus unknowns."""
-        return len(self.residuals) - len(self.values)
-
-    @property
     def squares(self) -> float:
-        """Sum of the squared residuals."""
         return float(self.residuals @ self.residuals)
 
     @property
+    def freedom(self) -> int:
+        return len(self.residuals) - len(self.values)
+
+    @property
     def scatter(self) -> float:
-        """Standard deviation of the residuals, in the unit of the fitted quantity."""
+        """Standard deviation of the residuals."""
         return math.sqrt(self.squares / self.freedom) if self.freedom > 0 else math.inf
 
-    def estimate(self, quantity: int | Callable[[Array], float]) -> Estimate:
-        """Return one of the unknowns, by position, or a smooth function of them."""
-        function = quantity if callable(quantity) else (lambda values: float(values[quantity]))
+    def estimate(self, function: Callable[[Array], float]) -> Estimate:
+        """Return a smooth function of the unknowns."""
         value = float(function(self.values))
         if self.freedom <= 0:
             return Estimate(value, math.inf, -math.inf, math.inf)
-        slope = _slopes(function, self.values)
-        error = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
-        return _with_interval(value, error, self.freedom)
+        [slope] = derivatives(lambda values: np.array([function(values)]), self.values)
+        inverse = np.linalg.pinv(self.slopes.T @ self.slopes, hermitian=True)
+        error = self.scatter * math.sqrt(max(float(slope @ inverse @ slope), 0.0))
+        return Estimate.of(value, error, self.freedom)
 
 
-def fit(
-    model: Callable[..., Array],
-    x: Array,
-    y: Array,
-    start: Sequence[float] | Array,
-) -> Fit:
-    """Fit ``model(x, *unknowns)`` to ``y``, shape (n,), from ``start``, shape (p,).
-
-    Residuals that are nothing but rounding count as 0.
-    """
+def fit(model: Callable[..., Array], x: Array, y: Array, start: Sequence[float] | Array) -> Fit:
+    """Fit ``model(x, *unknowns)`` to ``y``, shape (n,), from ``start``, shape (p,)."""
     from scipy.optimize import least_squares
 
     best = least_squares(
-        lambda unknowns: model(x, *unknowns) - y,
-        start,
-        method="lm",
-        x_scale="jac",
-        xtol=TIGHT,
+        lambda unknowns: y - model(x, *unknowns), start, method="lm", x_scale="jac", xtol=1e-12
     )
-    residuals = -best.fun if best.fun @ best.fun > rounding(y) else np.zeros(len(y))
-    variance = float(residuals @ residuals) / max(len(y) - len(best.x), 1)
-    slopes = _slopes(lambda unknowns: model(x, *unknowns), best.x)
-    covariance = variance * np.asarray(np.linalg.pinv(slopes.T @ slopes), dtype=float)
-    return Fit(best.x, covariance, residuals)
+    return Fit(best.x, best.jac, _beyond_rounding(best.fun, y))
 
 
-def _slopes(function: Callable[[Array], Array | float], values: Array) -> Array:
-    """Derivatives by central differences, by ``values`` along the last axis."""
-    columns = []
-    for k, size in enumerate(np.abs(values)):
-        step = np.zeros(len(values))
-        step[k] = STEP * (size or 1.0)
-        rise = np.asarray(function(values + step)) - function(values - step)
-        columns.append(rise / (2.0 * step[k]))
-    return np.stack(columns, axis=-1)
+def linear(columns: Array, y: Array) -> Fit:
+    """Fit ``columns``, shape (n, p), times the unknowns to ``y``, shape (n,)."""
+    values = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], dtype=float)
+    return Fit(values, columns, _beyond_rounding(y - columns @ values, y))
+
+
+def _beyond_rounding(residuals: Array, measured: Array) -> Array:
+    return residuals if residuals @ residuals > rounding(measured) else np.zeros(len(measured))
 
 
 def rounding(measured: Array) -> float:
     """Sum of squares of residuals that are nothing but rounding."""
-    return EXACT * float(measured @ measured)
-
-
-BENT = 4.0  # curvature in standard errors from which a line counts as bent
-CORRELATED = 3.0
-"""Correlation of neighbours from which residuals count as no chance, over 1 / sqrt(n)."""
-FEWEST = 8  # residuals that either judgement needs
+    return 1e-24 * float(measured @ measured)
 
 
 def is_bent(x: Array, residuals: Array) -> bool:
     """Whether the residuals of a straight line in ``x``, both of shape (n,), show a bow."""
-    if len(x) < FEWEST:
+    if len(x) < FEWEST or not np.any(residuals):
         return False
     bow, covariance = np.polyfit(x - x.mean(), residuals, 2, cov=True)
-    return bool(abs(bow[0]) > BENT * math.sqrt(covariance[0, 0]))
+    return bool(abs(bow[0]) > 4.0 * math.sqrt(covariance[0, 0]))
 
 
 def is_correlated(residuals: Array) -> bool:
@@ -177,4 +161,4 @@ def is_correlated(residuals: Array) -> bool:
     power = float(residuals @ residuals)
     if len(residuals) < FEWEST or power == 0.0:
         return False
-    return float(residuals[1:] @ residuals[:-1]) > CORRELATED / math.sqrt(len(residuals)) * power
+    return float(residuals[1:] @ residuals[:-1]) > 3.0 / math.sqrt(len(residuals)) * power

@@ -2,75 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
+from servo_models.actuators.sg90.elements import LOOP, MADE_OF, TABLES
 from servo_models.core.plant import check_bounds
 from servo_models.core.simulate import Model
 from servo_models.data.description import Description, read_description
 from servo_models.data.schema import Section
 from servo_models.errors import UserError
-from servo_models.identification.elements.estimate import Estimate, exactly
-from servo_models.identification.elements.lines import line_with_flats, straight_line
+from servo_models.identification.elements.estimate import Estimate, Figure
+from servo_models.identification.elements.lines import amplifier, potentiometer
 from servo_models.identification.elements.loop import Choice, Synthesis, synthesise
-from servo_models.identification.elements.motor import (
-    NAMES,
-    MotorCurve,
-    SideCurve,
-    first_order,
-    motor_curve,
-)
-from servo_models.identification.elements.tables import (
-    AMPLIFIER,
-    BRANCH,
-    MOTOR,
-    MOTOR_ROWS,
-    POTENTIOMETER,
-    STEP,
-    VOLTAGE,
-    Table,
-    gear_ratio,
-    read_table,
-    read_wish,
-)
+from servo_models.identification.elements.motor import GAIN, motor, motor_step
+from servo_models.identification.elements.tables import GearTable, read_table, read_wish
 from servo_models.identification.result import Doubt
 from servo_models.report.result import Result
 
-LOOP = ("amplifier_gain", "potentiometer_gain", "motor_time_constant", "gear_ratio")
-MADE_OF = (*LOOP, "motor_gain", "feedback_coefficient", "angle_unit")
-GAIN = "rad/s/V"
-BENT = "straight pieces say too little, what they leave over is no chance"
-
-
-@dataclass(frozen=True)
-class ElementFigure:
-    """A figure of one element.
-
-    Attributes:
-        element: which, such as ``"motor"``.
-        name: in words.
-        estimate: in ``unit``.
-        unit: SI.
-        file: name of the file that it is from.
-        display: unit that a person reads it in, "" for ``unit``.
-    """
-
-    element: str
-    name: str
-    estimate: Estimate
-    unit: str
-    file: str
-    display: str = ""
-
-    @property
-    def value(self) -> float:
-        return self.estimate.value
-
-    @property
-    def standard_error(self) -> float:
-        return self.estimate.standard_error
+GEARS = "gears"
+ESTIMATORS: dict[str, Callable[..., tuple[list[Figure], list[str]]]] = {
+    "potentiometer": potentiometer,
+    "amplifier": amplifier,
+    "amplifier_loaded": partial(amplifier, loaded=True),
+    "motor": motor,
+    "motor_step": motor_step,
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +48,7 @@ class ElementsResult(Result):
 
     model: Model
     synthesis: Synthesis
-    figures: tuple[ElementFigure, ...]
+    figures: tuple[Figure, ...]
     estimates: Mapping[str, Estimate]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -98,14 +57,11 @@ class ElementsResult(Result):
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Value and standard error [SI] by name of the actuator's parameter."""
-        return {
-            name: (estimate.value, estimate.standard_error)
-            for name, estimate in self.estimates.items()
-        }
+        return {name: (e.value, e.standard_error) for name, e in self.estimates.items()}
 
-    def figure(self, element: str, name: str) -> ElementFigure:
+    def figure(self, element: str, name: str) -> Estimate:
         """Return a figure by element and name."""
-        return next(f for f in self.figures if (f.element, f.name) == (element, name))
+        return next(f.estimate for f in self.figures if (f.element, f.name) == (element, name))
 
 
 def identify_elements(description: Description | str | Path) -> ElementsResult:
@@ -118,28 +74,31 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
     """
     if not isinstance(description, Description):
         description = read_description(description)
-    entries = description.document.section("elements")
-    entries.check_keys((*ELEMENTS, "synthesis"))
-    strange = [name for name in MADE_OF if name not in description.model.values]
+    document, model = description.document, description.model
+    entries = document.section("elements")
+    entries.check_keys((*TABLES, GEARS, "synthesis"))
+    strange = [name for name in MADE_OF if name not in model.values]
     if strange:
-        description.document.fail(
+        document.fail(
             "actuator",
             f"'{description.actuator.name}' has no '{strange[0]}'; name a servo made of these"
             " elements, such as sg90",
         )
-    wish, bench = read_wish(entries.section("synthesis")), _Bench(description.model)
-    for name, identify in ELEMENTS.items():
-        if name in entries:
-            with bench.about(name):
-                identify(bench, entries.section(name))
+    wish, bench = read_wish(entries.section("synthesis")), _Bench(model)
+    for element in (*TABLES, GEARS):
+        if element in entries:
+            bench.identify(element, entries.section(element))
     if not bench.figures:
-        description.document.fail("elements", "no element; add [elements.motor] or another one")
-    motor = bench.dynamic_gain or bench.value("motor_gain")
-    parts = {"motor_gain": motor, **{name: bench.value(name) for name in LOOP}}
-    synthesis = synthesise(parts, description.model.values["angle_unit"], wish)
-    bench.keep(synthesis.choices[0])
+        document.fail("elements", "no element; add [elements.motor] or another one")
+    parts = {name: Estimate.of(model.values[name]) for name in ("motor_gain", *LOOP)}
+    parts = {name: bench.estimates.get(name, given) for name, given in parts.items()}
+    dynamic = [f.estimate for f in bench.figures if f.name == "gain of the step"]
+    if dynamic:
+        parts["motor_gain"] = dynamic[0]
+    synthesis = synthesise(parts, model.values["angle_unit"], wish)
+    bench.keep(synthesis.choices[0], dynamic)
     return ElementsResult(
-        model=description.model,
+        model=model,
         synthesis=synthesis,
         figures=tuple(bench.figures),
         estimates=bench.estimates,
@@ -151,81 +110,61 @@ def identify_elements(description: Description | str | Path) -> ElementsResult:
 
 @dataclass(eq=False)
 class _Bench:
-    """What is known so far, while the elements are identified; see ``ElementsResult``.
-
-    Attributes:
-        dynamic_gain: of the motor from the record of a step [rad/s/V], None without.
-        element, file: that figures are from.
-        place: of its table, for messages.
-    """
+    """What is known so far, while the elements are identified; see ``ElementsResult``."""
 
     model: Model
-    figures: list[ElementFigure] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
     estimates: dict[str, Estimate] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
-    dynamic_gain: Estimate | None = None
-    element: str = ""
-    file: str = ""
-    place: str = ""
 
-    @contextmanager
-    def about(self, element: str) -> Iterator[None]:
-        """Say in errors which table they are about, once it has been read."""
-        self.element, self.file, self.place = element, "", ""
-        try:
-            yield
-        except UserError as error:
-            raise UserError(f"{self.place}: {error}" if self.place else str(error)) from error
+    def identify(self, element: str, section: Section) -> None:
+        """Add figures and parameters of an element; errors say which table they are about."""
+        doubts: list[str] = []
+        if element == GEARS:
+            teeth = section.read(GearTable).teeth
+            file, place = "", f"'{section.file}', {section.name}.teeth"
+            ratio = Estimate.of(math.prod(driven / driving for driving, driven in teeth))
+            figures = [Figure("ratio K_R", ratio, "1", parameter="gear_ratio")]
+        else:
+            table = read_table(section, TABLES[element])
+            file, place = table.path.name, table.place
+            self.files[file] = table.sha256
+            try:
+                figures, doubts = ESTIMATORS[element](*table.columns)
+            except UserError as error:
+                raise UserError(f"{place}: {error}") from error
+        for figure in figures:
+            self.figures.append(replace(figure, element=element, file=file))
+            if figure.parameter:
+                self._set(figure.parameter, figure.estimate.scaled(figure.factor), place)
+        self.warnings += [f"{place}: {doubt}" for doubt in doubts]
+        static = self.estimates.get("motor_gain")
+        for figure in figures:
+            if figure.name == "gain of the step" and static and figure.estimate.contradicts(static):
+                self.warnings.append(
+                    f"the gain of the step, {figure.estimate.value:.5g}, and that of the static"
+                    f" line, {static.value:.5g} {GAIN}, disagree"
+                )
 
-    def opened(self, table: Table) -> Table:
-        """What follows is from this table."""
-        self.file, self.place = table.path.name, table.place
-        self.files[self.file] = table.sha256
-        return table
-
-    def add(self, name: str, estimate: Estimate | None, unit: str, display: str = "") -> None:
-        """Keep a figure; None is none."""
-        if estimate:
-            self.figures.append(
-                ElementFigure(self.element, name, estimate, unit, self.file, display)
-            )
-
-    def set(self, name: str, estimate: Estimate | None) -> None:
-        """Keep a parameter [SI]; None is none.
-
-        Raises:
-            UserError: it is out of its bounds.
-        """
-        if estimate is None:
-            return
-        try:
-            check_bounds(self.model.plant.parameters[name], estimate.value)
-        except UserError as error:
-            raise UserError(f"{error}, or correct unit, scale and sign") from error
-        self.estimates[name] = estimate
-
-    def set_size(self, name: str, estimate: Estimate | None) -> None:
-        """Keep a parameter that cannot be below 0: an estimate below is taken as 0."""
-        if estimate and estimate.value < 0.0:
+    def _set(self, name: str, estimate: Estimate, place: str) -> None:
+        """Keep a parameter [SI]; one that cannot be below 0 is 0 then."""
+        known = self.model.plant.parameters[name]
+        if estimate.value < known.param.low == 0.0:
             text = f"'{name}' was found at {estimate.value:.3g} and is taken as 0"
             self.warnings.append(Doubt(text))
             estimate = replace(estimate, value=0.0)
-        self.set(name, estimate)
+        try:
+            check_bounds(known, estimate.value)
+        except UserError as error:
+            raise UserError(f"{place}: {error}, or correct unit, scale and sign") from error
+        self.estimates[name] = estimate
 
-    def doubt(self, text: str) -> None:
-        """Warn about the table."""
-        self.warnings.append(f"{self.place}: {text}")
-
-    def value(self, name: str) -> Estimate:
-        """A parameter, of the model where no table tells it."""
-        return self.estimates.get(name) or exactly(self.model.values[name])
-
-    def keep(self, chosen: Choice) -> None:
+    def keep(self, chosen: Choice, dynamic: list[Estimate]) -> None:
         """Keep the feedback coefficient, and say what went into it."""
         given = [name for name in LOOP if name not in self.estimates]
-        if self.dynamic_gain:
+        if dynamic:
             self.notes.append("The loop takes the gain of the motor from its step")
         elif "motor_gain" not in self.estimates:
             given.append("motor_gain")
@@ -246,128 +185,3 @@ class _Bench:
                 f"K_f = {k_f:g} is not kept: 'feedback_coefficient' goes from {param.low:g} to"
                 f" {param.high:g}"
             )
-
-
-def _potentiometer(bench: _Bench, section: Section) -> None:
-    """k_FS, and where the voltage is 0."""
-    table = bench.opened(read_table(section, POTENTIOMETER))
-    line = straight_line(table["angle"], table["voltage"])
-    bench.add("gain k_FS", line.gain, "V/rad", "V/deg")
-    bench.add("angle of 0 V", line.zero, "rad", "deg")
-    bench.set("potentiometer_gain", line.gain)
-    if line.bent:
-        bench.doubt(f"{BENT}; see effect sensor_nonlinearity")
-
-
-def _amplifier(bench: _Bench, section: Section) -> None:
-    """K_AP; the one with load is that of the servo."""
-    table = bench.opened(read_table(section, AMPLIFIER))
-    line = line_with_flats(table["input"], table["output"])
-    loaded = " with load" * (bench.element == "amplifier_loaded")
-    start, end = line.dead or (None, None)
-    bench.add(f"gain K_AP{loaded}", line.gain, "1")
-    bench.add("input of 0 V", line.zero, "V")
-    bench.add("no change below", line.lower, "V")
-    bench.add("dead band from", start, "V")
-    bench.add("dead band to", end, "V")
-    bench.add("no change above", line.upper, "V")
-    bench.set("amplifier_gain", line.gain)
-    if line.bent:
-        bench.doubt(BENT)
-
-
-def _motor(bench: _Bench, section: Section) -> None:
-    """Static characteristic, both ways."""
-    table = bench.opened(read_table(section, MOTOR, (BRANCH,), MOTOR_ROWS))
-    branch = table.get("branch")
-    curve = motor_curve(table["voltage"], table["speed"], None if branch is None else branch > 0.0)
-    bench.add("gain K_EN", curve.gain, GAIN)
-    bench.set("motor_gain", curve.gain)
-    for name, side, sign in zip(NAMES, (curve.positive, curve.negative), (1.0, -1.0)):
-        _side(bench, name, side, sign)
-    bench.add("hysteresis width at the edges", curve.width, "V")
-    bench.add("shift of the line, rising to falling", curve.shift, "V")
-    bench.set_size("hysteresis.half_width", curve.width and curve.width.scaled(0.5))
-    for doubt in _doubts(curve):
-        bench.doubt(doubt)
-
-
-def _side(bench: _Bench, name: str, side: SideCurve, sign: float) -> None:
-    """One direction: figures with the signs of the table, parameters without."""
-    voltages = {
-        "insensitivity edge": side.edge,
-        "edge, rising": side.starts,
-        "edge, falling": side.stops,
-        "zero of the line": side.zero,
-        "saturation edge": side.saturation,
-    }
-    bench.add(f"gain, {name}", side.gain, GAIN)
-    for what, estimate in voltages.items():
-        bench.add(f"{what}, {name}", estimate and estimate.scaled(sign), "V")
-    bench.add(f"top speed, {name}", side.top and side.top.scaled(sign), "rad/s")
-    bench.set_size(f"edge_{name}", side.edge)
-    bench.set_size(f"zero_{name}", side.zero)
-    bench.set(f"top_{name}", side.top)
-    if not side.top:
-        bench.doubt(
-            f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows of"
-            " higher voltage"
-        )
-
-
-def _doubts(curve: MotorCurve) -> Iterator[str]:
-    if curve.unequal:
-        yield (
-            f"the gains of both sides differ, {curve.positive.gain.value:.5g} and"
-            f" {curve.negative.gain.value:.5g} {GAIN}; 'motor_gain' is their common one, see"
-            " effect direction_asymmetry"
-        )
-    if curve.bent:
-        yield BENT
-    if not curve.width:
-        yield "one branch only; hysteresis shows with rising and falling voltage"
-    elif curve.shift and curve.width.contradicts(curve.shift):
-        yield (
-            f"between the branches the edges move by {curve.width.value:.3g} V and the line by"
-            f" {curve.shift.value:.3g} V; effect hysteresis moves both alike"
-        )
-
-
-def _motor_step(bench: _Bench, section: Section) -> None:
-    """Time constant, and with the voltage also the gain, of a step of speed."""
-    table = bench.opened(read_table(section, STEP, (VOLTAGE,)))
-    order = first_order(table["time"], table["speed"], table.get("voltage"))
-    bench.add("time constant T", order.time_constant, "s")
-    bench.add("gain of the step", order.gain, GAIN)
-    bench.set("motor_time_constant", order.time_constant)
-    bench.dynamic_gain = order.gain
-    if order.correlated:
-        bench.doubt(
-            "the speed is not quite that of a first order, so that the standard errors are too"
-            " small"
-        )
-    static = bench.estimates.get("motor_gain")
-    if order.gain and static and order.gain.contradicts(static):
-        bench.warnings.append(
-            f"the gain of the step, {order.gain.value:.5g}, and that of the static line,"
-            f" {static.value:.5g} {GAIN}, disagree"
-        )
-
-
-def _gears(bench: _Bench, section: Section) -> None:
-    """K_R, a count without error."""
-    ratio = exactly(gear_ratio(section))
-    bench.place = f"'{section.file}', {section.name}.teeth"
-    bench.add("ratio K_R", ratio, "1")
-    bench.set("gear_ratio", ratio)
-
-
-ELEMENTS: dict[str, Callable[[_Bench, Section], None]] = {
-    "potentiometer": _potentiometer,
-    "amplifier": _amplifier,
-    "amplifier_loaded": _amplifier,
-    "motor": _motor,
-    "motor_step": _motor_step,
-    "gears": _gears,
-}
-"""In this order, so that a gain with load takes the place of one without."""

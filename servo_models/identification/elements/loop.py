@@ -20,12 +20,7 @@ from dataclasses import dataclass
 from servo_models.identification.elements.estimate import Estimate
 from servo_models.identification.elements.tables import Wish
 
-USUAL_BANDS = (0.05, 0.02)
-ROWS = (0.25, 0.5, 0.75, 1.5, 2.0)  # rows of the table of K_f, over the K_f to set
-REACHED = 1.0 - math.exp(-2.0)
-"""Share of the step at the time constant: with it the paper's 4.6 s and 2.6 s come out."""
-TOUCHES = 1e-9
-"""An extreme of the response that lies on the edge of the band is inside, but for rounding."""
+REACHED = 1.0 - math.exp(-2.0)  # share at the time constant: the paper's 4.6 s and 2.6 s
 
 
 @dataclass(frozen=True)
@@ -37,7 +32,7 @@ class Response:
         time_constant: time to ``REACHED`` of the step [s].
         overshoot: share of the step [1].
         bandwidth: where the gain is 3 dB below the static one [rad/s].
-        phase_margin: of the open loop [rad].
+        phase_margin: of the open loop c K_f / (s (s + 1/T)) [rad].
         settling: time after which the response stays inside the band [s], by band [1].
     """
 
@@ -47,6 +42,86 @@ class Response:
     bandwidth: float
     phase_margin: float
     settling: dict[float, float]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop without its feedback coefficient: ``gain`` c [1/s^2] and ``rate`` 1/T [1/s]."""
+
+    gain: float
+    rate: float
+
+    def k_f(self, overshoot: float) -> float:
+        """Return the feedback coefficient with that overshoot, above 0 and below 1 [1]."""
+        swing = math.log(overshoot)
+        damping = -swing / math.hypot(math.pi, swing)
+        return (self.rate / (2.0 * damping)) ** 2 / self.gain
+
+    def overshoot(self, k_f: float) -> float:
+        """Share of the step by which the response overshoots [1]."""
+        turn = self._turn(k_f).imag
+        return math.exp(-math.pi * 0.5 * self.rate / turn) if turn else 0.0
+
+    def step(self, k_f: float, time: float) -> float:
+        """Step response over its final value [1] at a time [s]."""
+        turn, decay = self._turn(k_f), 0.5 * self.rate
+        slow, fast = cmath.exp((turn - decay) * time), cmath.exp(-(turn + decay) * time)
+        both = 0.5 * (slow + fast)
+        lead = (slow - fast) / (2.0 * turn) if abs(turn * time) > 1e-6 else time * both
+        return 1.0 - (both + decay * lead).real
+
+    def settling(self, k_f: float, band: float) -> float:
+        """Time [s] after which the response stays within ``band`` of the step.
+
+        The extremes 0, 1, 2 ... of the response, the start among them, are off by powers of
+        the overshoot: the band is entered for good after the last one outside.
+        """
+        overshoot, last = self.overshoot(k_f), 0
+        if overshoot > 0.0:  # an extreme on the edge of the band is inside, but for rounding
+            last = math.ceil(math.log(band) / math.log(overshoot) - 1e-9) - 1
+        return self._crossing(k_f, 1.0 + (band if last % 2 else -band), last)
+
+    def response(self, k_f: float, bands: Sequence[float]) -> Response:
+        """Return all measures at a feedback coefficient."""
+        square = 1.0 - self.rate**2 / (2.0 * self.gain * k_f)
+        crossing = 0.5 * (math.hypot(self.rate**2, 2.0 * self.gain * k_f) - self.rate**2)
+        return Response(
+            k_f=k_f,
+            time_constant=self._crossing(k_f, REACHED, 0),
+            overshoot=self.overshoot(k_f),
+            bandwidth=math.sqrt(self.gain * k_f * (square + math.hypot(square, 1.0))),
+            phase_margin=math.pi / 2.0 - math.atan(math.sqrt(crossing) / self.rate),
+            settling={band: self.settling(k_f, band) for band in bands},
+        )
+
+    def best(self, band: float, limit: float) -> float:
+        """Return K_f of the shortest settling with an overshoot of at most ``limit`` [1].
+
+        With K_f the settling time falls, until an extreme of the response touches the band,
+        and leaps up there: the best is one of these places, or the limit.
+        """
+        touching, power = [limit], 1
+        while band ** (1.0 / power) < limit:
+            touching.append(band ** (1.0 / power))
+            power += 1
+        return min(map(self.k_f, touching), key=lambda k_f: self.settling(k_f, band))
+
+    def _turn(self, k_f: float) -> complex:
+        """How far the poles are from -1/(2 T) [1/s], imaginary where the loop oscillates."""
+        return cmath.sqrt(0.25 * self.rate**2 - self.gain * k_f)
+
+    def _crossing(self, k_f: float, level: float, extreme: int) -> float:
+        """Time [s] at which the response crosses ``level`` after its extreme of that number."""
+        from scipy.optimize import brentq
+
+        turn = self._turn(k_f).imag
+        if turn:
+            begin, end = extreme * math.pi / turn, (extreme + 1) * math.pi / turn
+        else:
+            begin, end = 0.0, 1.0 / self.rate
+            while self.step(k_f, end) < level:
+                end *= 2.0
+        return float(brentq(lambda time: self.step(k_f, time) - level, begin, end, xtol=1e-12))
 
 
 @dataclass(frozen=True)
@@ -65,109 +140,6 @@ class Choice:
     optimum: Response
     setting: Response
     relative_error: float
-
-
-@dataclass(frozen=True)
-class Loop:
-    """The loop without its feedback coefficient.
-
-    Attributes:
-        gain: c [1/s^2].
-        rate: 1/T [1/s].
-    """
-
-    gain: float
-    rate: float
-
-    def natural(self, k_f: float) -> float:
-        """Natural frequency [rad/s]."""
-        return math.sqrt(self.gain * k_f)
-
-    def damping(self, k_f: float) -> float:
-        """Damping ratio [1]."""
-        return self.rate / (2.0 * self.natural(k_f))
-
-    def k_f(self, overshoot: float) -> float:
-        """Return the feedback coefficient with that overshoot, above 0 and below 1 [1]."""
-        swing = math.log(overshoot)
-        damping = -swing / math.hypot(math.pi, swing)
-        return (self.rate / (2.0 * damping)) ** 2 / self.gain
-
-    def overshoot(self, k_f: float) -> float:
-        """Share of the step by which the response overshoots [1]."""
-        damping = self.damping(k_f)
-        if damping >= 1.0:
-            return 0.0
-        return math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
-
-    def bandwidth(self, k_f: float) -> float:
-        """Frequency of -3 dB [rad/s]."""
-        square = 1.0 - 2.0 * self.damping(k_f) ** 2
-        return self.natural(k_f) * math.sqrt(square + math.sqrt(square**2 + 1.0))
-
-    def phase_margin(self, k_f: float) -> float:
-        """Phase margin of c K_f / (s (s + 1/T)) [rad]."""
-        squared = self.rate**2
-        crossing = 0.5 * (math.sqrt(squared**2 + 4.0 * (self.gain * k_f) ** 2) - squared)
-        return math.pi / 2.0 - math.atan(math.sqrt(crossing) / self.rate)
-
-    def step(self, k_f: float, time: float) -> float:
-        """Step response over its final value [1] at a time [s]."""
-        natural, decay = self.natural(k_f), 0.5 * self.rate
-        turn = cmath.sqrt(decay**2 - natural**2)
-        slow, fast = cmath.exp((turn - decay) * time), cmath.exp(-(turn + decay) * time)
-        both = 0.5 * (slow + fast)
-        lead = (slow - fast) / (2.0 * turn) if abs(turn * time) > 1e-6 else time * both
-        return 1.0 - (both + decay * lead).real
-
-    def settling(self, k_f: float, band: float) -> float:
-        """Time [s] after which the response stays within ``band`` of the step.
-
-        The extremes 0, 1, 2 ... of the response, the start among them, are off by powers of
-        the overshoot: the band is entered for good after the last one outside.
-        """
-        overshoot, last = self.overshoot(k_f), 0
-        if overshoot > 0.0:
-            last = math.ceil(math.log(band) / math.log(overshoot) - TOUCHES) - 1
-        return self._crossing(k_f, 1.0 + (band if last % 2 else -band), last)
-
-    def response(self, k_f: float, bands: Sequence[float]) -> Response:
-        """Return all measures at a feedback coefficient."""
-        return Response(
-            k_f=k_f,
-            time_constant=self._crossing(k_f, REACHED, 0),
-            overshoot=self.overshoot(k_f),
-            bandwidth=self.bandwidth(k_f),
-            phase_margin=self.phase_margin(k_f),
-            settling={band: self.settling(k_f, band) for band in bands},
-        )
-
-    def best(self, band: float, limit: float) -> float:
-        """Return K_f of the shortest settling with an overshoot of at most ``limit`` [1].
-
-        With K_f the settling time falls, until an extreme of the response touches the band,
-        and leaps up there: the best is one of these places, or the limit.
-        """
-        touching = [limit]
-        power = 1
-        while band ** (1.0 / power) < limit:
-            touching.append(band ** (1.0 / power))
-            power += 1
-        return min(map(self.k_f, touching), key=lambda k_f: self.settling(k_f, band))
-
-    def _crossing(self, k_f: float, level: float, extreme: int) -> float:
-        """Time [s] at which the response crosses ``level`` after its extreme of that number."""
-        from scipy.optimize import brentq
-
-        damping = self.damping(k_f)
-        if damping < 1.0:
-            half_turn = math.pi / (self.natural(k_f) * math.sqrt(1.0 - damping**2))
-            begin, end = extreme * half_turn, (extreme + 1) * half_turn
-        else:
-            begin, end = 0.0, 1.0 / self.natural(k_f)
-            while self.step(k_f, end) < level:
-                end *= 2.0
-        return float(brentq(lambda time: self.step(k_f, time) - level, begin, end, xtol=1e-12))
 
 
 @dataclass(frozen=True)
@@ -202,19 +174,16 @@ def synthesise(parts: Mapping[str, Estimate], angle_unit: float, wish: Wish) -> 
     loop = Loop(forward * angle_unit / (constant * values["gear_ratio"]), 1.0 / constant)
     # K_f of a given damping goes with 1 / (c T^2), so each element counts once.
     error = math.hypot(*(part.standard_error / part.value for part in parts.values()))
-    bands = tuple(dict.fromkeys((wish.band, *USUAL_BANDS)))
+    bands = tuple(dict.fromkeys((wish.band, 0.05, 0.02)))
     choices = []
     for band in bands:
         best = loop.best(band, wish.overshoot)
-        setting = loop.response(_rounded_down(best), bands)
-        choices.append(Choice(band, loop.response(best, bands), setting, error))
-    wanted = {round(choices[0].setting.k_f * share, 12) for share in ROWS} | set(wish.k_f)
-    wanted |= {k_f for c in choices for k_f in (c.setting.k_f, c.optimum.k_f)}
-    rows = tuple(loop.response(k_f, bands) for k_f in sorted(wanted))
+        unit = 10.0 ** (math.floor(math.log10(best)) - 1)
+        rounded = round(math.floor(best / unit * (1.0 + 1e-12)) * unit, 12)
+        choice = Choice(band, loop.response(best, bands), loop.response(rounded, bands), error)
+        choices.append(choice)
+    usual = [choices[0].setting.k_f * share for share in (0.25, 0.5, 0.75, 1.5, 2.0)]
+    chosen = [response.k_f for c in choices for response in (c.setting, c.optimum)]
+    wanted = sorted({*(round(k_f, 12) for k_f in usual), *wish.k_f, *chosen})
+    rows = tuple(loop.response(k_f, bands) for k_f in wanted)
     return Synthesis(loop, wish, tuple(choices), rows)
-
-
-def _rounded_down(value: float) -> float:
-    """``value`` > 0 with two digits."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return round(math.floor(value / unit * (1.0 + 1e-12)) * unit, 12)

@@ -2,14 +2,14 @@
 
 On each side, with voltage and speed counted away from 0, the motor stands still below an
 edge, jumps onto the line K (u - zero - b h) and stays at its top speed beyond a second edge;
-b is 1 while the voltage rises and -1 while it falls.  The block ``sg90.physics.motor_curve``
-itself is fitted to all rows that turn: both sides share the gain K, the half shift h and the
-scatter of the speed meter.
+b is 1 while the voltage rises and -1 while it falls (``sg90.physics.motor_curve``).  All rows
+that turn are fitted together: both sides share the gain K, the half shift h and the scatter of
+the speed meter.
 
 An edge *with a jump* lies anywhere between the last row before and the first row after it,
 with equal chance: the middle, with the standard error of a uniform distribution.  An edge
 *without one* is a corner of fitted lines, with the standard error of their crossing.  A jump
-is claimed only where it explains the rows better by more than ``JUMP`` standard errors.
+is claimed only where it explains the rows better by more than three standard errors.
 
 From any row after a step of voltage on, speed = final + (first - final) exp(-(t - t_first)/T):
 time constant and final speed are fitted there, whenever exactly the step was.
@@ -19,511 +19,400 @@ Sources: SG90 paper secs. 4.3, Fig. 8, and 5.2 (model 2); Hudson, J. Am. Stat. A
 
 from __future__ import annotations
 
-import inspect
-import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servo_models.actuators.sg90 import physics
 from servo_models.core.types import Array, Mask
 from servo_models.errors import UserError
 from servo_models.identification.elements.estimate import (
     Estimate,
+    Figure,
     Fit,
     between,
     combined,
-    exactly,
     fit,
     is_bent,
     is_correlated,
+    linear,
     rounding,
 )
-from servo_models.identification.elements.lines import straight_line
+from servo_models.identification.elements.lines import BENT
 
-Regions = NDArray[np.int64]
-
-NAMES = ("positive", "negative")
-SETTINGS = tuple(inspect.signature(physics.motor_curve.function).parameters)[1:]
-"""What the block takes besides the voltage; 0 where a fit has no value for it."""
-HALF = "half"  # half shift of the line between both branches [V]; no parameter of the block
 STILL, LINE, TOP = 0, 1, 2
-FIRST_GUESS = 0.05  # share of the highest speed above which a row counts as turning at first
-TOP_COST = 4.0
-"""Criterion's cost of a top speed, in ln n: its level, and that its edge is searched for."""
-LINE_VOLTAGES, TOP_ROWS = 3, 2
-LEAST_RISE = 0.05  # share of the highest speed by which a line rises at least
-ROUNDS = 20
-JUMP = 3.0  # standard errors of a row by which a jump must explain the rows better than a corner
-STEP_ROWS = 6
-BEGUN = 0.1  # share of the change from which the step counts as made, where no voltage tells it
-LEAST_SPAN = 1.0  # time constants that the rows must span, or the final speed is a guess
+NAMES = ("positive", "negative")
+GAIN = "rad/s/V"
+ROUNDS = 20  # after which regions that still swap are left as they are
 
 
-@dataclass(frozen=True)
-class SideCurve:
-    """One direction of rotation, counted away from 0.
-
-    Attributes:
-        gain: of this side alone [rad/s/V].
-        zero: voltage at which the line meets speed 0, mean of both branches [V].
-        starts, stops: edge with rising and with falling voltage [V]; None without rows.
-        edge: mean of both [V], or the one there is.
-        width: ``starts`` - ``stops``, the hysteresis at the edge [V].
-        saturation: voltage from which the speed stays [V]; None if the table never gets there.
-        top: that speed [rad/s].
-    """
-
-    gain: Estimate
-    zero: Estimate
-    starts: Estimate | None
-    stops: Estimate | None
-    edge: Estimate
-    width: Estimate | None
-    saturation: Estimate | None
-    top: Estimate | None
-
-
-@dataclass(frozen=True)
-class MotorCurve:
-    """Both directions.
-
-    Attributes:
-        gain: K_EN, of both sides [rad/s/V].
-        shift: of the line, rising minus falling [V]; None without both branches.
-        positive, negative: the sides.
-        bent: a line shows a bow.
-    """
-
-    gain: Estimate
-    shift: Estimate | None
-    positive: SideCurve
-    negative: SideCurve
-    bent: bool
-
-    @property
-    def unequal(self) -> bool:
-        """Whether the gains of both sides differ by more than chance."""
-        return self.positive.gain.contradicts(self.negative.gain)
-
-    @property
-    def width(self) -> Estimate | None:
-        """Hysteresis at the edges, mean of both sides [V]; None without both branches."""
-        each = [side.width for side in (self.positive, self.negative) if side.width]
-        distinct = list(dict.fromkeys(each))
-        if len(distinct) < 2:
-            return distinct[0] if distinct else None
-        return combined(*((0.5, width) for width in distinct))
-
-
-def motor_curve(voltages: Array, speeds: Array, rising: Mask | None = None) -> MotorCurve:
-    """Estimate the static characteristic of a motor.
+def motor(
+    voltage: Array, speed: Array, branch: Array | None = None
+) -> tuple[list[Figure], list[str]]:
+    """Return the figures of the static characteristic, with the signs of the table; and doubts.
 
     Args:
-        voltages, speeds: rows [V], [rad/s], shape (n,), in the order in which they were taken.
-        rising: whether the voltage was going away from 0, shape (n,); by default told by
-            the order of the rows.
+        voltage, speed: rows [V], [rad/s], shape (n,), in the order in which they were taken.
+        branch: above 0 where the voltage goes away from 0, shape (n,); by default told by the
+            order of the rows.
 
     Raises:
         UserError: one direction only, a side that never turns, or too few rows on a line.
     """
-    up = _rising(voltages) if rising is None else rising
-    curve = _fitted(*(_Rows.of(k, voltages, speeds, up) for k in range(2)))
-    positive, negative = (_side(curve, k) for k in range(2))
-    return MotorCurve(
-        gain=curve.fit.estimate(0),
-        shift=curve.shift,
-        positive=positive,
-        negative=negative,
-        bent=curve.is_bent(0) or curve.is_bent(1),
-    )
+    curve = _fitted(voltage, speed, _rising(voltage) if branch is None else branch > 0.0)
+    gain, shift = curve.fit.estimate(lambda v: v[0]), curve.shift
+    sides = [_side(curve, k) for k in range(2)]
+    figures = [Figure("gain K_EN", gain, GAIN, parameter="motor_gain")]
+    for name, sign, side in zip(NAMES, (1.0, -1.0), sides):
+        figures.append(Figure(f"gain, {name}", side["gain"], GAIN))
+        figures += [
+            Figure(f"{what}, {name}", estimate.scaled(sign), unit, "", parameter, sign)
+            for what, unit, parameter in (
+                ("insensitivity edge", "V", f"edge_{name}"),
+                ("edge, rising", "V", ""),
+                ("edge, falling", "V", ""),
+                ("zero of the line", "V", f"zero_{name}"),
+                ("saturation edge", "V", ""),
+                ("top speed", "rad/s", f"top_{name}"),
+            )
+            if (estimate := side.get(what))
+        ]
+    widths = list(dict.fromkeys(side["width"] for side in sides if "width" in side))
+    width = combined(*((0.5, each) for each in widths)) if len(widths) > 1 else None
+    width = width or next(iter(widths), None)
+    if width:
+        text = "hysteresis width at the edges"
+        figures.append(Figure(text, width, "V", "", "hysteresis.half_width", 0.5))
+    if shift:
+        figures.append(Figure("shift of the line, rising to falling", shift, "V"))
+    return figures, [*_doubts(curve, sides, width)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of one direction, counted away from 0.
-
-    Attributes:
-        name, sign: of the direction.
-        x, y: voltage [V] and speed [rad/s], shape (n,).
-        branch: 1 where the voltage rises, -1 where it falls, shape (n,).
-    """
-
-    name: str
-    sign: float
-    x: Array
-    y: Array
-    branch: Array
-
-    @classmethod
-    def of(cls, k: int, voltages: Array, speeds: Array, up: Mask) -> _Rows:
-        """Take the positive side, 0, or the negative one, 1, out of a table."""
-        name, sign = NAMES[k], (1.0, -1.0)[k]
-        rows = sign * voltages > 0.0
-        if not rows.any():
-            raise UserError(f"no {name} voltage; add rows of both directions")
-        branch = np.where(up[rows], 1.0, -1.0)
-        return cls(name, sign, sign * voltages[rows], sign * speeds[rows], branch)
-
-    def has_both(self, rows: Mask | NDArray[np.int64]) -> bool:
-        """Whether there are two rows or more of both branches among ``rows``."""
-        up = self.branch[rows] > 0.0
-        return bool(np.sum(up) >= 2 and np.sum(~up) >= 2)
+def _doubts(
+    curve: _Curve, sides: list[dict[str, Estimate]], width: Estimate | None
+) -> Iterator[str]:
+    for name, side in zip(NAMES, sides):
+        if "top speed" not in side:
+            yield (
+                f"no {name} voltage reaches a top speed; 'top_{name}' is not identified, add rows"
+                " of higher voltage"
+            )
+    positive, negative = (side["gain"] for side in sides)
+    if positive.contradicts(negative):
+        yield (
+            f"the gains of both sides differ, {positive.value:.5g} and {negative.value:.5g} {GAIN};"
+            " 'motor_gain' is their common one, see effect direction_asymmetry"
+        )
+    off = (curve.rows.y - curve.line) * (curve.fit.squares > 0.0)
+    here = [curve.at(k, LINE) for k in range(2)]
+    if any(is_bent(curve.rows.x[rows], off[rows]) for rows in here):
+        yield BENT
+    if not width:
+        yield "one branch only; hysteresis shows with rising and falling voltage"
+    elif curve.shift and width.contradicts(curve.shift):
+        yield (
+            f"between the branches the edges move by {width.value:.3g} V and the line by"
+            f" {curve.shift.value:.3g} V; effect hysteresis moves both alike"
+        )
 
 
 def _rising(voltages: Array) -> Mask:
     """Whether the voltage goes away from 0 at each row; where it stays, as at the row before."""
     steps = np.diff(voltages)
-    away = (np.diff(np.abs(voltages)) > 0.0) | (voltages[1:] * voltages[:-1] <= 0.0)
-    moved = np.flatnonzero(steps)
-    if not len(moved):
-        return np.ones(len(voltages), dtype=bool)
+    away = (np.diff(np.abs(voltages)) > 0.0) | (voltages[1:] * voltages[:-1] < 0.0)
+    moved = np.append(np.flatnonzero(steps), len(steps))
     latest = np.maximum.accumulate(np.where(steps != 0.0, np.arange(len(steps)), moved[0]))
-    first, later = float(voltages[0]), float(voltages[moved[0] + 1])
-    begins = abs(later) >= abs(first) or later * first < 0.0
-    rising = np.concatenate([[begins], away[latest]])
-    rising[: moved[0] + 1] = begins
+    rising = np.append(True, away[np.minimum(latest, len(steps) - 1)])
+    rising[: moved[0] + 1] = rising[min(moved[0] + 1, len(steps))]
     return rising
 
 
-def _regions(side: _Rows) -> tuple[Regions, Array]:
-    """Return the region of each row, shape (n,), and level, gain and shift of the line.
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of a table, counted away from 0, all of shape (n,).
 
-    A row turns if its speed is nearer to the line than to 0; the line and the top speed are
-    those of the rows that turn.
-
-    Raises:
-        UserError: the motor never turns, or too few rows are on the line.
+    Attributes:
+        x, y: voltage [V] and speed [rad/s].
+        branch: 1 where the voltage rises, -1 where it falls.
+        side: position of the direction in ``NAMES``.
     """
-    if not np.max(side.y) > 0.0:
-        raise UserError(
-            f"the motor never turns in the direction of {side.name} voltages; add rows beyond the"
-            " edge, or correct the sign of the speed"
-        )
-    turns = side.y > FIRST_GUESS * np.max(side.y)
-    columns = np.column_stack([np.ones(len(side.x)), side.x, -side.branch])
-    for _ in range(ROUNDS):
-        regions, line = _split(side, columns, turns)
-        fitted = columns @ line
-        nearer = (fitted > 0.0) & (np.abs(side.y - fitted) < np.abs(side.y))
-        again = nearer | (regions == TOP)
-        if np.array_equal(again, turns):
-            break
-        turns = again
-    return regions, line
 
+    x: Array
+    y: Array
+    branch: Array
+    side: NDArray[np.int64]
 
-def _split(side: _Rows, columns: Array, turns: Mask) -> tuple[Regions, Array]:
-    """Regions and line that explain the turning rows best, with a top speed or without."""
-    order = np.flatnonzero(turns)[np.argsort(side.x[turns], kind="stable")]
-    n, highest = len(order), float(np.max(side.y))
-    best: tuple[float, Regions, Array] | None = None
-    for cut in [*range(LINE_VOLTAGES, n - TOP_ROWS + 1), n]:
-        on_line, top = order[:cut], order[cut:]
-        voltages = np.unique(side.x[on_line])
-        if len(voltages) < LINE_VOLTAGES or (len(top) and side.x[top[0]] == voltages[-1]):
-            continue
-        used = columns[on_line][:, : 3 if side.has_both(on_line) else 2]
-        line = np.append(np.linalg.lstsq(used, side.y[on_line], rcond=None)[0], 0.0)[:3]
-        if line[1] * np.ptp(voltages) < LEAST_RISE * highest:
-            continue
-        squares = float(np.sum((side.y[on_line] - columns[on_line] @ line) ** 2))
-        squares += len(top) * float(np.var(side.y[top])) if len(top) else 0.0
-        score = n * math.log((squares + rounding(side.y)) / n)
-        score += TOP_COST * math.log(n) * (len(top) > 0)
-        if best is None or score < best[0]:
-            regions = np.full(len(side.x), STILL, dtype=np.int64)
-            regions[on_line], regions[top] = LINE, TOP
-            best = score, regions, line
-    if best is None:
-        raise UserError(
-            f"no linear region at {side.name} voltages; add {LINE_VOLTAGES} rows or more between"
-            " the edge, from which the motor turns, and its top speed"
-        )
-    return best[1:]
+    def has_both(self, rows: Mask | NDArray[np.int64]) -> bool:
+        """Whether there are two rows or more of both branches."""
+        up = int(np.sum(self.branch[rows] > 0.0))
+        return 2 <= up <= len(self.branch[rows]) - 2
 
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """The block fitted to all rows that turn.
+    """Lines and top speeds, fitted to all rows that turn.
 
     Attributes:
-        sides: positive and negative.
-        regions: of the rows of each side.
-        names: of the unknowns, the gain first: parameters of the block and ``HALF``.
-        fit: values in that order; of voltages and speeds with their signs.
+        rows: of both sides, and ``regions`` of them, shape (n,).
+        fit: of the gain K, then K zero of each side, K h where there are both branches, and the
+            top speeds there are.
+        both: whether there are both branches.
         corners: sides whose line goes over into the top speed without a jump.
     """
 
-    sides: tuple[_Rows, ...]
-    regions: tuple[Regions, ...]
-    names: tuple[str, ...]
+    rows: _Rows
+    regions: NDArray[np.int64]
     fit: Fit
+    both: bool
     corners: frozenset[int] = frozenset()
 
-    @property
-    def values(self) -> dict[str, float]:
-        return dict(zip(self.names, self.fit.values.tolist()))
+    @classmethod
+    def of(cls, rows: _Rows, regions: NDArray[np.int64], corners: frozenset[int]) -> _Curve:
+        """Fit to rows in these regions."""
+        line, sides = regions == LINE, [rows.side == k for k in range(2)]
+        both = any(rows.has_both(line & side) for side in sides)
+        tops = [top for side in sides if np.any(top := side & (regions == TOP))]
+        columns = [rows.x * line, *(-1.0 * (side & line) for side in sides)]
+        columns += [-rows.branch * line] * both + [1.0 * top for top in tops]
+        turns = regions != STILL
+        best = linear(np.column_stack(columns)[turns], rows.y[turns])
+        return cls(rows, regions, best, both, corners)
 
-    def estimate(self, function: Callable[[Mapping[str, float]], float]) -> Estimate:
-        """Return a function of the unknowns by their names."""
-        return self.fit.estimate(lambda values: function(dict(zip(self.names, values))))
+    @property
+    def half(self) -> float:
+        return float(self.fit.values[3]) / float(self.fit.values[0]) if self.both else 0.0
 
     @property
     def shift(self) -> Estimate | None:
         """Of the line, rising minus falling [V]; None without both branches."""
-        return self.estimate(lambda v: 2.0 * v[HALF]) if HALF in self.names else None
+        return self.fit.estimate(lambda v: 2.0 * v[3] / v[0]) if self.both else None
+
+    @property
+    def line(self) -> Array:
+        """Speed of the line [rad/s] at each row, whether the motor turns or not."""
+        gain, *levels = self.fit.values[:3]
+        return np.asarray(gain * self.effective - np.array(levels)[self.rows.side])
+
+    @property
+    def effective(self) -> Array:
+        """Voltage less the shift of its branch [V] at each row."""
+        return np.asarray(self.rows.x - self.half * self.rows.branch)
+
+    def at(self, side: int, region: int) -> Mask:
+        return np.asarray((self.rows.side == side) & (self.regions == region))
+
+    def top(self, side: int) -> int:
+        """Position of a side's top speed among the unknowns."""
+        return 3 + self.both + (side == 1 and bool(np.any(self.at(0, TOP))))
 
     def zero(self, side: int, branch: float = 0.0) -> Estimate:
         """Where the line of a side meets 0 [V]; with ``branch`` 0 the mean of both branches."""
-        return self.estimate(lambda v: v[f"zero_{NAMES[side]}"] + branch * v.get(HALF, 0.0))
-
-    def top(self, side: int) -> Estimate | None:
-        """Top speed of a side [rad/s], None if it has none."""
-        name = f"top_{NAMES[side]}"
-        return self.fit.estimate(self.names.index(name)) if name in self.names else None
-
-    def effective(self, side: int) -> Array:
-        """Voltage less the shift of its branch [V] at each row of a side."""
-        rows = self.sides[side]
-        return np.asarray(rows.x - self.values.get(HALF, 0.0) * rows.branch)
-
-    def line(self, side: int) -> Array:
-        """Speed of the line [rad/s] at each row of a side."""
-        sign = self.sides[side].sign
-        return sign * _speeds(_untopped(self.values), sign * self.effective(side))[0]
+        share = branch if self.both else 0.0
+        return self.fit.estimate(lambda v: (v[1 + side] + (share and share * v[3])) / v[0])
 
     def is_better(self, squares: float) -> bool:
         """Whether rows explained with ``squares`` less are more than chance."""
-        measured = np.concatenate([side.y for side in self.sides])
-        return squares > JUMP**2 * self.fit.scatter**2 + rounding(measured)
-
-    def is_bent(self, side: int) -> bool:
-        """Whether the line of a side shows a bow."""
-        rows, on_line = self.sides[side], self.regions[side] == LINE
-        return self.fit.squares > 0.0 and is_bent(
-            rows.x[on_line], (rows.y - self.line(side))[on_line]
-        )
+        return squares > (3.0 * self.fit.scatter) ** 2 + rounding(self.rows.y)
 
 
-def _speeds(values: Mapping[str, float], voltages: Array) -> tuple[Array, Mask]:
-    """Speed [rad/s] of a turning motor by the block, and whether it is at its top; shape (n,)."""
-    settings = [itertools.repeat(values.get(name, 0.0)) for name in SETTINGS]
-    rows = list(map(physics.motor_curve.function, voltages.tolist(), *settings))
-    return np.array([row[0] for row in rows]), np.array([row[1] > 0.0 for row in rows])
-
-
-def _untopped(values: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in values.items() if not name.startswith("top_")}
-
-
-def _fitted(positive: _Rows, negative: _Rows) -> _Curve:
+def _fitted(voltages: Array, speeds: Array, rising: Mask) -> _Curve:
     """Fit lines and top speeds; a corner at the top unless the rows object to it."""
-    sides = positive, negative
-    (regions, lines) = zip(*map(_regions, sides))
-    gain = float(np.mean([line[1] for line in lines]))
-    start = {"motor_gain": gain}
-    start |= {f"zero_{name}": -line[0] / line[1] for name, line in zip(NAMES, lines)}
-    if any(side.has_both(rows == LINE) for side, rows in zip(sides, regions)):
-        start[HALF] = float(np.mean([line[2] for line in lines])) / gain
-    tops = [k for k, rows in enumerate(regions) if np.any(rows == TOP)]
-    start |= {f"top_{NAMES[k]}": float(np.mean(sides[k].y[regions[k] == TOP])) for k in tops}
-    curve = _with_block(sides, regions, start)
-    for k in tops:
-        corner = _with_corner(curve, k)
+    moved = voltages != 0.0
+    sign = np.sign(voltages[moved])
+    branch, side = np.where(rising[moved], 1.0, -1.0), (sign < 0.0).astype(np.int64)
+    rows = _Rows(np.abs(voltages[moved]), sign * speeds[moved], branch, side)
+    regions = np.zeros(len(rows.x), dtype=np.int64)
+    for k, name in enumerate(NAMES):
+        if not np.any(side == k):
+            raise UserError(f"no {name} voltage; add rows of both directions")
+        if not np.max(rows.y[side == k]) > 0.0:
+            raise UserError(
+                f"the motor never turns in the direction of {name} voltages; add rows beyond the"
+                " edge, or correct the sign of the speed"
+            )
+        regions[side == k] = _regions(rows, side == k, name)
+    curve = _Curve.of(rows, regions, frozenset())
+    for k in range(2):
+        corner = _with_corner(curve, k) if np.any(curve.at(k, TOP)) else None
         if corner and not curve.is_better(corner.fit.squares - curve.fit.squares):
             curve = corner
     return curve
 
 
-def _with_block(
-    sides: Sequence[_Rows], regions: Sequence[Regions], start: Mapping[str, float]
-) -> _Curve:
-    """Fit the block: on a line without a top, and at a top by a voltage without end."""
-    names = tuple(start)
-    turns, top = np.concatenate(regions) != STILL, np.concatenate(regions) == TOP
+def _regions(rows: _Rows, here: Mask, name: str) -> NDArray[np.int64]:
+    """Return the region of each row of a side.
 
-    def turning(each: Iterable[Array]) -> Array:
-        return np.asarray(np.concatenate(list(each))[turns])
+    A row turns if its speed is nearer to the line than to 0; the line and the top speed are
+    those of the rows that turn.
+    """
+    side = _Rows(rows.x[here], rows.y[here], rows.branch[here], rows.side[here])
+    turns = side.y > 0.05 * np.max(side.y)  # a first guess
+    columns = np.column_stack([np.ones(len(side.x)), side.x, -side.branch])
+    for _ in range(ROUNDS):
+        splits = list(_splits(side, columns, turns))
+        if not splits:
+            raise UserError(
+                f"no linear region at {name} voltages; add 3 rows or more between the edge, from"
+                " which the motor turns, and its top speed"
+            )
+        _, _, regions, fitted = min(splits, key=lambda split: split[:2])
+        nearer = (fitted > 0.0) & (np.abs(side.y - fitted) < np.abs(side.y))
+        before, turns = turns, nearer | (regions == TOP)
+        if np.array_equal(before, turns):
+            break
+    return regions
 
-    voltages = turning(side.sign * side.x for side in sides)
-    shifts = turning(side.sign * side.branch for side in sides)
-    speeds = turning(side.sign * side.y for side in sides)
 
-    def model(voltages: Array, *unknowns: float) -> Array:
-        values = dict(zip(names, unknowns))
-        modelled = _speeds(_untopped(values), voltages - values.get(HALF, 0.0) * shifts)[0]
-        ends = _speeds(values, np.array([np.inf, -np.inf]))[0]
-        return np.where(top[turns], np.where(voltages > 0.0, *ends), modelled)
-
-    best = fit(model, voltages, speeds, [*start.values()])
-    return _Curve(tuple(sides), tuple(regions), names, best)
+def _splits(
+    side: _Rows, columns: Array, turns: Mask
+) -> Iterable[tuple[float, int, NDArray[np.int64], Array]]:
+    """Criterion, rows on the line, regions and speeds of the line for every place from which the
+    turning rows may be at a top speed, the last of them for none."""
+    order = np.flatnonzero(turns)[np.argsort(side.x[turns], kind="stable")]
+    n = len(order)
+    for cut in [*range(3, n - 1), n]:
+        on_line, top = order[:cut], order[cut:]
+        voltages = np.unique(side.x[on_line])
+        if len(voltages) < 3 or (len(top) and side.x[top[0]] == voltages[-1]):
+            continue
+        used = columns[:, : 3 if side.has_both(on_line) else 2]
+        line = np.linalg.lstsq(used[on_line], side.y[on_line], rcond=None)[0]
+        if line[1] * np.ptp(voltages) < 0.05 * np.max(side.y):  # flat
+            continue
+        fitted = used @ line
+        squares = float(np.sum((side.y - fitted)[on_line] ** 2))
+        squares += len(top) * float(np.var(side.y[top])) if len(top) else 0.0
+        score = n * math.log((squares + rounding(side.y)) / n)
+        score += 4.0 * math.log(n) * (len(top) > 0)  # a level, and an edge that is searched for
+        regions = np.full(len(side.x), STILL, dtype=np.int64)
+        regions[on_line], regions[top] = LINE, TOP
+        yield score, cut, regions, fitted
 
 
 def _with_corner(curve: _Curve, k: int) -> _Curve | None:
-    """The fit in which the block says itself which turning rows are at the top."""
-    sign, old = curve.sides[k].sign, curve.regions
+    """The fit in which the top speed cuts the line, which says what rows are at the top."""
+    here, corners = (curve.rows.side == k) & (curve.regions != STILL), curve.corners | {k}
     for _ in range(ROUNDS):
-        at_top = _speeds(curve.values, sign * curve.effective(k))[1]
-        rows = np.where(old[k] == STILL, STILL, np.where(at_top, TOP, LINE))
-        if min(np.sum(rows == TOP), np.sum(rows == LINE)) < TOP_ROWS:
+        at_top = curve.line >= curve.fit.values[curve.top(k)]
+        regions = np.where(here, np.where(at_top, TOP, LINE), curve.regions)
+        if min(np.sum(regions[here] == TOP), np.sum(regions[here] == LINE)) < 2:
             return None
-        regions = [rows if side == k else old[side] for side in range(2)]
-        curve = replace(
-            _with_block(curve.sides, regions, curve.values), corners=curve.corners | {k}
-        )
-        if np.array_equal(rows, old[k]):
+        settled = np.array_equal(regions, curve.regions)
+        curve = _Curve.of(curve.rows, regions, corners)
+        if settled:
             return curve
-        old = curve.regions
     return None
 
 
-@dataclass(frozen=True)
-class _Edge:
-    """Where a branch starts or ends to turn; ``rows`` on both sides of a jump."""
+def _side(curve: _Curve, k: int) -> dict[str, Estimate]:
+    """Figures of a side, counted away from 0, by name; those that the table tells."""
+    on_line, at_top, x, y = curve.at(k, LINE), curve.at(k, TOP), curve.effective, curve.rows.y
+    alone = linear(np.column_stack([x, np.ones(len(x))])[on_line], y[on_line])
+    figures = {"gain": alone.estimate(lambda v: v[0]), "zero of the line": curve.zero(k)}
+    edges = [_edge(curve, k, branch) for branch in (1.0, -1.0)]
+    for name, edge in zip(("edge, rising", "edge, falling"), edges):
+        if edge:
+            figures[name] = edge[0]
+    places = [edge[0] for edge in edges if edge]
+    between_rows = [edge[1] for edge in edges if edge]
+    figures["insensitivity edge"] = combined(*((1.0 / len(places), place) for place in places))
+    if len(places) == 1:
+        figures["insensitivity edge"] = places[0]
+    elif between_rows[0] == between_rows[1]:  # one edge seen twice
+        figures["insensitivity edge"] = places[0] if between_rows[0] else curve.zero(k)
+    if len(places) == 2:
+        corners = not any(between_rows) and curve.shift
+        figures["width"] = corners or combined((1.0, places[0]), (-1.0, places[1]))
+    if np.any(at_top):
+        top = curve.top(k)
+        figures["top speed"] = curve.fit.estimate(lambda v: v[top])
+        figures["saturation edge"] = between(float(x[on_line].max()), float(x[at_top].min()))
+        if k in curve.corners:
+            figures["saturation edge"] = curve.fit.estimate(lambda v: (v[1 + k] + v[top]) / v[0])
+    return figures
 
-    place: Estimate
-    rows: tuple[float, float] | None
 
-
-def _side(curve: _Curve, k: int) -> SideCurve:
-    rows, on_line = curve.sides[k], curve.regions[k] == LINE
-    starts, stops = (_edge(curve, k, branch) for branch in (1.0, -1.0))
-    return SideCurve(
-        gain=straight_line(curve.effective(k)[on_line], rows.y[on_line]).gain,
-        zero=curve.zero(k),
-        starts=starts.place if starts else None,
-        stops=stops.place if stops else None,
-        edge=_mean(curve, k, starts, stops),
-        width=_width(curve, starts, stops),
-        saturation=_saturation(curve, k),
-        top=curve.top(k),
-    )
-
-
-def _edge(curve: _Curve, k: int, branch: float) -> _Edge | None:
-    """The edge of one branch, None if no row of it turns."""
-    rows, on_branch = curve.sides[k], curve.sides[k].branch == branch
-    still = on_branch & (curve.regions[k] == STILL)
-    turns = on_branch & (curve.regions[k] != STILL)
+def _edge(
+    curve: _Curve, k: int, branch: float
+) -> tuple[Estimate, tuple[float, float] | None] | None:
+    """Where a branch starts or ends to turn, and between what rows it jumps; None if no row of
+    it turns."""
+    rows, line = curve.rows, curve.line
+    here = (rows.side == k) & (rows.branch == branch)
+    still, turns = here & (curve.regions == STILL), here & (curve.regions != STILL)
     if not turns.any():
         return None
-    zero, first, line = curve.zero(k, branch), float(np.min(rows.x[turns])), curve.line(k)
+    zero, first = curve.zero(k, branch), float(np.min(rows.x[turns]))
     held = still & (line > 0.0)
     better = float(np.sum((rows.y[held] - line[held]) ** 2 - rows.y[held] ** 2))
     if still.any() and not curve.is_better(better):
-        return _Edge(replace(zero, high=max(zero.high, first)), None)
+        return replace(zero, high=max(zero.high, first)), None
     last = max(float(np.max(rows.x[still], initial=0.0)), zero.value)
-    return _Edge(between(last, first), (last, first))
+    return between(last, first), (last, first)
 
 
-def _mean(curve: _Curve, k: int, starts: _Edge | None, stops: _Edge | None) -> Estimate:
-    """Middle of both branches; two branches between the same rows are one edge seen twice."""
-    known = [edge for edge in (starts, stops) if edge]
-    if len(known) == 1 or known[0].rows == known[1].rows:
-        jump = known[0].rows or len(known) == 1
-        return known[0].place if jump else curve.zero(k)
-    return combined(*((0.5, edge.place) for edge in known))
-
-
-def _width(curve: _Curve, starts: _Edge | None, stops: _Edge | None) -> Estimate | None:
-    if not (starts and stops):
-        return None
-    if starts.rows is None and stops.rows is None and curve.shift:
-        return curve.shift
-    return combined((1.0, starts.place), (-1.0, stops.place))
-
-
-def _saturation(curve: _Curve, k: int) -> Estimate | None:
-    zero, top = f"zero_{NAMES[k]}", f"top_{NAMES[k]}"
-    if top not in curve.names:
-        return None
-    if k in curve.corners:
-        return curve.estimate(lambda v: v[zero] + v[top] / v["motor_gain"])
-    x, regions = curve.effective(k), curve.regions[k]
-    return between(float(np.max(x[regions == LINE])), float(np.min(x[regions == TOP])))
-
-
-@dataclass(frozen=True)
-class FirstOrder:
-    """A motor of first order.
-
-    Attributes:
-        time_constant: [s].
-        gain: change of speed per change of voltage [rad/s/V]; None without the voltage.
-        correlated: residuals follow their neighbours, so that it is not quite first order.
-    """
-
-    time_constant: Estimate
-    gain: Estimate | None
-    correlated: bool
-
-
-def first_order(times: Array, speeds: Array, voltages: Array | None = None) -> FirstOrder:
-    """Estimate time constant and gain from one step, up or down.
+def motor_step(
+    time: Array, speed: Array, voltage: Array | None = None
+) -> tuple[list[Figure], list[str]]:
+    """Return time constant and, with the voltage, gain of a step up or down; and doubts.
 
     Args:
-        times, speeds: rows [s], [rad/s], shape (n,).
-        voltages: [V], shape (n,), constant but for one step; without a step in it the
-            motor stood still without voltage before the record.
+        time, speed: rows [s], [rad/s], shape (n,).
+        voltage: [V], shape (n,), constant but for one step; without a step in it the motor stood
+            still without voltage before the record.
 
     Raises:
-        UserError: fewer than ``STEP_ROWS`` rows after the step, a second step, or a record
-            that ends before the time constant shows.
+        UserError: fewer than 6 rows after the step, a second step, or a record that ends
+            before the time constant shows.
     """
-    first = _begun(speeds) if voltages is None else _stepped(voltages)
-    since, after = times[first:] - times[first], speeds[first:]
-    if len(since) < STEP_ROWS:
+    first = _begun(speed, voltage)
+    since, after = time[first:] - time[first], speed[first:]
+    if len(since) < 6:
         raise UserError(
-            f"{len(since)} rows after the step: give at least {STEP_ROWS}, until the speed settles"
+            f"{len(since)} rows after the step: give at least 6, until the speed settles"
         )
-    best = _exponential(since, after)
-    time_constant = best.estimate(lambda v: math.exp(v[2]))
-    if time_constant.low <= 0.0 or time_constant.value * LEAST_SPAN > since[-1]:
+    final = float(np.mean(after[-max(len(after) // 10, 1) :]))
+    covered = np.abs(after - after[0]) >= (1.0 - math.exp(-1.0)) * abs(final - after[0])
+    slow = math.log(max(since[np.argmax(covered)], since[1]))
+    best = fit(
+        lambda t, final, change, slow: final + change * np.exp(-t * np.exp(-slow)),
+        since,
+        after,
+        [final, after[0] - final, slow],
+    )
+    constant = best.estimate(lambda v: math.exp(v[2]))
+    if constant.low <= 0.0 or constant.value > since[-1]:
         raise UserError(
             "the speed does not settle as that of a first order does; record until it stays"
         )
-    gain = None if voltages is None else _gain(best, speeds[:first], voltages[0], voltages[first:])
-    return FirstOrder(time_constant, gain, is_correlated(best.residuals))
-
-
-def _begun(speeds: Array) -> int:
-    """First row from which the speed has covered ``BEGUN`` of its change for good."""
-    change = float(speeds[-1] - speeds[0])
-    before = np.flatnonzero((speeds - speeds[0]) * math.copysign(1.0, change) < BEGUN * abs(change))
-    return int(before[-1]) + 1 if len(before) > 1 else 0
-
-
-def _stepped(voltages: Array) -> int:
-    """Row at which the voltage changes, 0 if it never does."""
-    above = voltages > 0.5 * (np.min(voltages) + np.max(voltages))
-    changes = np.flatnonzero(np.diff(above)) + 1
-    if len(changes) > 1:
-        raise UserError("the voltage changes more than once; cut the record to one step")
-    return int(changes[0]) if len(changes) else 0
-
-
-def _exponential(since: Array, speeds: Array) -> Fit:
-    """Fit of final speed, change to come and the time constant's logarithm."""
-    final = float(np.mean(speeds[-max(len(speeds) // 10, 1) :]))
-    covered = np.abs(speeds - speeds[0]) >= (1.0 - math.exp(-1.0)) * abs(final - speeds[0])
-    return fit(
-        lambda t, final, change, slow: final + change * np.exp(-t * np.exp(-slow)),
-        since,
-        speeds,
-        [final, speeds[0] - final, math.log(max(since[np.argmax(covered)], since[1]))],
+    figures = [Figure("time constant T", constant, "s", parameter="motor_time_constant")]
+    if voltage is not None:
+        before, size = speed[:first], float(np.mean(voltage[first:]))
+        start = Estimate.of(0.0)  # the speed before, if no row shows it
+        if first:
+            size -= voltage[0]
+            start = Estimate.of(float(np.mean(before)), best.scatter / math.sqrt(first))
+        if size == 0.0:
+            raise UserError("the voltage is 0 throughout; leave its column out, or correct it")
+        gain = combined((1.0 / size, best.estimate(lambda v: v[0])), (-1.0 / size, start))
+        figures.append(Figure("gain of the step", gain, GAIN))
+    doubt = (
+        "the speed is not quite that of a first order, so that the standard errors are too small"
     )
+    return figures, [doubt] * is_correlated(best.residuals)
 
 
-def _gain(best: Fit, before: Array, old: float, after: Array) -> Estimate:
-    """Change of speed per change of voltage; the speed before is 0 if no row shows it."""
-    size, start = float(np.mean(after)), exactly(0.0)
-    if len(before):
-        mean, error = float(np.mean(before)), best.scatter / math.sqrt(len(before))
-        size, start = size - old, Estimate(mean, error, mean - 2.0 * error, mean + 2.0 * error)
-    if size == 0.0:
-        raise UserError("the voltage is 0 throughout; leave its column out, or correct it")
-    return combined((1.0 / size, best.estimate(0)), (-1.0 / size, start))
+def _begun(speeds: Array, voltages: Array | None) -> int:
+    """First row after the step of the voltage, 0 if there is none; without a voltage that from
+    which the speed has covered a tenth of its change for good."""
+    if voltages is not None:
+        above = voltages > 0.5 * (np.min(voltages) + np.max(voltages))
+        changes = np.flatnonzero(np.diff(above)) + 1
+        if len(changes) > 1:
+            raise UserError("the voltage changes more than once; cut the record to one step")
+        return int(changes[0]) if len(changes) else 0
+    covered = (speeds - speeds[0]) * np.sign(speeds[-1] - speeds[0])
+    before = np.flatnonzero(covered < 0.1 * abs(speeds[-1] - speeds[0]))
+    return int(before[-1]) + 1 if len(before) > 1 else 0

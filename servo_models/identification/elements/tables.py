@@ -32,9 +32,7 @@ Each may be left out: the actuator's variant, with ``[parameters]`` on top, has 
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -42,54 +40,26 @@ from typing import Annotated, Any, cast
 import numpy as np
 from msgspec import Meta, defstruct, field
 
-from servo_models.core.plant import Wire
+from servo_models.actuators.sg90.elements import Bench
 from servo_models.core.types import Array
 from servo_models.data.readers import read_columns
-from servo_models.data.schema import Column, Section, Share
-from servo_models.data.schema import Table as TomlTable
+from servo_models.data.schema import Column, Section, Share, Table
 from servo_models.data.signals import Signal, check_size, in_si, map_signal
 from servo_models.errors import UserError
 
-ANGLE = Wire("angle", "rad", "angle of the potentiometer")
-VOLTAGE = Wire("voltage", "V", "voltage")
-INPUT, OUTPUT = Wire("input", "V", "input voltage"), Wire("output", "V", "output voltage")
-SPEED = Wire("speed", "rad/s", "speed of the motor")
-TIME = Wire("time", "s", "time of the row")
-BRANCH = Wire("branch", "1", "above 0 where the voltage goes away from 0")
-
-POTENTIOMETER = (ANGLE, VOLTAGE)
-AMPLIFIER = (INPUT, OUTPUT)
-MOTOR = (VOLTAGE, SPEED)
-STEP = (TIME, SPEED)
-
-LEAST_ROWS = 3
-MOTOR_ROWS = 8
-
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """Columns of one element.
+class Measured:
+    """Columns of one element [SI], each of shape (n,), in the order of its ``Bench``, and what
+    they are from: file, SHA-256 of its bytes, and both in words for messages."""
 
-    Attributes:
-        path: the file, and ``sha256`` of its bytes.
-        place: file and columns in words, for messages.
-        columns: SI by name, each of shape (n,).
-    """
-
+    columns: tuple[Array, ...]
     path: Path
     sha256: str
     place: str
-    columns: Mapping[str, Array]
-
-    def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
-
-    def get(self, name: str) -> Array | None:
-        """Return a column that need not be there."""
-        return self.columns.get(name)
 
 
-class ElementTable(TomlTable):
+class ElementTable(Table):
     """The table of an element; it has a key for each column besides.
 
     Written as::
@@ -104,64 +74,52 @@ class ElementTable(TomlTable):
     header: bool | None = None
 
 
-def _schema(wanted: Iterable[Wire], optional: Iterable[Wire]) -> type[ElementTable]:
-    """The schema of an element with these columns."""
-    columns: list[Any] = [(wire.name, Column | Signal) for wire in wanted]
-    columns += [(wire.name, Column | Signal | None, None) for wire in optional]
-    lines = [f'{name} = {{ column = "...", unit = "..." }}' for name, *_ in columns]
-    doc = "\n".join([str(ElementTable.__doc__), *lines])
-    kind = defstruct(
-        "Element", columns, bases=(ElementTable,), kw_only=True, namespace={"__doc__": doc}
-    )
-    return cast(type[ElementTable], kind)
-
-
-def read_table(
-    entry: Section, wanted: Sequence[Wire], optional: Sequence[Wire] = (), rows: int = LEAST_ROWS
-) -> Table:
-    """Read the table of an element.
-
-    Args:
-        entry: its part of the description.
-        wanted: columns that it must have, which differ from row to row.
-        optional: columns that it may have.
-        rows: that it needs at least.
+def read_table(entry: Section, bench: Bench) -> Measured:
+    """Read the table of an element, its part of the description.
 
     Raises:
         UserError: an unknown key, no file or column, cells that are no numbers, a unit that
             does not convert, too few rows, a column that is constant.  It names the file,
             and the key or row and column.
     """
-    table = entry.read(_schema(wanted, optional))
+    wanted: list[Any] = [(wire.name, Column | Signal) for wire in bench.columns]
+    optional = [(wire.name, Column | Signal | None, None) for wire in bench.optional]
+    lines = [f'{name} = {{ column = "...", unit = "..." }}' for name, *_ in [*wanted, *optional]]
+    doc = {"__doc__": "\n".join([str(ElementTable.__doc__), *lines])}
+    schema = defstruct(
+        "Element", [*wanted, *optional], bases=(ElementTable,), kw_only=True, namespace=doc
+    )
+    table = cast(ElementTable, entry.read(schema))
     path = entry.file.parent / table.file
     cells = read_columns(path, table.table or None, table.header)
     columns: dict[str, Array] = {}
-    for wire in (*wanted, *(wire for wire in optional if wire.name in entry)):
+    for wire in (*bench.columns, *(wire for wire in bench.optional if wire.name in entry)):
         mapped = map_signal(entry, wire.name, wire, None)
         if mapped.table or mapped.shift:
             entry.fail(wire.name, "table and shift of a column belong to logs; leave them out")
         values = in_si(mapped, cells.numbers(mapped.column))
         check_size(mapped, cells, np.arange(len(values)), values, wire)
         where = cells.where(mapped.column)
-        if len(values) < rows:
-            raise UserError(f"{where} has {len(values)} rows: give at least {rows}")
-        if columns and len(values) != len(next(iter(columns.values()))):
+        if len(values) < bench.rows:
+            raise UserError(f"{where} has {len(values)} rows: give at least {bench.rows}")
+        if any(len(values) != len(other) for other in columns.values()):
             raise UserError(
                 f"{where} is not as long as the first column: name columns of one table"
             )
-        if wire in wanted and np.all(values == values[0]):
+        if wire in bench.columns and np.all(values == values[0]):
             raise UserError(f"{where} is constant; name another column, or measure over a range")
-        if wire is TIME:
+        if wire.name == "time":
             cells.check_order(mapped.column, values)
         columns[wire.name] = values
-    return Table(path, cells.sha256, f"'{path}', columns {' and '.join(columns)}", columns)
+    place = f"'{path}', columns {' and '.join(columns)}"
+    return Measured(tuple(columns.values()), path, cells.sha256, place)
 
 
 Teeth = Annotated[int, Meta(gt=0)]
 Coefficient = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 
 
-class GearTable(TomlTable):
+class GearTable(Table):
     """``[elements.gears]``, driving and driven gear of each stage.
 
     Written as::
@@ -172,16 +130,7 @@ class GearTable(TomlTable):
     teeth: Annotated[list[tuple[Teeth, Teeth]], Meta(min_length=1)]
 
 
-def gear_ratio(entry: Section) -> float:
-    """Return the ratio of a gearbox from the teeth of its stages.
-
-    Raises:
-        UserError: no pairs of whole numbers above 0.
-    """
-    return math.prod(driven / driving for driving, driven in entry.read(GearTable).teeth)
-
-
-class Wish(TomlTable):
+class Wish(Table):
     """What the closed loop shall be, ``[elements.synthesis]``.
 
     Written as::
